@@ -1,0 +1,311 @@
+//! The configuration: one TOML file, read once and handed to every process as a whole.
+//!
+//! The structures below are the only description of it. Their doc comments become the comments of
+//! `touchline config init` and the descriptions of the JSON schema; their `Default` is the MiroSot
+//! middle league preset on a synthetic pitch.
+
+mod presets;
+
+use crate::messages::{BayerOrder, Team};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use presets::Preset;
+
+/// A point or vector: `[x, y]`.
+pub type Pair = [f64; 2];
+
+/// Touchline configuration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Which defaults everything below starts from: "mirosot-5v5" (2200×1800 mm),
+    /// "mirosot-large" (4000×2800 mm, 11 against 11) or "vsss-3v3" (1500×1300 mm).
+    pub preset: Preset,
+    /// The pitch.
+    pub field: FieldConfig,
+    /// The camera's picture.
+    pub camera: CameraConfig,
+    /// Where the camera hangs and how its picture lies on the field.
+    pub geometry: GeometryConfig,
+    /// The colours on the pitch, at most 32. Where boxes overlap, the colour listed first wins.
+    pub colors: Vec<ColorConfig>,
+    /// The colours of the two teams.
+    pub teams: TeamsConfig,
+    /// The ball.
+    pub ball: BallConfig,
+    /// The robots and the colour patches on their tops.
+    pub robots: RobotsConfig,
+    /// From regions to robots.
+    pub tracker: TrackerConfig,
+    /// From detections to filtered poses.
+    pub filter: FilterConfig,
+    /// The process group.
+    pub supervisor: SupervisorConfig,
+    /// The synthetic match (`--source synthetic`).
+    pub synthetic: SyntheticConfig,
+}
+
+/// The pitch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FieldConfig {
+    /// Inner length, along x, between the goal lines.
+    pub length_mm: f64,
+    /// Inner width, along y, between the side walls.
+    pub width_mm: f64,
+    /// Width of the goal mouths.
+    pub goal_width_mm: f64,
+    /// Depth of the goals behind the goal lines.
+    pub goal_depth_mm: f64,
+    /// Radius of the centre circle.
+    pub center_circle_radius_mm: f64,
+    /// Robots and balls found up to this far outside the field still count.
+    pub margin_mm: f64,
+}
+
+/// The camera's picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraConfig {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Frames a second.
+    pub fps: f64,
+    /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
+    /// as a source are turned into this order.
+    pub bayer_order: BayerOrder,
+    /// Exposure time, in microseconds; for a moving robot it sets the motion blur.
+    pub exposure_us: u32,
+}
+
+/// A point on the field and where it appears in the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointPair {
+    /// On the floor.
+    pub field_mm: Pair,
+    /// In the picture; the centre of the top-left pixel is [0, 0].
+    pub image_px: Pair,
+}
+
+/// Radial lens distortion: a point at distance r from `center_px`, in units of half the picture's
+/// diagonal, appears at r·(1 + k1·r² + k2·r⁴).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DistortionConfig {
+    /// Quadratic term; negative for barrel distortion.
+    pub k1: f64,
+    /// Quartic term.
+    pub k2: f64,
+    /// Optical centre in the picture.
+    pub center_px: Pair,
+}
+
+/// Where the camera hangs and how its picture lies on the field.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeometryConfig {
+    /// Position of the lens in field coordinates, [x, y, height above the floor]; used to correct
+    /// for the height of robots and ball.
+    pub camera_mm: [f64; 3],
+    /// At least four points of the floor with their place in the picture, no three on a line; more
+    /// are fitted by least squares.
+    pub points: Vec<PointPair>,
+    /// Lens distortion.
+    pub distortion: DistortionConfig,
+}
+
+/// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optionally
+/// bounds in hue and saturation that classified pixels must also meet.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ColorConfig {
+    /// What teams, ball and robots call it.
+    pub name: String,
+    /// Lowest and highest red value, 0–255.
+    pub red: [u8; 2],
+    /// Lowest and highest green value, 0–255.
+    pub green: [u8; 2],
+    /// Lowest and highest blue value, 0–255.
+    pub blue: [u8; 2],
+    /// Optional second look: hue from … to, in degrees, counter-clockwise; [350, 20] passes
+    /// through 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hue_deg: Option<[f64; 2]>,
+    /// Optional second look: lowest and highest HSI saturation, 0–1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub saturation: Option<[f64; 2]>,
+    /// What it looks like: for overlays, and for painting the synthetic match.
+    pub looks: [u8; 3],
+}
+
+/// The colours of the two teams.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TeamsConfig {
+    /// Colour of the yellow team's patches.
+    pub yellow: String,
+    /// Colour of the blue team's patches.
+    pub blue: String,
+}
+
+impl TeamsConfig {
+    /// The colour a team wears.
+    pub fn color(&self, team: Team) -> &str {
+        match team {
+            Team::Yellow => &self.yellow,
+            Team::Blue => &self.blue,
+        }
+    }
+}
+
+/// The ball.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct BallConfig {
+    /// Its colour.
+    pub color: String,
+    /// A golf ball: 42.7.
+    pub diameter_mm: f64,
+}
+
+/// What a patch is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum PatchRole {
+    /// Carries the team's colour.
+    Team,
+    /// Carries an identification colour.
+    Identification,
+}
+
+/// One colour patch on a robot's top.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PatchConfig {
+    /// "team" or "identification".
+    pub role: PatchRole,
+    /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch lies on top
+    /// of those listed before it.
+    pub outline_mm: Vec<Pair>,
+}
+
+/// Which identification colours a robot wears.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct IdentityConfig {
+    /// "yellow" or "blue".
+    pub team: Team,
+    /// Number in the team.
+    pub id: u32,
+    /// One colour for each identification patch, in the order of the patches.
+    pub colors: Vec<String>,
+}
+
+/// The robots and the colour patches on their tops.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RobotsConfig {
+    /// Side of the (square) robot.
+    pub size_mm: f64,
+    /// Height of its top above the floor.
+    pub height_mm: f64,
+    /// Distance along the axle between the centres of the drive wheels (b in eq. 7).
+    pub wheel_base_mm: f64,
+    /// The patches: exactly one team patch, and any number of identification patches up to five.
+    pub patches: Vec<PatchConfig>,
+    /// The robots that may be on the pitch.
+    pub identities: Vec<IdentityConfig>,
+}
+
+/// From regions to robots.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackerConfig {
+    /// A region smaller than this is noise.
+    pub min_region_px: u32,
+    /// A patch may show from this fraction of its expected area …
+    pub min_area_ratio: f64,
+    /// … up to this multiple of it.
+    pub max_area_ratio: f64,
+    /// An identification patch may lie this far from where the layout puts it, relative to the
+    /// team patch (the tolerance around the distance in eq. 5).
+    pub patch_tolerance_mm: f64,
+}
+
+/// From detections to filtered poses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FilterConfig {
+    /// Measurement noise of a robot's position, 1σ (R in eq. 14).
+    pub position_noise_mm: f64,
+    /// Measurement noise of a robot's heading, 1σ (R in eq. 14).
+    pub heading_noise_deg: f64,
+    /// How strongly a robot of unknown commands may accelerate, 1σ (Q in eq. 12).
+    pub acceleration_noise_mm_s2: f64,
+    /// How strongly a robot of unknown commands may change its turning rate, 1σ.
+    pub angular_acceleration_noise_deg_s2: f64,
+    /// How far a commanded robot's speed may stray from its command, 1σ (wheel slip, battery).
+    pub command_noise_mm_s: f64,
+    /// How far a commanded robot's turning rate may stray from its command, 1σ.
+    pub command_noise_deg_s: f64,
+    /// Time constant with which a robot's wheels follow a command; 0 is eq. (11) as printed.
+    pub command_lag_ms: f64,
+    /// A command older than this no longer counts: the robot is taken to be free.
+    pub command_timeout_ms: f64,
+    /// Time from sending a command until the robot acts on it; poses are predicted to now plus this.
+    pub actuation_delay_ms: f64,
+    /// A measurement whose squared Mahalanobis distance from the prediction exceeds this is an
+    /// outlier and ignored; 16.27 is the 99.9 % point for three dimensions.
+    pub gate_chi2: f64,
+    /// After so many outliers in a row that agree with each other the filter believes them and
+    /// starts over.
+    pub reinit_after: u32,
+    /// A robot or ball unseen for longer is forgotten.
+    pub forget_after_ms: f64,
+    /// Measurement noise of the ball, 1σ.
+    pub ball_noise_mm: f64,
+    /// How strongly the ball may accelerate, 1σ.
+    pub ball_acceleration_noise_mm_s2: f64,
+    /// Fraction of its speed that a rolling ball loses in a second.
+    pub ball_friction_per_s: f64,
+}
+
+/// The process group.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SupervisorConfig {
+    /// A stage that has input and gives no output for so many frame periods is replaced …
+    pub stall_frames: f64,
+    /// … but never sooner than this.
+    pub stall_min_ms: f64,
+    /// A process must report ready within this time of its start.
+    pub ready_timeout_ms: f64,
+    /// Pause before the second start in a row that failed; doubles with each further one.
+    pub backoff_ms: f64,
+    /// Longest pause.
+    pub backoff_max_ms: f64,
+    /// Stages whose supervisor is gone keep the match running for so long and then end themselves.
+    pub orphan_timeout_s: f64,
+}
+
+/// The synthetic match.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SyntheticConfig {
+    /// The same seed gives the same match, pixel for pixel.
+    pub seed: u64,
+    /// Fastest a robot drives.
+    pub max_speed_mm_s: f64,
+    /// Strongest a robot accelerates.
+    pub max_acceleration_mm_s2: f64,
+    /// Overall brightness; 1 is what the colours were set for.
+    pub brightness: f64,
+    /// How much darker the corners are than the middle, 0–1.
+    pub vignette: f64,
+    /// Sensor noise, 1σ, in grey levels of 255.
+    pub noise: f64,
+}

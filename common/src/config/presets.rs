@@ -1,0 +1,324 @@
+//! Defaults: the leagues' fields, and the colours and layouts that go with them.
+
+use super::*;
+
+/// A league whose numbers the configuration starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// FIRA MiroSot middle league, 5 against 5, 2200×1800 mm; the paper's set-up.
+    #[default]
+    #[serde(rename = "mirosot-5v5")]
+    Mirosot5v5,
+    /// FIRA MiroSot large league, 11 against 11, 4000×2800 mm.
+    MirosotLarge,
+    /// IEEE Very Small Size Soccer, 3 against 3, 1500×1300 mm.
+    #[serde(rename = "vsss-3v3")]
+    Vsss3v3,
+}
+
+impl Preset {
+    /// All presets.
+    pub const ALL: [Preset; 3] = [Self::Mirosot5v5, Self::MirosotLarge, Self::Vsss3v3];
+
+    /// Its name in a configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mirosot5v5 => "mirosot-5v5",
+            Self::MirosotLarge => "mirosot-large",
+            Self::Vsss3v3 => "vsss-3v3",
+        }
+    }
+
+    /// The complete configuration of the league.
+    pub fn config(self) -> Config {
+        let mut config = Config {
+            preset: self,
+            field: FieldConfig::default(),
+            camera: CameraConfig::default(),
+            geometry: GeometryConfig::default(),
+            colors: standard_colors(),
+            teams: TeamsConfig::default(),
+            ball: BallConfig::default(),
+            robots: RobotsConfig::default(),
+            tracker: TrackerConfig::default(),
+            filter: FilterConfig::default(),
+            supervisor: SupervisorConfig::default(),
+            synthetic: SyntheticConfig::default(),
+        };
+        match self {
+            Self::Mirosot5v5 => {}
+            Self::MirosotLarge => {
+                config.field = FieldConfig {
+                    length_mm: 4000.0,
+                    width_mm: 2800.0,
+                    center_circle_radius_mm: 250.0,
+                    ..FieldConfig::default()
+                };
+                config.camera.width = 1280;
+                config.camera.height = 960;
+                config.geometry = GeometryConfig::above(&config.field, &config.camera, 4000.0);
+                config.robots.patches = stripe_and_two_patches();
+                config.robots.identities = two_color_identities(11);
+            }
+            Self::Vsss3v3 => {
+                config.field = FieldConfig {
+                    length_mm: 1500.0,
+                    width_mm: 1300.0,
+                    goal_width_mm: 400.0,
+                    goal_depth_mm: 100.0,
+                    center_circle_radius_mm: 200.0,
+                    ..FieldConfig::default()
+                };
+                config.geometry = GeometryConfig::above(&config.field, &config.camera, 2000.0);
+                config.robots.identities = one_color_identities(3);
+            }
+        }
+        config
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Preset::default().config()
+    }
+}
+
+impl Default for FieldConfig {
+    fn default() -> Self {
+        Self {
+            length_mm: 2200.0,
+            width_mm: 1800.0,
+            goal_width_mm: 400.0,
+            goal_depth_mm: 150.0,
+            center_circle_radius_mm: 200.0,
+            margin_mm: 40.0,
+        }
+    }
+}
+
+impl Default for CameraConfig {
+    fn default() -> Self {
+        Self {
+            width: 640,
+            height: 480,
+            fps: 80.0,
+            bayer_order: BayerOrder::Rggb,
+            exposure_us: 2000,
+        }
+    }
+}
+
+impl Default for DistortionConfig {
+    fn default() -> Self {
+        Self { k1: -0.03, k2: 0.0, center_px: [319.5, 239.5] }
+    }
+}
+
+impl Default for GeometryConfig {
+    fn default() -> Self {
+        Self::above(&FieldConfig::default(), &CameraConfig::default(), 2200.0)
+    }
+}
+
+impl Default for TeamsConfig {
+    fn default() -> Self {
+        Self { yellow: "yellow".into(), blue: "blue".into() }
+    }
+}
+
+impl Default for BallConfig {
+    fn default() -> Self {
+        Self { color: "orange".into(), diameter_mm: 42.7 }
+    }
+}
+
+impl Default for RobotsConfig {
+    fn default() -> Self {
+        Self {
+            size_mm: 75.0,
+            height_mm: 75.0,
+            wheel_base_mm: 65.0,
+            patches: diagonal_squares(),
+            identities: one_color_identities(5),
+        }
+    }
+}
+
+impl Default for TrackerConfig {
+    fn default() -> Self {
+        Self {
+            min_region_px: 8,
+            min_area_ratio: 0.35,
+            max_area_ratio: 2.2,
+            patch_tolerance_mm: 12.0,
+        }
+    }
+}
+
+impl Default for FilterConfig {
+    fn default() -> Self {
+        Self {
+            position_noise_mm: 0.5,
+            heading_noise_deg: 1.0,
+            acceleration_noise_mm_s2: 3000.0,
+            angular_acceleration_noise_deg_s2: 3000.0,
+            command_noise_mm_s: 40.0,
+            command_noise_deg_s: 40.0,
+            command_lag_ms: 0.0,
+            command_timeout_ms: 250.0,
+            actuation_delay_ms: 50.0,
+            gate_chi2: 30.0,
+            reinit_after: 3,
+            forget_after_ms: 1000.0,
+            ball_noise_mm: 1.0,
+            ball_acceleration_noise_mm_s2: 4000.0,
+            ball_friction_per_s: 0.3,
+        }
+    }
+}
+
+impl Default for SupervisorConfig {
+    fn default() -> Self {
+        Self {
+            stall_frames: 3.0,
+            stall_min_ms: 250.0,
+            ready_timeout_ms: 10_000.0,
+            backoff_ms: 100.0,
+            backoff_max_ms: 5_000.0,
+            orphan_timeout_s: 600.0,
+        }
+    }
+}
+
+impl Default for SyntheticConfig {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            max_speed_mm_s: 1500.0,
+            max_acceleration_mm_s2: 3000.0,
+            brightness: 1.0,
+            vignette: 0.25,
+            noise: 2.0,
+        }
+    }
+}
+
+impl GeometryConfig {
+    /// A camera hanging `height_mm` above the field, a little off its centre and a little tilted,
+    /// so that the whole field fills the picture with a small border.
+    pub fn above(field: &FieldConfig, camera: &CameraConfig, height_mm: f64) -> Self {
+        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let center_px = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
+        let reach_x = field.length_mm / 2.0 + field.goal_depth_mm + 60.0;
+        let reach_y = field.width_mm / 2.0 + 60.0;
+        let px_per_mm = (center_px[0] / reach_x).min(center_px[1] / reach_y);
+        // A tilt about the x axis makes the far side of the field a little smaller.
+        let keystone = 0.02;
+        let corner = |x_sign: f64, y_sign: f64| {
+            let field_mm = [x_sign * field.length_mm / 2.0, y_sign * field.width_mm / 2.0];
+            let scale = px_per_mm * (1.0 - keystone * y_sign);
+            let image_px =
+                [center_px[0] + field_mm[0] * scale, center_px[1] - field_mm[1] * px_per_mm];
+            PointPair { field_mm, image_px: image_px.map(|value| (value * 100.0).round() / 100.0) }
+        };
+        Self {
+            camera_mm: [30.0, -20.0, height_mm],
+            points: vec![
+                corner(-1.0, 1.0),
+                corner(1.0, 1.0),
+                corner(1.0, -1.0),
+                corner(-1.0, -1.0),
+            ],
+            distortion: DistortionConfig { center_px, ..DistortionConfig::default() },
+        }
+    }
+}
+
+/// The corners of a square.
+fn square(center: Pair, side: f64) -> Vec<Pair> {
+    rectangle(center, [side, side])
+}
+
+/// The corners of a rectangle with sides along x and y.
+fn rectangle([x, y]: Pair, [along_x, along_y]: Pair) -> Vec<Pair> {
+    let (a, b) = (along_x / 2.0, along_y / 2.0);
+    vec![[x + a, y + b], [x - a, y + b], [x - a, y - b], [x + a, y - b]]
+}
+
+/// The paper's layout (Fig. 2): two squares on a diagonal, the team's nearer to the front.
+pub(super) fn diagonal_squares() -> Vec<PatchConfig> {
+    vec![
+        PatchConfig { role: PatchRole::Team, outline_mm: square([18.0, 18.0], 34.0) },
+        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.0, -18.0], 34.0) },
+    ]
+}
+
+/// The team colour across the front half, two identification squares behind.
+fn stripe_and_two_patches() -> Vec<PatchConfig> {
+    vec![
+        PatchConfig { role: PatchRole::Team, outline_mm: rectangle([18.5, 0.0], [33.0, 70.0]) },
+        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.5, 18.5], 33.0) },
+        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.5, -18.5], 33.0) },
+    ]
+}
+
+/// Identification colours of the standard palette.
+const IDENTIFICATION_COLORS: [&str; 5] = ["green", "cyan", "pink", "violet", "red"];
+
+/// Robots 0 to `count` − 1 of both teams, each with an identification colour of its own.
+fn one_color_identities(count: u32) -> Vec<IdentityConfig> {
+    identities(count, |id| vec![IDENTIFICATION_COLORS[id as usize].to_string()])
+}
+
+/// Robots 0 to `count` − 1 of both teams, each with an ordered pair of two different colours.
+fn two_color_identities(count: u32) -> Vec<IdentityConfig> {
+    let pairs: Vec<Vec<String>> = IDENTIFICATION_COLORS
+        .iter()
+        .flat_map(|left| {
+            IDENTIFICATION_COLORS
+                .iter()
+                .filter(move |&right| right != left)
+                .map(move |right| vec![left.to_string(), right.to_string()])
+        })
+        .collect();
+    identities(count, |id| pairs[id as usize].clone())
+}
+
+fn identities(count: u32, colors: impl Fn(u32) -> Vec<String>) -> Vec<IdentityConfig> {
+    Team::ALL
+        .into_iter()
+        .flat_map(|team| (0..count).map(move |id| (team, id)))
+        .map(|(team, id)| IdentityConfig { team, id, colors: colors(id) })
+        .collect()
+}
+
+/// Colours of the synthetic pitch, and boxes that hold them from its bright middle to its corners.
+fn standard_colors() -> Vec<ColorConfig> {
+    let color = |name: &str, looks: [u8; 3]| {
+        // From 55 % to 112 % of the painted value, and a little more for noise.
+        let bound = |value: u8| {
+            let value = f64::from(value);
+            [(value * 0.55 - 12.0).max(0.0) as u8, (value * 1.12 + 12.0).min(255.0) as u8]
+        };
+        ColorConfig {
+            name: name.into(),
+            red: bound(looks[0]),
+            green: bound(looks[1]),
+            blue: bound(looks[2]),
+            hue_deg: None,
+            saturation: None,
+            looks,
+        }
+    };
+    vec![
+        color("orange", [235, 110, 25]),
+        color("yellow", [225, 210, 40]),
+        color("blue", [35, 75, 215]),
+        color("green", [45, 185, 65]),
+        color("cyan", [50, 200, 215]),
+        color("pink", [235, 110, 185]),
+        color("violet", [130, 60, 180]),
+        color("red", [205, 35, 50]),
+    ]
+}

@@ -1,0 +1,379 @@
+//! Between image and field: homography, radial distortion, and the parallax of things that stand
+//! above the floor.
+//!
+//! Types say which frame a point is in, and transforms read output first: `field_from_image`.
+
+use crate::config::{GeometryConfig, PointPair};
+use nalgebra::{DMatrix, Matrix3, Point2, Vector2, Vector3};
+
+/// Pixels; the centre of the top-left pixel is (0, 0), x to the right, y down.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ImagePoint {
+    /// Column.
+    pub x_px: f64,
+    /// Row.
+    pub y_px: f64,
+}
+
+/// Millimetres; origin at the centre of the pitch, x towards the right goal, y to the left of x.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FieldPoint {
+    /// Along the pitch.
+    pub x_mm: f64,
+    /// Across the pitch.
+    pub y_mm: f64,
+}
+
+impl ImagePoint {
+    /// The point at column `x_px`, row `y_px`.
+    pub fn new(x_px: f64, y_px: f64) -> Self {
+        Self { x_px, y_px }
+    }
+}
+
+impl FieldPoint {
+    /// The point at `x_mm`, `y_mm`.
+    pub fn new(x_mm: f64, y_mm: f64) -> Self {
+        Self { x_mm, y_mm }
+    }
+
+    /// Distance in millimetres.
+    pub fn distance(self, other: Self) -> f64 {
+        (self.x_mm - other.x_mm).hypot(self.y_mm - other.y_mm)
+    }
+}
+
+/// A place and a heading on the field.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// The place.
+    pub position: FieldPoint,
+    /// The heading: radians, counter-clockwise from x.
+    pub orientation: f64,
+}
+
+impl Pose {
+    /// Where a point of the body (x forward, y left, millimetres) lies on the field.
+    pub fn field_from_robot(&self, [x, y]: [f64; 2]) -> FieldPoint {
+        let (sin, cos) = self.orientation.sin_cos();
+        FieldPoint::new(
+            self.position.x_mm + cos * x - sin * y,
+            self.position.y_mm + sin * x + cos * y,
+        )
+    }
+}
+
+/// The same angle in (−π, π].
+pub fn wrap_angle(angle: f64) -> f64 {
+    let wrapped = angle.rem_euclid(std::f64::consts::TAU);
+    if wrapped > std::f64::consts::PI { wrapped - std::f64::consts::TAU } else { wrapped }
+}
+
+/// Why a geometry cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum GeometryError {
+    /// Too few point pairs.
+    #[error("{0} point pairs given, at least 4 are needed")]
+    TooFewPoints(usize),
+    /// The points do not determine the transform.
+    #[error(
+        "the points do not determine the geometry: three of them lie (almost) on a line, or two coincide"
+    )]
+    Degenerate,
+    /// The lens is below what it looks at.
+    #[error("the camera's height must be positive, got {0} mm")]
+    CameraHeight(f64),
+    /// The distortion folds the picture over itself.
+    #[error(
+        "distortion k1 = {k1}, k2 = {k2} folds the picture over itself at {radius:.2} half diagonals"
+    )]
+    Distortion {
+        /// Quadratic term.
+        k1: f64,
+        /// Quartic term.
+        k2: f64,
+        /// Where it folds.
+        radius: f64,
+    },
+}
+
+/// The camera as the geometry sees it: a homography from the floor to the undistorted picture, then
+/// radial distortion; and the lens position, from which height parallax follows.
+///
+/// A ray from the lens C (height H) to the floor at g passes height h at g + (C − g)·h/H. That is
+/// exact for any pinhole camera, whatever its tilt.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraModel {
+    image_from_floor: Matrix3<f64>,
+    floor_from_image: Matrix3<f64>,
+    lens: Vector3<f64>,
+    center: Vector2<f64>,
+    /// Radius, in pixels, at which the distortion polynomial's argument is 1.
+    half_diagonal: f64,
+    k1: f64,
+    k2: f64,
+}
+
+/// Where the distorted radius grows more slowly than this with the true one, the picture is taken
+/// to fold over itself.
+const MIN_DISTORTION_SLOPE: f64 = 0.05;
+
+impl CameraModel {
+    /// Builds the model for pictures of `width` × `height` pixels.
+    pub fn new(geometry: &GeometryConfig, width: u32, height: u32) -> Result<Self, GeometryError> {
+        let [x, y, camera_height] = geometry.camera_mm;
+        if camera_height.is_nan() || camera_height <= 0.0 {
+            return Err(GeometryError::CameraHeight(camera_height));
+        }
+        let mut model = Self {
+            image_from_floor: Matrix3::identity(),
+            floor_from_image: Matrix3::identity(),
+            lens: Vector3::new(x, y, camera_height),
+            center: Vector2::from(geometry.distortion.center_px),
+            half_diagonal: f64::from(width).hypot(f64::from(height)) / 2.0,
+            k1: geometry.distortion.k1,
+            k2: geometry.distortion.k2,
+        };
+        model.check_distortion()?;
+        // The points are marked in the distorted picture; the homography leads to the undistorted.
+        let undistorted: Vec<PointPair> = geometry
+            .points
+            .iter()
+            .map(|pair| {
+                let undistorted = model.undistort(Vector2::from(pair.image_px));
+                PointPair { image_px: undistorted.into(), ..*pair }
+            })
+            .collect();
+        model.image_from_floor = fit_homography(&undistorted)?;
+        model.floor_from_image =
+            model.image_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?;
+        Ok(model)
+    }
+
+    /// Where a point `height_mm` above `point` on the field appears in the picture.
+    pub fn image_from_field(&self, point: FieldPoint, height_mm: f64) -> ImagePoint {
+        let lift = height_mm / self.lens.z;
+        let floor = Vector2::new(
+            (point.x_mm - self.lens.x * lift) / (1.0 - lift),
+            (point.y_mm - self.lens.y * lift) / (1.0 - lift),
+        );
+        let undistorted = project(&self.image_from_floor, floor);
+        let distorted = self.distort(undistorted);
+        ImagePoint::new(distorted.x, distorted.y)
+    }
+
+    /// Where on the field a point lies that appears at `point` and is `height_mm` above the floor.
+    pub fn field_from_image(&self, point: ImagePoint, height_mm: f64) -> FieldPoint {
+        let undistorted = self.undistort(Vector2::new(point.x_px, point.y_px));
+        let floor = project(&self.floor_from_image, undistorted);
+        let lift = height_mm / self.lens.z;
+        FieldPoint::new(
+            floor.x + (self.lens.x - floor.x) * lift,
+            floor.y + (self.lens.y - floor.y) * lift,
+        )
+    }
+
+    /// Square millimetres of a plane `height_mm` above the floor that one pixel at `point` covers.
+    pub fn pixel_area_mm2(&self, point: ImagePoint, height_mm: f64) -> f64 {
+        let at = |dx: f64, dy: f64| {
+            self.field_from_image(ImagePoint::new(point.x_px + dx, point.y_px + dy), height_mm)
+        };
+        let (left, right, up, down) = (at(-0.5, 0.0), at(0.5, 0.0), at(0.0, -0.5), at(0.0, 0.5));
+        let across = (right.x_mm - left.x_mm, right.y_mm - left.y_mm);
+        let along = (down.x_mm - up.x_mm, down.y_mm - up.y_mm);
+        (across.0 * along.1 - across.1 * along.0).abs()
+    }
+
+    fn distort(&self, undistorted: Vector2<f64>) -> Vector2<f64> {
+        let offset = undistorted - self.center;
+        let r2 = offset.norm_squared() / (self.half_diagonal * self.half_diagonal);
+        self.center + offset * (1.0 + r2 * (self.k1 + r2 * self.k2))
+    }
+
+    /// Inverts [`distort`](Self::distort) by Newton's method on the radius, which is monotonic
+    /// within the picture ([`check_distortion`](Self::check_distortion)).
+    fn undistort(&self, distorted: Vector2<f64>) -> Vector2<f64> {
+        let offset = distorted - self.center;
+        let target = offset.norm() / self.half_diagonal;
+        if target < 1e-12 {
+            return distorted;
+        }
+        let mut r = target;
+        for _ in 0..20 {
+            let r2 = r * r;
+            let error = r * (1.0 + r2 * (self.k1 + r2 * self.k2)) - target;
+            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
+            // Outside the picture the polynomial may turn back; stay where it is.
+            if slope <= MIN_DISTORTION_SLOPE {
+                break;
+            }
+            let step = error / slope;
+            r -= step;
+            if step.abs() < 1e-13 {
+                break;
+            }
+        }
+        self.center + offset * (r / target)
+    }
+
+    fn check_distortion(&self) -> Result<(), GeometryError> {
+        // A little beyond the corners, for an optical centre that is off the middle.
+        for step in 1..=125 {
+            let radius = f64::from(step) / 100.0;
+            let r2 = radius * radius;
+            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
+            if slope.is_nan() || slope <= MIN_DISTORTION_SLOPE {
+                return Err(GeometryError::Distortion { k1: self.k1, k2: self.k2, radius });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn project(homography: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
+    let projected = homography * Vector3::new(point.x, point.y, 1.0);
+    Vector2::new(projected.x / projected.z, projected.y / projected.z)
+}
+
+/// The homography that takes field points to image points, by the normalised direct linear
+/// transform (Hartley & Zisserman, Multiple View Geometry, algorithm 4.2); exact for four points,
+/// least squares for more.
+fn fit_homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryError> {
+    if pairs.len() < 4 {
+        return Err(GeometryError::TooFewPoints(pairs.len()));
+    }
+    let field: Vec<Point2<f64>> = pairs.iter().map(|pair| Point2::from(pair.field_mm)).collect();
+    let image: Vec<Point2<f64>> = pairs.iter().map(|pair| Point2::from(pair.image_px)).collect();
+    let normal_from_field = normalisation(&field).ok_or(GeometryError::Degenerate)?;
+    let normal_from_image = normalisation(&image).ok_or(GeometryError::Degenerate)?;
+
+    let mut equations = DMatrix::<f64>::zeros((2 * pairs.len()).max(9), 9);
+    for (index, (field, image)) in field.iter().zip(&image).enumerate() {
+        let f = normal_from_field.transform_point(field);
+        let i = normal_from_image.transform_point(image);
+        let rows = [
+            [-f.x, -f.y, -1.0, 0.0, 0.0, 0.0, i.x * f.x, i.x * f.y, i.x],
+            [0.0, 0.0, 0.0, -f.x, -f.y, -1.0, i.y * f.x, i.y * f.y, i.y],
+        ];
+        for (offset, row) in rows.iter().enumerate() {
+            for (column, value) in row.iter().enumerate() {
+                equations[(2 * index + offset, column)] = *value;
+            }
+        }
+    }
+    let svd = equations.svd(false, true);
+    let v_t = svd.v_t.ok_or(GeometryError::Degenerate)?;
+    // Singular values come in descending order; the last is the residual, the one before it must
+    // not vanish too, or the solution is not unique.
+    if svd.singular_values[7] < 1e-6 * svd.singular_values[0] {
+        return Err(GeometryError::Degenerate);
+    }
+    let h = v_t.row(8);
+    let normal = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
+    // Three points on a line make the homography itself singular.
+    let singular_values = normal.singular_values();
+    if singular_values[2] < 1e-6 * singular_values[0] {
+        return Err(GeometryError::Degenerate);
+    }
+    let image_from_normal = normal_from_image.try_inverse().ok_or(GeometryError::Degenerate)?;
+    let homography = image_from_normal * normal * normal_from_field;
+    if homography[(2, 2)].abs() < 1e-12 || !homography.iter().all(|value| value.is_finite()) {
+        return Err(GeometryError::Degenerate);
+    }
+    Ok(homography / homography[(2, 2)])
+}
+
+/// Moves points to their centroid and scales them to a mean distance of √2.
+fn normalisation(points: &[Point2<f64>]) -> Option<Matrix3<f64>> {
+    let count = points.len() as f64;
+    let centroid = points.iter().fold(Vector2::zeros(), |sum, point| sum + point.coords) / count;
+    let mean = points.iter().map(|point| (point.coords - centroid).norm()).sum::<f64>() / count;
+    if !(mean > 0.0 && mean.is_finite()) {
+        return None;
+    }
+    let scale = std::f64::consts::SQRT_2 / mean;
+    Some(Matrix3::new(
+        scale,
+        0.0,
+        -scale * centroid.x,
+        0.0,
+        scale,
+        -scale * centroid.y,
+        0.0,
+        0.0,
+        1.0,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Preset};
+
+    fn model(config: &Config) -> CameraModel {
+        CameraModel::new(&config.geometry, config.camera.width, config.camera.height).unwrap()
+    }
+
+    #[test]
+    fn the_calibration_points_map_onto_each_other() {
+        for preset in Preset::ALL {
+            let config = preset.config();
+            let model = model(&config);
+            for pair in &config.geometry.points {
+                let [x, y] = pair.field_mm;
+                let image = model.image_from_field(FieldPoint::new(x, y), 0.0);
+                assert!((image.x_px - pair.image_px[0]).abs() < 1e-6, "{image:?} {pair:?}");
+                assert!((image.y_px - pair.image_px[1]).abs() < 1e-6, "{image:?} {pair:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn field_and_image_are_inverses_at_any_height() {
+        let config = Config::default();
+        let model = model(&config);
+        for height in [0.0, 21.35, 75.0] {
+            for x in [-1100.0, -500.0, 0.0, 730.0, 1100.0] {
+                for y in [-900.0, 0.0, 333.0, 900.0] {
+                    let point = FieldPoint::new(x, y);
+                    let back =
+                        model.field_from_image(model.image_from_field(point, height), height);
+                    assert!(point.distance(back) < 1e-6, "{point:?} {back:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_higher_point_appears_further_from_the_lens() {
+        let mut config = Config::default();
+        config.geometry.camera_mm = [0.0, 0.0, 2000.0];
+        let model = model(&config);
+        let image = model.image_from_field(FieldPoint::new(800.0, 0.0), 75.0);
+        let floor = model.field_from_image(image, 0.0);
+        // Similar triangles: 800 · 2000 / (2000 − 75).
+        assert!((floor.x_mm - 831.168_831).abs() < 1e-3, "{floor:?}");
+    }
+
+    #[test]
+    fn degenerate_points_are_refused() {
+        let mut config = Config::default();
+        config.geometry.points[2].field_mm = [0.0, 900.0];
+        config.geometry.points[2].image_px = [320.0, 10.0];
+        let result = CameraModel::new(&config.geometry, 640, 480);
+        assert!(result.is_err(), "three points on a line were accepted: {result:?}");
+        config.geometry.points.truncate(3);
+        assert_eq!(
+            CameraModel::new(&config.geometry, 640, 480),
+            Err(GeometryError::TooFewPoints(3))
+        );
+    }
+
+    #[test]
+    fn angles_wrap_into_one_turn() {
+        use std::f64::consts::PI;
+        assert_eq!(wrap_angle(PI), PI);
+        assert!((wrap_angle(-PI) - PI).abs() < 1e-12);
+        assert!((wrap_angle(7.0) - (7.0 - 2.0 * PI)).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,18 @@
+//! What two or more Touchline processes share: the messages and the topics they travel on, the
+//! geometry between image and field, the configuration, and the frame every process runs in.
+//!
+//! Dependencies point one way: stages depend on this crate and never on each other, so a message
+//! is the only thing one stage can know about another.
+//!
+//! # Coordinate frames
+//!
+//! * **image**: pixels; the centre of the top-left pixel is (0, 0), x to the right, y down.
+//! * **field**: millimetres on the floor; origin at the centre of the pitch, x along its length
+//!   towards the goal on the right of an upright picture, y to the left of x, z up. Angles are in
+//!   radians, counter-clockwise from x.
+//! * **robot**: millimetres; origin at the centre of the robot's top, x forward, y to the left.
+
+pub mod config;
+pub mod geometry;
+pub mod layout;
+pub mod messages;

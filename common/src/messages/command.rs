@@ -1,0 +1,50 @@
+//! What the strategies tell the robots, overheard: the input u of the extended Kalman filter.
+
+use super::filled;
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Most robots one message commands.
+pub const MAX_COMMANDS: usize = 32;
+
+/// Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/WheelCommand/1")]
+#[repr(C)]
+pub struct WheelCommand {
+    /// A [`Team`](super::Team) number.
+    pub team: u32,
+    /// Number of the robot in its team.
+    pub robot_id: u32,
+    /// Circumferential speed of the left wheel.
+    pub left_mm_s: f64,
+    /// Circumferential speed of the right wheel.
+    pub right_mm_s: f64,
+}
+
+/// The speeds a strategy has just sent. A robot that is not listed keeps its last command until
+/// the filter forgets it (`filter.command_timeout_ms`).
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/Commands/1")]
+#[repr(C)]
+pub struct Commands {
+    /// Counted by the sender.
+    pub seq: u64,
+    /// When the commands went out to the robots.
+    pub t_sent_ns: u64,
+    /// Valid elements of `wheels`.
+    pub wheel_count: u32,
+    /// Reserved, 0.
+    pub reserved: u32,
+    /// One element a robot.
+    pub wheels: [WheelCommand; MAX_COMMANDS],
+}
+
+const _: () = assert!(size_of::<Commands>() == 24 + MAX_COMMANDS * 24);
+
+impl Commands {
+    /// The commands given.
+    pub fn wheels(&self) -> &[WheelCommand] {
+        filled(&self.wheels, self.wheel_count)
+    }
+}

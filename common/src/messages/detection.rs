@@ -1,0 +1,285 @@
+//! The tracker's output: regions, and the robots and balls made of them.
+
+use super::{FrameHeader, Run, filled, push};
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Most regions a message carries; beyond it the smallest are left out and
+/// [`DetectionFrame::REGIONS_OVERFLOW`] is set.
+pub const MAX_REGIONS: usize = 1024;
+/// Most robots a message carries.
+pub use super::world::MAX_ROBOTS;
+/// Most ball candidates a message carries, best first.
+pub const MAX_BALLS: usize = 8;
+/// Most rejected candidates a message carries.
+pub const MAX_REJECTED: usize = 128;
+/// Most colour patches a robot's layout may have.
+pub const MAX_PATCHES: usize = 6;
+
+/// A connected set of pixels of one class (section 5 of the paper). Its pixels are
+/// `runs[first_run..first_run + run_count]` of the same message.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/Region/1")]
+#[repr(C)]
+pub struct Region {
+    /// Colour class: index into the configured colours.
+    pub class: u32,
+    /// Number of pixels.
+    pub pixel_count: u32,
+    /// Centroid, column.
+    pub x_px: f32,
+    /// Centroid, row.
+    pub y_px: f32,
+    /// Bounding box, first column.
+    pub left: u16,
+    /// Bounding box, first row.
+    pub top: u16,
+    /// Bounding box, last column.
+    pub right: u16,
+    /// Bounding box, last row.
+    pub bottom: u16,
+    /// Index of the first of its runs.
+    pub first_run: u32,
+    /// Number of its runs; 0 when they did not fit ([`DetectionFrame::RUNS_OVERFLOW`]).
+    pub run_count: u32,
+}
+
+/// A robot found in this frame alone.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/DetectedRobot/1")]
+#[repr(C)]
+pub struct DetectedRobot {
+    /// A [`Team`](super::Team) number.
+    pub team: u32,
+    /// Number of the robot in its team.
+    pub robot_id: u32,
+    /// Centre of the robot on the field.
+    pub x_mm: f32,
+    /// Centre of the robot on the field.
+    pub y_mm: f32,
+    /// Heading on the field, radians, in (−π, π].
+    pub orientation: f32,
+    /// 0–1: how well the patches fit the robot's layout.
+    pub confidence: f32,
+    /// Centre of the robot's top in the image.
+    pub x_px: f32,
+    /// Centre of the robot's top in the image.
+    pub y_px: f32,
+    /// Heading as it appears in the image: radians, 0 to the right, π/2 up.
+    pub orientation_image: f32,
+    /// Valid elements of `patch_regions`.
+    pub patch_count: u32,
+    /// For each patch of the layout in turn: index of its region, `u32::MAX` where not seen.
+    pub patch_regions: [u32; MAX_PATCHES],
+}
+
+/// A ball candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/DetectedBall/1")]
+#[repr(C)]
+pub struct DetectedBall {
+    /// Centre of the ball on the field.
+    pub x_mm: f32,
+    /// Centre of the ball on the field.
+    pub y_mm: f32,
+    /// Centroid of its region.
+    pub x_px: f32,
+    /// Centroid of its region.
+    pub y_px: f32,
+    /// 0–1: how well size and shape fit a ball.
+    pub confidence: f32,
+    /// Index of its region.
+    pub region: u32,
+}
+
+/// Why a candidate did not become a robot or a ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum RejectReason {
+    /// Fewer pixels than a patch can have.
+    TooSmall = 1,
+    /// More pixels than a patch can have.
+    TooLarge = 2,
+    /// Nearer to a larger patch of the same team than two robots can be (eq. 4).
+    TooCloseToTeamPatch = 3,
+    /// No identification patch within reach (eq. 5).
+    NoIdentificationPatch = 4,
+    /// Identification patches are near, but not where any robot of the team wears them.
+    LayoutMismatch = 5,
+    /// Its identification patches fit another robot better.
+    TakenByAnother = 6,
+    /// Outside the field.
+    OutsideField = 7,
+    /// The shape is not that of a ball.
+    NotRound = 8,
+}
+
+impl RejectReason {
+    /// All reasons.
+    pub const ALL: [Self; 8] = [
+        Self::TooSmall,
+        Self::TooLarge,
+        Self::TooCloseToTeamPatch,
+        Self::NoIdentificationPatch,
+        Self::LayoutMismatch,
+        Self::TakenByAnother,
+        Self::OutsideField,
+        Self::NotRound,
+    ];
+
+    /// The reason with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&reason| reason as u32 == number)
+    }
+
+    /// A short phrase for people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::TooSmall => "too small",
+            Self::TooLarge => "too large",
+            Self::TooCloseToTeamPatch => "too close to another team patch",
+            Self::NoIdentificationPatch => "no identification patch in range",
+            Self::LayoutMismatch => "identification patches do not fit the layout",
+            Self::TakenByAnother => "identification patches taken by another robot",
+            Self::OutsideField => "outside the field",
+            Self::NotRound => "not round enough for a ball",
+        }
+    }
+}
+
+/// A candidate that became nothing, and why.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/Rejected/1")]
+#[repr(C)]
+pub struct Rejected {
+    /// A [`Team`](super::Team) number, or [`Rejected::BALL`].
+    pub team: u32,
+    /// A [`RejectReason`] number.
+    pub reason: u32,
+    /// Centroid in the image.
+    pub x_px: f32,
+    /// Centroid in the image.
+    pub y_px: f32,
+}
+
+impl Rejected {
+    /// In the place of a team: the candidate was one for the ball.
+    pub const BALL: u32 = 2;
+}
+
+/// Everything the tracker saw in one frame, and why.
+#[derive(Clone, Copy, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/DetectionFrame/1")]
+#[repr(C)]
+pub struct DetectionFrame {
+    /// The frame it was seen in.
+    pub frame: FrameHeader,
+    /// When the classifier handed its runs on.
+    pub t_runs_ns: u64,
+    /// When the tracker handed this message on.
+    pub t_sent_ns: u64,
+    /// The colour tables the runs were made with.
+    pub class_table_version: u64,
+    /// Frame number of the `world` that was used as prediction; [`DetectionFrame::NO_WORLD`] for none.
+    pub prior_world_seq: u64,
+    /// Bit set of the flags below.
+    pub flags: u32,
+    /// Valid elements of `robots`.
+    pub robot_count: u32,
+    /// Valid elements of `balls`.
+    pub ball_count: u32,
+    /// Valid elements of `rejected`.
+    pub rejected_count: u32,
+    /// Valid elements of `regions`.
+    pub region_count: u32,
+    /// Valid elements of `runs`.
+    pub run_count: u32,
+    /// Robots, by team and number.
+    pub robots: [DetectedRobot; MAX_ROBOTS],
+    /// Ball candidates, best first.
+    pub balls: [DetectedBall; MAX_BALLS],
+    /// Candidates that became nothing.
+    pub rejected: [Rejected; MAX_REJECTED],
+    /// Regions, in the order in which their first pixel appears in the picture.
+    pub regions: [Region; MAX_REGIONS],
+    /// The pixels of the regions, region by region.
+    pub runs: [Run; super::MAX_RUNS],
+}
+
+const _: () = assert!(size_of::<Region>() == 32);
+const _: () = assert!(size_of::<DetectedRobot>() == 64);
+const _: () = assert!(
+    size_of::<DetectionFrame>()
+        == 120
+            + MAX_ROBOTS * 64
+            + MAX_BALLS * 24
+            + MAX_REJECTED * 16
+            + MAX_REGIONS * 32
+            + super::MAX_RUNS * 8
+);
+
+impl DetectionFrame {
+    /// Flag: the runs this was made from were cut off.
+    pub const INPUT_OVERFLOW: u32 = 1;
+    /// Flag: there were more regions than fit.
+    pub const REGIONS_OVERFLOW: u32 = 2;
+    /// Flag: some regions come without their runs.
+    pub const RUNS_OVERFLOW: u32 = 4;
+    /// Value of `prior_world_seq` when no `world` was used.
+    pub const NO_WORLD: u64 = u64::MAX;
+
+    /// Empties all lists and clears the flags, leaving the (large) arrays as they are: a message
+    /// is reused or loaned, and writing a third of a megabyte of zeros would cost more than the
+    /// whole stage.
+    pub fn clear(&mut self) {
+        self.flags = 0;
+        self.robot_count = 0;
+        self.ball_count = 0;
+        self.rejected_count = 0;
+        self.region_count = 0;
+        self.run_count = 0;
+    }
+
+    /// Robots found.
+    pub fn robots(&self) -> &[DetectedRobot] {
+        filled(&self.robots, self.robot_count)
+    }
+
+    /// Ball candidates, best first.
+    pub fn balls(&self) -> &[DetectedBall] {
+        filled(&self.balls, self.ball_count)
+    }
+
+    /// Candidates that became nothing.
+    pub fn rejected(&self) -> &[Rejected] {
+        filled(&self.rejected, self.rejected_count)
+    }
+
+    /// Regions found.
+    pub fn regions(&self) -> &[Region] {
+        filled(&self.regions, self.region_count)
+    }
+
+    /// The pixels of a region, as runs.
+    pub fn runs_of(&self, region: &Region) -> &[Run] {
+        let runs = filled(&self.runs, self.run_count);
+        let begin = (region.first_run as usize).min(runs.len());
+        let end = begin.saturating_add(region.run_count as usize).min(runs.len());
+        &runs[begin..end]
+    }
+
+    /// Appends a robot; `false` when the list is full.
+    pub fn push_robot(&mut self, robot: DetectedRobot) -> bool {
+        push(&mut self.robots, &mut self.robot_count, robot)
+    }
+
+    /// Appends a ball candidate; `false` when the list is full.
+    pub fn push_ball(&mut self, ball: DetectedBall) -> bool {
+        push(&mut self.balls, &mut self.ball_count, ball)
+    }
+
+    /// Appends a rejected candidate; `false` when the list is full.
+    pub fn push_rejected(&mut self, rejected: Rejected) -> bool {
+        push(&mut self.rejected, &mut self.rejected_count, rejected)
+    }
+}

@@ -1,0 +1,176 @@
+//! One picture as the sensor gave it.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// What a raw frame's bytes mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum PixelFormat {
+    /// One byte a pixel behind a Bayer colour filter array.
+    Bayer8 = 1,
+}
+
+impl PixelFormat {
+    /// The format with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        (number == Self::Bayer8 as u32).then_some(Self::Bayer8)
+    }
+}
+
+/// Colours of the top-left 2×2 pixels of a Bayer frame, read row by row.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    serde::Serialize,
+    serde::Deserialize,
+    schemars::JsonSchema,
+)]
+#[serde(rename_all = "lowercase")]
+#[repr(u32)]
+pub enum BayerOrder {
+    /// Red, green / green, blue.
+    Rggb = 0,
+    /// Green, red / blue, green.
+    Grbg = 1,
+    /// Green, blue / red, green.
+    Gbrg = 2,
+    /// Blue, green / green, red.
+    Bggr = 3,
+}
+
+impl BayerOrder {
+    /// All four orders, in the order of their numbers in messages.
+    pub const ALL: [BayerOrder; 4] = [Self::Rggb, Self::Grbg, Self::Gbrg, Self::Bggr];
+
+    /// The order with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
+    }
+
+    /// Position of the red site in the 2×2 tile: `(column, row)`, each 0 or 1. Blue sits at the
+    /// diagonally opposite site, green at the other two.
+    pub fn red_site(self) -> (usize, usize) {
+        match self {
+            Self::Rggb => (0, 0),
+            Self::Grbg => (1, 0),
+            Self::Gbrg => (0, 1),
+            Self::Bggr => (1, 1),
+        }
+    }
+
+    /// Index into an RGB triple (0 red, 1 green, 2 blue) of the colour that the sensor sees at a
+    /// pixel.
+    pub fn channel_at(self, column: usize, row: usize) -> usize {
+        let (red_column, red_row) = self.red_site();
+        ((column ^ red_column) & 1) + ((row ^ red_row) & 1)
+    }
+}
+
+/// Travels with every raw frame; the pixels are the payload.
+///
+/// `stride` is the distance in bytes between the starts of two rows; bytes behind `width` are not
+/// part of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/FrameHeader/1")]
+#[repr(C)]
+pub struct FrameHeader {
+    /// Number of the frame since the group started; a gap is a frame that was never captured.
+    pub seq: u64,
+    /// Middle of the exposure.
+    pub t_capture_ns: u64,
+    /// The same instant on the wall clock, nanoseconds since 1970.
+    pub t_capture_wall_ns: u64,
+    /// When the grabber handed the frame on.
+    pub t_sent_ns: u64,
+    /// Which camera, counted from 0.
+    pub camera_id: u32,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes from the start of a row to the start of the next.
+    pub stride: u32,
+    /// A [`PixelFormat`] number.
+    pub pixel_format: u32,
+    /// A [`BayerOrder`] number.
+    pub bayer_order: u32,
+    /// Exposure time; 0 when unknown.
+    pub exposure_us: u32,
+    /// Reserved, 0.
+    pub reserved: u32,
+}
+
+const _: () = assert!(size_of::<FrameHeader>() == 64);
+
+/// Why a frame cannot be worked on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum FrameFault {
+    /// The pixel format number is not one of [`PixelFormat`].
+    #[error("pixel format {0} is unknown")]
+    PixelFormat(u32),
+    /// The Bayer order number is not one of [`BayerOrder`].
+    #[error("Bayer order {0} is unknown")]
+    BayerOrder(u32),
+    /// The size in the header is not the configured one.
+    #[error(
+        "frame is {width}×{height} (stride {stride}), expected {expected_width}×{expected_height}"
+    )]
+    Size {
+        /// As the header says.
+        width: u32,
+        /// As the header says.
+        height: u32,
+        /// As the header says.
+        stride: u32,
+        /// As configured.
+        expected_width: u32,
+        /// As configured.
+        expected_height: u32,
+    },
+    /// The payload is shorter than the header promises.
+    #[error("frame has {got} bytes, its header promises {needed}")]
+    Truncated {
+        /// Payload bytes.
+        got: usize,
+        /// Bytes needed for the stated geometry.
+        needed: u64,
+    },
+}
+
+impl FrameHeader {
+    /// Checks the header against the configured size and the payload that came with it, and
+    /// returns what a worker needs to know about the pixels. Nothing about a frame may be used
+    /// before this has passed: headers are outside input.
+    pub fn check(
+        &self,
+        expected_width: u32,
+        expected_height: u32,
+        payload_bytes: usize,
+    ) -> Result<BayerOrder, FrameFault> {
+        PixelFormat::from_number(self.pixel_format)
+            .ok_or(FrameFault::PixelFormat(self.pixel_format))?;
+        let order = BayerOrder::from_number(self.bayer_order)
+            .ok_or(FrameFault::BayerOrder(self.bayer_order))?;
+        let &Self { width, height, stride, .. } = self;
+        if (width, height) != (expected_width, expected_height) || stride < width {
+            return Err(FrameFault::Size {
+                width,
+                height,
+                stride,
+                expected_width,
+                expected_height,
+            });
+        }
+        // The last row need not be padded to a full stride.
+        let needed = u64::from(stride) * u64::from(height.saturating_sub(1)) + u64::from(width);
+        if (payload_bytes as u64) < needed {
+            return Err(FrameFault::Truncated { got: payload_bytes, needed });
+        }
+        Ok(order)
+    }
+}

@@ -1,0 +1,92 @@
+//! Everything that crosses a process boundary.
+//!
+//! Messages are plain C structures of fixed size so that any language can read them in place:
+//! explicit widths, no padding (the `Pod` derive refuses to compile a structure that has any), and
+//! lists as a count beside an array of fixed capacity. Elements behind a count hold stale bytes of
+//! earlier messages; use the accessor methods, which never show them.
+//!
+//! Each message names its type with a trailing version. The name is what iceoryx2 compares when a
+//! program attaches, so **a change of layout or meaning must raise the version**; the size and
+//! offset assertions at the end of each file are there to make such a change impossible to miss.
+//!
+//! All `t_*_ns` stamps are nanoseconds of the monotonic clock of this machine, unless the name
+//! says `wall`. Every output repeats the header of the frame it was made from and the time it left
+//! each stage, so the way of a frame can be read off any one message.
+
+mod command;
+mod detection;
+mod frame;
+mod health;
+mod run;
+mod truth;
+mod world;
+
+pub use command::{Commands, MAX_COMMANDS, WheelCommand};
+pub use detection::{
+    DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
+    Region, RejectReason, Rejected,
+};
+pub use frame::{BayerOrder, FrameFault, FrameHeader, PixelFormat};
+pub use health::{DropReason, Heartbeat, ProcessKind, ProcessState};
+pub use run::{MAX_RUNS, Run, RunsHeader};
+pub use truth::{TruthFrame, TruthRobot};
+pub use world::{BallState, MAX_ROBOTS, RobotState, TrackStatus, WorldFrame};
+
+/// The colour a team wears. Rules since the paper give the two teams of a match blue and yellow.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+    schemars::JsonSchema,
+)]
+#[serde(rename_all = "lowercase")]
+#[repr(u32)]
+pub enum Team {
+    /// Wears yellow.
+    Yellow = 0,
+    /// Wears blue.
+    Blue = 1,
+}
+
+impl Team {
+    /// Both teams, in the order of their numbers in messages.
+    pub const ALL: [Team; 2] = [Team::Yellow, Team::Blue];
+
+    /// The team with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
+    }
+
+    /// The league's word for the team.
+    pub fn name(self) -> &'static str {
+        match self {
+            Team::Yellow => "yellow",
+            Team::Blue => "blue",
+        }
+    }
+}
+
+/// The filled part of a fixed-capacity list; a count beyond the capacity (rubbish from outside)
+/// shows the whole array rather than panicking.
+fn filled<T>(items: &[T], count: u32) -> &[T] {
+    &items[..items.len().min(count as usize)]
+}
+
+/// Appends to a fixed-capacity list; `false` when it is full.
+fn push<T>(items: &mut [T], count: &mut u32, item: T) -> bool {
+    match items.get_mut(*count as usize) {
+        Some(slot) => {
+            *slot = item;
+            *count += 1;
+            true
+        }
+        None => false,
+    }
+}

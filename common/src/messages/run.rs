@@ -1,0 +1,68 @@
+//! The classifier's output: horizontal stretches of pixels of one colour class.
+
+use super::FrameHeader;
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Most runs a message carries. A 640×480 frame of pure noise has about 18,000; a match has a few
+/// hundred. What does not fit is cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
+pub const MAX_RUNS: usize = 32_768;
+
+/// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
+///
+/// A message lists its runs by row, within a row by column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/Run/1")]
+#[repr(C)]
+pub struct Run {
+    /// Row in the image.
+    pub row: u16,
+    /// First column.
+    pub begin: u16,
+    /// Column behind the last one.
+    pub end: u16,
+    /// Colour class: index into the configured colours, 0–31.
+    pub class: u8,
+    /// Reserved, 0.
+    pub reserved: u8,
+}
+
+const _: () = assert!(size_of::<Run>() == 8);
+
+impl Run {
+    /// Number of pixels; 0 for a malformed run.
+    pub fn pixels(&self) -> u32 {
+        u32::from(self.end.saturating_sub(self.begin))
+    }
+}
+
+/// Travels with every list of runs. The payload always has [`MAX_RUNS`] elements, of which the
+/// first [`run_count`](Self::run_count) are valid.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/RunsHeader/1")]
+#[repr(C)]
+pub struct RunsHeader {
+    /// The frame the runs were found in.
+    pub frame: FrameHeader,
+    /// When the classifier handed the runs on.
+    pub t_sent_ns: u64,
+    /// Identifies the colour tables (a hash of the configured colours): runs made with different
+    /// tables are not comparable.
+    pub class_table_version: u64,
+    /// Valid elements of the payload.
+    pub run_count: u32,
+    /// Bit set of [`OVERFLOW`](Self::OVERFLOW).
+    pub flags: u32,
+}
+
+const _: () = assert!(size_of::<RunsHeader>() == 88);
+
+impl RunsHeader {
+    /// Flag: the frame had more runs than fit; the rest of the picture is missing.
+    pub const OVERFLOW: u32 = 1;
+
+    /// The valid part of a payload; never longer than the payload, whatever the header claims.
+    pub fn valid<'a>(&self, payload: &'a [Run]) -> &'a [Run] {
+        super::filled(payload, self.run_count)
+    }
+}
