@@ -1,1 +1,44 @@
-//! x
+//! The classifier: from a raw Bayer frame to runs of pixels of one colour.
+//!
+//! **Consumes** `frames`: [`FrameHeader`] and the bytes the sensor gave.
+//!
+//! **Produces** `runs`: a [`RunsHeader`] and a list of [`Run`]s, the horizontal stretches of pixels
+//! that belong to the same configured colour. Background is not listed.
+//!
+//! **Does** in one pass over the frame, pixel by pixel: bilinear demosaicing (eqs. 1–3 of the paper),
+//! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
+//! second look at hue and saturation, and run-length encoding. A colour image is never stored.
+//!
+//! **Guarantees**
+//!
+//! * The runs of a frame are sorted by row, then by column, do not overlap, are never empty, and
+//!   are maximal: two that touch differ in class. Painted on an empty picture they give exactly
+//!   the class of every pixel.
+//! * Every class is an index into the configured colours, at most 31.
+//! * When there are more runs than room, the list is the exact beginning of the full one and
+//!   [`RunsHeader::OVERFLOW`] is set.
+//! * Output depends on the frame and the configuration alone, bit for bit, on every machine.
+//! * A frame that is not what the configuration promises is refused with a reason, and nothing is
+//!   written; no frame makes the classifier panic. After construction it allocates nothing.
+
+mod error;
+pub mod kernels;
+pub mod process;
+pub mod second_look;
+mod stage;
+mod tables;
+
+#[cfg(doc)]
+use common::messages::{FrameHeader, Run, RunsHeader};
+
+pub use error::ClassifierError;
+pub use kernels::BayerImage;
+pub use kernels::scalar::demosaic;
+pub use stage::Classifier;
+pub use tables::ClassTables;
+
+/// Most colours: the bits of a table entry.
+pub const MAX_CLASSES: usize = 32;
+
+/// Stands for "none of the colours" where a class is expected. Never appears in a run.
+pub const BACKGROUND: u8 = u8::MAX;

@@ -12,7 +12,12 @@
 //!   radians, counter-clockwise from x.
 //! * **robot**: millimetres; origin at the centre of the robot's top, x forward, y to the left.
 
+pub mod bus;
+pub mod clock;
 pub mod config;
 pub mod geometry;
+pub mod instance;
 pub mod layout;
 pub mod messages;
+pub mod process;
+pub mod topics;

@@ -1,1 +1,33 @@
-//! x
+//! The tracker: from runs to regions to robots and balls (sections 5 and 6.1 of the paper).
+//!
+//! Consumes `runs`, and `world` as a hint; produces `detections`.
+//!
+//! One frame at a time, and each frame whole: nothing is searched only near where it was, so nothing
+//! stays lost. The steps, each in a file of its own:
+//!
+//! 1. [`regions`]: runs that touch and have one colour become a region.
+//! 2. `candidates`: regions, groups of fragments, and pieces of regions grown together become
+//!    candidates for patches, measured in millimetres on the plane of the robots' tops.
+//! 3. `pairing`: candidates that stand to each other as the layout says become hypotheses of robots,
+//!    and `assignment` picks the set of hypotheses that explains most of the picture best.
+//! 4. `pose`: the places of the patches become a pose.
+//! 5. `ball`, and `reasons`: what became of everything else.
+//!
+//! The core, [`Tracker`](stage::Tracker), is a pure function of its input and survives any.
+
+mod assignment;
+mod ball;
+mod candidates;
+mod measure;
+mod pairing;
+mod pattern;
+mod pitch;
+mod pose;
+mod prior;
+pub mod process;
+mod reasons;
+pub mod regions;
+mod split;
+pub mod stage;
+
+pub use stage::{Tracker, TrackerError};

@@ -1,16 +1,26 @@
 //! The configuration: one TOML file, read once and handed to every process as a whole.
 //!
 //! The structures below are the only description of it. Their doc comments become the comments of
-//! `touchline config init` and the descriptions of the JSON schema; their `Default` is the MiroSot
-//! middle league preset on a synthetic pitch.
+//! `touchline config init` and the descriptions of the JSON schema, their `range` and `length`
+//! attributes its bounds, which every value is checked against; their `Default` is the MiroSot
+//! middle league preset on a synthetic pitch. So a new key needs a doc comment, bounds and a default,
+//! and nothing else; what involves more than one key is checked in `validate`.
 
+mod document;
+mod load;
 mod presets;
+mod problem;
+mod schema;
+mod validate;
 
-use crate::messages::{BayerOrder, Team};
+use crate::messages::{BayerOrder, MAX_PATCHES, MAX_ROBOTS, Team};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use document::{commented_toml, schema_json};
+pub use load::{Complaint, Complaints, ConfigError, Place, check};
 pub use presets::Preset;
+pub use problem::Problem;
 
 /// A point or vector: `[x, y]`.
 pub type Pair = [f64; 2];
@@ -26,9 +36,11 @@ pub struct Config {
     pub field: FieldConfig,
     /// The camera's picture.
     pub camera: CameraConfig,
-    /// Where the camera hangs and how its picture lies on the field.
+    /// Where the camera hangs and how its picture lies on the field, in pictures of the size above.
+    /// What is left out follows from field and picture: a camera above the middle that sees it all.
     pub geometry: GeometryConfig,
     /// The colours on the pitch, at most 32. Where boxes overlap, the colour listed first wins.
+    #[schemars(length(min = 1, max = 32))]
     pub colors: Vec<ColorConfig>,
     /// The colours of the two teams.
     pub teams: TeamsConfig,
@@ -51,16 +63,22 @@ pub struct Config {
 #[serde(default, deny_unknown_fields)]
 pub struct FieldConfig {
     /// Inner length, along x, between the goal lines.
+    #[schemars(range(min = 100, max = 100_000))]
     pub length_mm: f64,
     /// Inner width, along y, between the side walls.
+    #[schemars(range(min = 100, max = 100_000))]
     pub width_mm: f64,
     /// Width of the goal mouths.
+    #[schemars(range(min = 0, max = 100_000))]
     pub goal_width_mm: f64,
     /// Depth of the goals behind the goal lines.
+    #[schemars(range(min = 0, max = 10_000))]
     pub goal_depth_mm: f64,
     /// Radius of the centre circle.
+    #[schemars(range(min = 0, max = 50_000))]
     pub center_circle_radius_mm: f64,
     /// Robots and balls found up to this far outside the field still count.
+    #[schemars(range(min = 0, max = 10_000))]
     pub margin_mm: f64,
 }
 
@@ -69,15 +87,19 @@ pub struct FieldConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct CameraConfig {
     /// Pixels in a row.
+    #[schemars(range(min = 2, max = 16_384))]
     pub width: u32,
     /// Rows.
+    #[schemars(range(min = 2, max = 16_384))]
     pub height: u32,
     /// Frames a second.
+    #[schemars(range(min = 1, max = 10_000))]
     pub fps: f64,
     /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
     /// as a source are turned into this order.
     pub bayer_order: BayerOrder,
     /// Exposure time, in microseconds; for a moving robot it sets the motion blur.
+    #[schemars(range(max = 1_000_000))]
     pub exposure_us: u32,
 }
 
@@ -85,9 +107,12 @@ pub struct CameraConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointPair {
-    /// On the floor.
+    /// On the floor: origin at the centre of the pitch, x towards the right goal, y to the left
+    /// of x, that is towards the top of an upright picture.
+    #[schemars(inner(range(min = -1_000_000, max = 1_000_000)))]
     pub field_mm: Pair,
     /// In the picture; the centre of the top-left pixel is [0, 0].
+    #[schemars(inner(range(min = -100_000, max = 100_000)))]
     pub image_px: Pair,
 }
 
@@ -97,10 +122,13 @@ pub struct PointPair {
 #[serde(default, deny_unknown_fields)]
 pub struct DistortionConfig {
     /// Quadratic term; negative for barrel distortion.
+    #[schemars(range(min = -10, max = 10))]
     pub k1: f64,
     /// Quartic term.
+    #[schemars(range(min = -10, max = 10))]
     pub k2: f64,
     /// Optical centre in the picture.
+    #[schemars(inner(range(min = -100_000, max = 100_000)))]
     pub center_px: Pair,
 }
 
@@ -110,11 +138,14 @@ pub struct DistortionConfig {
 pub struct GeometryConfig {
     /// Position of the lens in field coordinates, [x, y, height above the floor]; used to correct
     /// for the height of robots and ball.
+    #[schemars(inner(range(min = -1_000_000, max = 1_000_000)))]
     pub camera_mm: [f64; 3],
     /// At least four points of the floor with their place in the picture, no three on a line; more
     /// are fitted by least squares.
+    #[schemars(length(min = 4, max = 1000))]
     pub points: Vec<PointPair>,
-    /// Lens distortion.
+    /// Radial lens distortion: a point at distance r from `center_px`, in units of half the
+    /// picture's diagonal, appears at r·(1 + k1·r² + k2·r⁴).
     pub distortion: DistortionConfig,
 }
 
@@ -124,6 +155,7 @@ pub struct GeometryConfig {
 #[serde(deny_unknown_fields)]
 pub struct ColorConfig {
     /// What teams, ball and robots call it.
+    #[schemars(length(min = 1))]
     pub name: String,
     /// Lowest and highest red value, 0–255.
     pub red: [u8; 2],
@@ -131,12 +163,14 @@ pub struct ColorConfig {
     pub green: [u8; 2],
     /// Lowest and highest blue value, 0–255.
     pub blue: [u8; 2],
-    /// Optional second look: hue from … to, in degrees, counter-clockwise; [350, 20] passes
-    /// through 0.
+    /// Optional second look: hue from … to, in degrees (red 0, green 120, blue 240); [350, 20]
+    /// passes through 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(inner(range(min = 0, max = 360)), extend("examples" = [[350, 20]]))]
     pub hue_deg: Option<[f64; 2]>,
     /// Optional second look: lowest and highest HSI saturation, 0–1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(inner(range(min = 0, max = 1)), extend("examples" = [[0.4, 1]]))]
     pub saturation: Option<[f64; 2]>,
     /// What it looks like: for overlays, and for painting the synthetic match.
     pub looks: [u8; 3],
@@ -169,6 +203,7 @@ pub struct BallConfig {
     /// Its colour.
     pub color: String,
     /// A golf ball: 42.7.
+    #[schemars(range(min = 1, max = 1000))]
     pub diameter_mm: f64,
 }
 
@@ -190,6 +225,7 @@ pub struct PatchConfig {
     pub role: PatchRole,
     /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch lies on top
     /// of those listed before it.
+    #[schemars(length(min = 3, max = 64), inner(inner(range(min = -1000, max = 1000))))]
     pub outline_mm: Vec<Pair>,
 }
 
@@ -200,8 +236,10 @@ pub struct IdentityConfig {
     /// "yellow" or "blue".
     pub team: Team,
     /// Number in the team.
+    #[schemars(range(max = 31))]
     pub id: u32,
     /// One colour for each identification patch, in the order of the patches.
+    #[schemars(length(max = 5))]
     pub colors: Vec<String>,
 }
 
@@ -210,14 +248,19 @@ pub struct IdentityConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct RobotsConfig {
     /// Side of the (square) robot.
+    #[schemars(range(min = 10, max = 500))]
     pub size_mm: f64,
     /// Height of its top above the floor.
+    #[schemars(range(min = 0, max = 1000))]
     pub height_mm: f64,
     /// Distance along the axle between the centres of the drive wheels (b in eq. 7).
+    #[schemars(range(min = 1, max = 500))]
     pub wheel_base_mm: f64,
     /// The patches: exactly one team patch, and any number of identification patches up to five.
+    #[schemars(length(min = 1, max = MAX_PATCHES))]
     pub patches: Vec<PatchConfig>,
     /// The robots that may be on the pitch.
+    #[schemars(length(max = MAX_ROBOTS))]
     pub identities: Vec<IdentityConfig>,
 }
 
@@ -226,13 +269,17 @@ pub struct RobotsConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerConfig {
     /// A region smaller than this is noise.
+    #[schemars(range(min = 1, max = 1_000_000))]
     pub min_region_px: u32,
     /// A patch may show from this fraction of its expected area …
+    #[schemars(range(min = 0, max = 1))]
     pub min_area_ratio: f64,
     /// … up to this multiple of it.
+    #[schemars(range(min = 1, max = 1000))]
     pub max_area_ratio: f64,
     /// An identification patch may lie this far from where the layout puts it, relative to the
     /// team patch (the tolerance around the distance in eq. 5).
+    #[schemars(range(min = 0.1, max = 1000))]
     pub patch_tolerance_mm: f64,
 }
 
@@ -241,36 +288,64 @@ pub struct TrackerConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct FilterConfig {
     /// Measurement noise of a robot's position, 1σ (R in eq. 14).
+    #[schemars(range(min = 0.001, max = 1000))]
     pub position_noise_mm: f64,
     /// Measurement noise of a robot's heading, 1σ (R in eq. 14).
+    #[schemars(range(min = 0.001, max = 180))]
     pub heading_noise_deg: f64,
     /// How strongly a robot of unknown commands may accelerate, 1σ (Q in eq. 12).
+    #[schemars(range(min = 0.001, max = 1_000_000))]
     pub acceleration_noise_mm_s2: f64,
     /// How strongly a robot of unknown commands may change its turning rate, 1σ.
+    #[schemars(range(min = 0.001, max = 1_000_000))]
     pub angular_acceleration_noise_deg_s2: f64,
     /// How far a commanded robot's speed may stray from its command, 1σ (wheel slip, battery).
+    #[schemars(range(min = 0.001, max = 100_000))]
     pub command_noise_mm_s: f64,
     /// How far a commanded robot's turning rate may stray from its command, 1σ.
+    #[schemars(range(min = 0.001, max = 100_000))]
     pub command_noise_deg_s: f64,
+    /// How fast a robot may slide or be pushed sideways, 1σ.
+    #[schemars(range(min = 0.001, max = 100_000))]
+    pub lateral_noise_mm_s: f64,
+    /// In a collision a robot's accelerations and slides are so many times as strong.
+    #[schemars(range(min = 1, max = 1000))]
+    pub collision_factor: f64,
     /// Time constant with which a robot's wheels follow a command; 0 is eq. (11) as printed.
+    #[schemars(range(min = 0, max = 10_000))]
     pub command_lag_ms: f64,
     /// A command older than this no longer counts: the robot is taken to be free.
+    #[schemars(range(min = 0, max = 60_000))]
     pub command_timeout_ms: f64,
     /// Time from sending a command until the robot acts on it; poses are predicted to now plus this.
+    #[schemars(range(min = 0, max = 1000))]
     pub actuation_delay_ms: f64,
     /// A measurement whose squared Mahalanobis distance from the prediction exceeds this is an
     /// outlier and ignored; 16.27 is the 99.9 % point for three dimensions.
+    #[schemars(range(min = 0.001, max = 1_000_000))]
     pub gate_chi2: f64,
     /// After so many outliers in a row that agree with each other the filter believes them and
     /// starts over.
+    #[schemars(range(min = 1, max = 10_000))]
     pub reinit_after: u32,
+    /// A robot or ball must be seen with at least this confidence, 0–1, for a track to start, or
+    /// to start over; a track that is within its gate is corrected by less.
+    #[schemars(range(min = 0, max = 1))]
+    pub start_confidence: f64,
     /// A robot or ball unseen for longer is forgotten.
+    #[schemars(range(min = 1, max = 600_000))]
     pub forget_after_ms: f64,
     /// Measurement noise of the ball, 1σ.
+    #[schemars(range(min = 0.001, max = 1000))]
     pub ball_noise_mm: f64,
-    /// How strongly the ball may accelerate, 1σ.
+    /// How strongly a rolling ball may accelerate, 1σ.
+    #[schemars(range(min = 0.001, max = 1_000_000))]
     pub ball_acceleration_noise_mm_s2: f64,
+    /// In a kick the ball's acceleration is so many times as strong.
+    #[schemars(range(min = 1, max = 10_000))]
+    pub ball_kick_factor: f64,
     /// Fraction of its speed that a rolling ball loses in a second.
+    #[schemars(range(min = 0, max = 1))]
     pub ball_friction_per_s: f64,
 }
 
@@ -279,16 +354,22 @@ pub struct FilterConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct SupervisorConfig {
     /// A stage that has input and gives no output for so many frame periods is replaced …
+    #[schemars(range(min = 1, max = 10_000))]
     pub stall_frames: f64,
     /// … but never sooner than this.
+    #[schemars(range(min = 1, max = 600_000))]
     pub stall_min_ms: f64,
     /// A process must report ready within this time of its start.
+    #[schemars(range(min = 10, max = 600_000))]
     pub ready_timeout_ms: f64,
     /// Pause before the second start in a row that failed; doubles with each further one.
+    #[schemars(range(min = 0, max = 600_000))]
     pub backoff_ms: f64,
     /// Longest pause.
+    #[schemars(range(min = 0, max = 600_000))]
     pub backoff_max_ms: f64,
     /// Stages whose supervisor is gone keep the match running for so long and then end themselves.
+    #[schemars(range(min = 0, max = 604_800))]
     pub orphan_timeout_s: f64,
 }
 
@@ -297,15 +378,21 @@ pub struct SupervisorConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct SyntheticConfig {
     /// The same seed gives the same match, pixel for pixel.
+    #[schemars(range(max = i64::MAX))]
     pub seed: u64,
     /// Fastest a robot drives.
+    #[schemars(range(min = 0, max = 100_000))]
     pub max_speed_mm_s: f64,
     /// Strongest a robot accelerates.
+    #[schemars(range(min = 0, max = 1_000_000))]
     pub max_acceleration_mm_s2: f64,
     /// Overall brightness; 1 is what the colours were set for.
+    #[schemars(range(min = 0, max = 10))]
     pub brightness: f64,
     /// How much darker the corners are than the middle, 0–1.
+    #[schemars(range(min = 0, max = 1))]
     pub vignette: f64,
     /// Sensor noise, 1σ, in grey levels of 255.
+    #[schemars(range(min = 0, max = 100))]
     pub noise: f64,
 }

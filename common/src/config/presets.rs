@@ -159,20 +159,24 @@ impl Default for TrackerConfig {
 impl Default for FilterConfig {
     fn default() -> Self {
         Self {
-            position_noise_mm: 0.5,
-            heading_noise_deg: 1.0,
-            acceleration_noise_mm_s2: 3000.0,
+            position_noise_mm: 0.6,
+            heading_noise_deg: 1.2,
+            acceleration_noise_mm_s2: 4000.0,
             angular_acceleration_noise_deg_s2: 3000.0,
-            command_noise_mm_s: 40.0,
-            command_noise_deg_s: 40.0,
+            command_noise_mm_s: 30.0,
+            command_noise_deg_s: 30.0,
+            lateral_noise_mm_s: 15.0,
+            collision_factor: 16.0,
             command_lag_ms: 0.0,
             command_timeout_ms: 250.0,
             actuation_delay_ms: 50.0,
             gate_chi2: 30.0,
             reinit_after: 3,
+            start_confidence: 0.2,
             forget_after_ms: 1000.0,
             ball_noise_mm: 1.0,
-            ball_acceleration_noise_mm_s2: 4000.0,
+            ball_acceleration_noise_mm_s2: 1000.0,
+            ball_kick_factor: 100.0,
             ball_friction_per_s: 0.3,
         }
     }

@@ -168,7 +168,7 @@ impl Rejected {
 }
 
 /// Everything the tracker saw in one frame, and why.
-#[derive(Clone, Copy, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/DetectionFrame/1")]
 #[repr(C)]
 pub struct DetectionFrame {

@@ -75,7 +75,7 @@ impl BayerOrder {
 ///
 /// `stride` is the distance in bytes between the starts of two rows; bytes behind `width` are not
 /// part of the picture.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/FrameHeader/1")]
 #[repr(C)]
 pub struct FrameHeader {

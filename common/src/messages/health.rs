@@ -131,3 +131,17 @@ pub struct Heartbeat {
 }
 
 const _: () = assert!(size_of::<Heartbeat>() == 112);
+
+/// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/StatusHeader/1")]
+#[repr(C)]
+pub struct StatusHeader {
+    /// When it was published.
+    pub t_sent_ns: u64,
+    /// Length of the text.
+    pub bytes: u64,
+}
+
+/// Capacity of the status text.
+pub const MAX_STATUS_BYTES: usize = 65_536;

@@ -27,10 +27,16 @@ pub use detection::{
     Region, RejectReason, Rejected,
 };
 pub use frame::{BayerOrder, FrameFault, FrameHeader, PixelFormat};
-pub use health::{DropReason, Heartbeat, ProcessKind, ProcessState};
+pub use health::{
+    DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
+};
 pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use truth::{TruthFrame, TruthRobot};
-pub use world::{BallState, MAX_ROBOTS, RobotState, TrackStatus, WorldFrame};
+pub use world::{
+    BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, MAX_QUEUED_COMMANDS, MAX_ROBOTS,
+    QueuedCommand, ROBOT_HYPOTHESES, RobotHypothesis, RobotMemory, RobotState, TrackStatus,
+    WorldFrame,
+};
 
 /// The colour a team wears. Rules since the paper give the two teams of a match blue and yellow.
 #[derive(

@@ -38,7 +38,7 @@ impl Run {
 
 /// Travels with every list of runs. The payload always has [`MAX_RUNS`] elements, of which the
 /// first [`run_count`](Self::run_count) are valid.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/RunsHeader/1")]
 #[repr(C)]
 pub struct RunsHeader {

@@ -32,7 +32,15 @@ impl TrackStatus {
     }
 }
 
-/// One robot's track: the complete state of its filter.
+/// Hypotheses about a robot's motion that the filter weighs against each other: steered (by its
+/// commands, or standing when there are none), free, struck; in this order.
+pub const ROBOT_HYPOTHESES: usize = 3;
+/// Hypotheses about the ball's motion: rolling, struck; in this order.
+pub const BALL_HYPOTHESES: usize = 2;
+/// Most commands per robot that wait to act, the acting one included.
+pub const MAX_QUEUED_COMMANDS: usize = 12;
+
+/// One robot as the filter sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/RobotState/1")]
 #[repr(C)]
@@ -69,7 +77,55 @@ pub struct RobotState {
     pub predicted_orientation: f64,
 }
 
-/// The ball's track: the complete state of its filter.
+/// One hypothesis about a robot's motion and the extended Kalman filter that follows it.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/RobotHypothesis/1")]
+#[repr(C)]
+pub struct RobotHypothesis {
+    /// How likely it is; those of one robot add up to 1.
+    pub probability: f64,
+    /// x_mm, y_mm, orientation, v_mm_s, omega at capture time.
+    pub mean: [f64; 5],
+    /// Upper triangle of the covariance of `mean`, row by row.
+    pub covariance: [f64; 15],
+}
+
+/// A command that acts or will act on a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/QueuedCommand/1")]
+#[repr(C)]
+pub struct QueuedCommand {
+    /// When it went out to the robot.
+    pub t_sent_ns: u64,
+    /// Circumferential speed of the left wheel.
+    pub left_mm_s: f64,
+    /// Circumferential speed of the right wheel.
+    pub right_mm_s: f64,
+}
+
+/// What the filter needs besides [`RobotState`] to carry on with a robot's track exactly. Of no
+/// interest to anyone but the filter's successor.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/RobotMemory/1")]
+#[repr(C)]
+pub struct RobotMemory {
+    /// Steered, free, struck.
+    pub hypotheses: [RobotHypothesis; ROBOT_HYPOTHESES],
+    /// Capture time of the newest measurement that was used.
+    pub t_seen_ns: u64,
+    /// Capture time of the newest measurement outside the gate.
+    pub t_gated_ns: u64,
+    /// That measurement: x_mm, y_mm, orientation.
+    pub gated_pose: [f64; 3],
+    /// Measurements outside the gate, up to that one, that agree with one another.
+    pub gated_agreeing: u32,
+    /// Valid elements of `commands`.
+    pub command_count: u32,
+    /// Commands that act or will act, by time.
+    pub commands: [QueuedCommand; MAX_QUEUED_COMMANDS],
+}
+
+/// The ball as the filter sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/BallState/1")]
 #[repr(C)]
@@ -98,8 +154,40 @@ pub struct BallState {
     pub predicted_y_mm: f64,
 }
 
+/// One hypothesis about the ball's motion and the Kalman filter that follows it.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/BallHypothesis/1")]
+#[repr(C)]
+pub struct BallHypothesis {
+    /// How likely it is; both add up to 1.
+    pub probability: f64,
+    /// x_mm, y_mm, vx_mm_s, vy_mm_s at capture time.
+    pub mean: [f64; 4],
+    /// Upper triangle of the covariance of `mean`, row by row.
+    pub covariance: [f64; 10],
+}
+
+/// What the filter needs besides [`BallState`] to carry on with the ball's track exactly.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/BallMemory/1")]
+#[repr(C)]
+pub struct BallMemory {
+    /// Rolling, struck.
+    pub hypotheses: [BallHypothesis; BALL_HYPOTHESES],
+    /// Capture time of the newest measurement that was used.
+    pub t_seen_ns: u64,
+    /// Capture time of the newest measurement outside the gate.
+    pub t_gated_ns: u64,
+    /// That measurement: x_mm, y_mm.
+    pub gated_position: [f64; 2],
+    /// Measurements outside the gate, up to that one, that agree with one another.
+    pub gated_agreeing: u32,
+    /// Reserved, 0.
+    pub reserved: u32,
+}
+
 /// The filtered state of the match after one frame. A filter that starts anew continues from the
-/// last one of these.
+/// last one of these, and comes to the same results as one that never stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/WorldFrame/1")]
 #[repr(C)]
@@ -124,11 +212,21 @@ pub struct WorldFrame {
     pub robots: [RobotState; MAX_ROBOTS],
     /// The ball.
     pub ball: BallState,
+    /// For the filter's successor: one element for each of `robots`, in the same order.
+    pub robot_memories: [RobotMemory; MAX_ROBOTS],
+    /// For the filter's successor.
+    pub ball_memory: BallMemory,
 }
 
 const _: () = assert!(size_of::<RobotState>() == 24 + 33 * 8);
 const _: () = assert!(size_of::<BallState>() == 16 + 22 * 8);
-const _: () = assert!(size_of::<WorldFrame>() == 112 + MAX_ROBOTS * 288 + 192);
+const _: () = assert!(size_of::<RobotHypothesis>() == 168);
+const _: () = assert!(size_of::<QueuedCommand>() == 24);
+const _: () =
+    assert!(size_of::<RobotMemory>() == ROBOT_HYPOTHESES * 168 + 48 + MAX_QUEUED_COMMANDS * 24);
+const _: () = assert!(size_of::<BallMemory>() == BALL_HYPOTHESES * 120 + 40);
+const _: () =
+    assert!(size_of::<WorldFrame>() == 112 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280);
 
 impl WorldFrame {
     /// Value of `commands_seq` when no commands were used.

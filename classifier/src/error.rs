@@ -1,0 +1,49 @@
+//! Why a classifier cannot be built from a configuration.
+
+/// A configuration no classifier can work with.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ClassifierError {
+    /// Demosaicing needs a neighbour of every colour in both directions.
+    #[error("camera picture is {width}×{height}, the smallest possible is 2×2")]
+    ImageTooSmall {
+        /// As configured.
+        width: u32,
+        /// As configured.
+        height: u32,
+    },
+    /// Runs hold rows and columns in 16 bits.
+    #[error("camera picture is {width}×{height}, the largest possible is 65535×65535")]
+    ImageTooLarge {
+        /// As configured.
+        width: u32,
+        /// As configured.
+        height: u32,
+    },
+    /// A table entry has one bit for each colour.
+    #[error("{0} colours are configured, at most 32 are possible")]
+    TooManyColors(usize),
+    /// The lowest value is above the highest.
+    #[error("colour \"{color}\": {channel} from {low} to {high} is empty")]
+    EmptyRange {
+        /// Name of the colour.
+        color: String,
+        /// Which of its bounds.
+        channel: &'static str,
+        /// As configured.
+        low: f64,
+        /// As configured.
+        high: f64,
+    },
+    /// A bound is infinite or not a number.
+    #[error("colour \"{color}\": {channel} from {low} to {high} is not a range of numbers")]
+    NotFinite {
+        /// Name of the colour.
+        color: String,
+        /// Which of its bounds.
+        channel: &'static str,
+        /// As configured.
+        low: f64,
+        /// As configured.
+        high: f64,
+    },
+}

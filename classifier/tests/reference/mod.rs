@@ -1,0 +1,136 @@
+//! The classifier once more, written from the definitions with no thought of speed, and sharing no
+//! code with the library: what every kernel is compared with.
+
+use common::config::ColorConfig;
+use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
+
+/// A frame as it travels: header and padded pixels.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    pub header: FrameHeader,
+    pub pixels: Vec<u8>,
+}
+
+impl Frame {
+    pub fn new(width: u32, height: u32, stride: u32, order: BayerOrder, pixels: Vec<u8>) -> Self {
+        let header = FrameHeader {
+            seq: 7,
+            t_capture_ns: 1_000,
+            t_capture_wall_ns: 2_000,
+            t_sent_ns: 3_000,
+            camera_id: 1,
+            width,
+            height,
+            stride,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: order as u32,
+            exposure_us: 2_000,
+            reserved: 0,
+        };
+        Self { header, pixels }
+    }
+
+    fn order(&self) -> BayerOrder {
+        BayerOrder::from_number(self.header.bayer_order).expect("test frames have an order")
+    }
+
+    /// The mean, a half rounded up, of those of the 3×3 pixels around (and the pixel itself) that
+    /// have the wanted colour; the pixel alone if it has it.
+    fn channel(&self, x: i64, y: i64, channel: usize) -> u8 {
+        let mirror = |i: i64, n: u32| {
+            let last = i64::from(n) - 1;
+            (last - (last - i.abs()).abs()) as usize
+        };
+        let at = |x: i64, y: i64| {
+            let (x, y) = (mirror(x, self.header.width), mirror(y, self.header.height));
+            let value = self.pixels[y * self.header.stride as usize + x];
+            (self.order().channel_at(x, y) == channel).then_some(u32::from(value))
+        };
+        if let Some(known) = at(x, y) {
+            return known as u8;
+        }
+        let around: Vec<u32> = (-1..=1)
+            .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
+            .filter_map(|(dx, dy)| at(x + dx, y + dy))
+            .collect();
+        let count = around.len() as u32;
+        ((around.iter().sum::<u32>() + count / 2) / count) as u8
+    }
+
+    /// Three bytes a pixel.
+    pub fn rgb(&self) -> Vec<u8> {
+        let mut rgb = Vec::new();
+        for y in 0..i64::from(self.header.height) {
+            for x in 0..i64::from(self.header.width) {
+                rgb.extend((0..3).map(|channel| self.channel(x, y, channel)));
+            }
+        }
+        rgb
+    }
+
+    /// The class of every pixel, row by row.
+    pub fn labels(&self, colors: &[ColorConfig]) -> Vec<Option<u8>> {
+        self.rgb()
+            .chunks_exact(3)
+            .map(|rgb| {
+                let rgb = [rgb[0], rgb[1], rgb[2]];
+                colors.iter().position(|color| is_of_color(rgb, color)).map(|class| class as u8)
+            })
+            .collect()
+    }
+
+    /// The runs that must come out.
+    pub fn runs(&self, colors: &[ColorConfig]) -> Vec<Run> {
+        let labels = self.labels(colors);
+        let mut runs: Vec<Run> = Vec::new();
+        for (row, labels) in labels.chunks_exact(self.header.width as usize).enumerate() {
+            let mut begin = 0;
+            for stretch in labels.chunk_by(|a, b| a == b) {
+                let end = begin + stretch.len();
+                if let Some(class) = stretch[0] {
+                    let [row, begin, end] = [row, begin, end].map(|value| value as u16);
+                    runs.push(Run { row, begin, end, class, reserved: 0 });
+                }
+                begin = end;
+            }
+        }
+        runs
+    }
+}
+
+/// The box of section 4.2, then the textbook formulas of HSI.
+fn is_of_color(rgb: [u8; 3], color: &ColorConfig) -> bool {
+    let in_box = [color.red, color.green, color.blue]
+        .iter()
+        .zip(rgb)
+        .all(|(&[low, high], value)| low <= value && value <= high);
+    let [r, g, b] = rgb.map(f64::from);
+    let is_saturated = color.saturation.is_none_or(|[low, high]| {
+        let sum = r + g + b;
+        let saturation = if sum == 0.0 { 0.0 } else { 1.0 - 3.0 * r.min(g).min(b) / sum };
+        low <= saturation && saturation <= high
+    });
+    let has_hue = color.hue_deg.is_none_or(|[from, to]| {
+        if r == g && g == b {
+            return false;
+        }
+        let root = ((r - g) * (r - g) + (r - b) * (g - b)).sqrt();
+        let theta = (0.5 * ((r - g) + (r - b)) / root).clamp(-1.0, 1.0).acos().to_degrees();
+        let hue = if b <= g { theta } else { 360.0 - theta };
+        if from <= to { from <= hue && hue <= to } else { hue >= from || hue <= to }
+    });
+    in_box && is_saturated && has_hue
+}
+
+/// Repeatable noise for tests and benches.
+pub struct Noise(pub u64);
+
+impl Noise {
+    /// 32 fresh bits (xorshift, upper half of a multiplication).
+    pub fn next_u32(&mut self) -> u32 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32) as u32
+    }
+}

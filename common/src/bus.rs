@@ -1,0 +1,344 @@
+//! Publishing and subscribing: iceoryx2 with this project's rules built in.
+//!
+//! * Writers never wait: safe overflow is on, back-pressure discards.
+//! * A reader that wants to sleep until there is something asks for wake-ups; one that polls
+//!   costs the writer nothing extra.
+//! * Waiting survives signals.
+
+use crate::instance::{Instance, InstanceError};
+use crate::topics::Topic;
+use bytemuck::Pod;
+use iceoryx2::node::NodeView;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher as IpcPublisher;
+use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample as IpcSample;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::port_factory::event::PortFactory as EventFactory;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
+use std::fmt::Debug;
+use std::mem::MaybeUninit;
+use std::time::Duration;
+
+/// What may travel: plain data of fixed layout with a versioned type name.
+pub trait Message: Pod + Debug + ZeroCopySend {}
+impl<T: Pod + Debug + ZeroCopySend> Message for T {}
+
+/// What may travel beside a message's elements.
+pub trait Header: Message + Default {}
+impl<T: Message + Default> Header for T {}
+
+/// What went wrong between processes.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The instance's directory or names.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// iceoryx2 refused; the text says what was tried and its answer.
+    #[error("topic {topic}: {action}: {reason}")]
+    Ipc {
+        /// Topic, or the process's own node.
+        topic: &'static str,
+        /// What was tried.
+        action: &'static str,
+        /// iceoryx2's answer.
+        reason: String,
+    },
+}
+
+fn failed<E: Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> BusError {
+    move |error| BusError::Ipc { topic, action, reason: format!("{error:?}") }
+}
+
+/// A process's membership in an instance.
+pub struct Bus {
+    node: Node<ipc::Service>,
+}
+
+/// A process that has joined an instance.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LivingProcess {
+    /// The system's number for it.
+    pub pid: u32,
+    /// The name under which it joined.
+    pub name: String,
+}
+
+impl Bus {
+    /// Joins the instance under the name of a process, which tools show.
+    pub fn join(instance: &Instance, process: &str) -> Result<Self, BusError> {
+        // Its log lines repeat what the returned errors say, without saying which topic.
+        iceoryx2::prelude::set_log_level(LogLevel::Fatal);
+        let config = instance.ipc_config()?;
+        let name = NodeName::new(process).map_err(failed("node", "name it"))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(failed("node", "join the instance"))?;
+        Ok(Self { node })
+    }
+
+    /// Removes what dead processes have left: slots of publishers and subscribers, and their
+    /// shared memory. Takes milliseconds for each; returns how many were found.
+    pub fn clean_up_dead(instance: &Instance) -> Result<usize, BusError> {
+        let mut dead = Vec::new();
+        Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
+            if let NodeState::Dead(view) = state {
+                dead.push(view);
+            }
+            CallbackProgression::Continue
+        })
+        .map_err(failed("node", "list the processes"))?;
+        let found = dead.len();
+        for view in dead {
+            view.blocking_remove_stale_resources(Duration::from_secs(1))
+                .map_err(failed("node", "remove what a dead process left"))?;
+        }
+        Ok(found)
+    }
+
+    /// The living processes in the instance.
+    pub fn living_processes(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
+        let mut living = Vec::new();
+        Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
+            if let NodeState::Alive(view) = state
+                && let Ok(pid) = view.id().pid::<ipc::Service>()
+            {
+                let name = view.details().as_ref().map(|details| details.name().to_string());
+                living.push(LivingProcess {
+                    pid: pid.value() as u32,
+                    name: name.unwrap_or_default(),
+                });
+            }
+            CallbackProgression::Continue
+        })
+        .map_err(failed("node", "list the processes"))?;
+        Ok(living)
+    }
+
+    /// A writer whose messages have up to `capacity` elements.
+    pub fn publisher<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+        capacity: usize,
+    ) -> Result<Publisher<E, H>, BusError> {
+        let port = self
+            .open(topic)?
+            .publisher_builder()
+            .initial_max_slice_len(capacity)
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(2)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(failed(topic.name, "create a publisher"))?;
+        let notifier = self
+            .open_wake_up(topic.name)?
+            .notifier_builder()
+            .create()
+            .map_err(failed(topic.name, "create a notifier"))?;
+        Ok(Publisher { port, notifier, topic: topic.name })
+    }
+
+    /// A reader. It is connected at once: from now on the newest messages wait for it.
+    pub fn subscriber<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<Subscriber<E, H>, BusError> {
+        self.subscriber_with_buffer(topic, topic.buffer)
+    }
+
+    /// A reader that only ever wants the newest `buffer` messages.
+    pub fn subscriber_with_buffer<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+        buffer: usize,
+    ) -> Result<Subscriber<E, H>, BusError> {
+        let port = self
+            .open(topic)?
+            .subscriber_builder()
+            .buffer_size(buffer)
+            .create()
+            .map_err(failed(topic.name, "create a subscriber"))?;
+        Ok(Subscriber { port, topic: topic.name })
+    }
+
+    /// What a reader sleeps on until the topic has something new.
+    pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, BusError> {
+        let listener = self
+            .open_wake_up(topic.name)?
+            .listener_builder()
+            .create()
+            .map_err(failed(topic.name, "create a listener"))?;
+        Ok(WakeUp { listener, topic: topic.name })
+    }
+
+    fn open<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<PublishSubscribeFactory<ipc::Service, [E], H>, BusError> {
+        self.node
+            .service_builder(&service_name(topic.name)?)
+            .publish_subscribe::<[E]>()
+            .user_header::<H>()
+            .history_size(0)
+            .subscriber_max_buffer_size(topic.buffer)
+            .subscriber_max_borrowed_samples(topic.borrowed)
+            .enable_safe_overflow(true)
+            .max_publishers(topic.publishers)
+            .max_subscribers(topic.subscribers)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(failed(topic.name, "open the topic"))
+    }
+
+    fn open_wake_up(&self, topic: &'static str) -> Result<EventFactory<ipc::Service>, BusError> {
+        self.node
+            .service_builder(&service_name(topic)?)
+            .event()
+            .max_listeners(MAX_NODES)
+            .max_notifiers(MAX_NODES)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(failed(topic, "open the wake-up event"))
+    }
+}
+
+/// Processes in one instance, the dead and not yet cleaned ones included.
+const MAX_NODES: usize = 32;
+
+fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {
+    ServiceName::new(topic).map_err(failed(topic, "name it"))
+}
+
+/// Writes messages into shared memory and wakes who sleeps on the topic.
+pub struct Publisher<E: Message, H: Header> {
+    port: IpcPublisher<ipc::Service, [E], H>,
+    notifier: Notifier<ipc::Service>,
+    topic: &'static str,
+}
+
+impl<E: Message, H: Header> Publisher<E, H> {
+    /// Borrows a message of `length` elements from shared memory, to be filled in place.
+    pub fn loan(&mut self, length: usize) -> Result<Loan<'_, E, H>, BusError> {
+        let sample =
+            self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
+        Ok(Loan { sample, notifier: &self.notifier, topic: self.topic })
+    }
+}
+
+impl<E: Message> Publisher<E, ()> {
+    /// Publishes a copy of one element.
+    pub fn publish(&mut self, message: &E) -> Result<(), BusError> {
+        let mut loan = self.loan(1)?;
+        loan.elements()[0] = *message;
+        loan.send()
+    }
+}
+
+/// A message in shared memory that nobody else can see yet.
+pub struct Loan<'a, E: Message, H: Header> {
+    sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
+    notifier: &'a Notifier<ipc::Service>,
+    topic: &'static str,
+}
+
+impl<E: Message, H: Header> Loan<'_, E, H> {
+    /// The elements. They hold whatever was there before: zeros or an old message.
+    #[allow(unsafe_code)]
+    pub fn elements(&mut self) -> &mut [E] {
+        let elements = self.sample.payload_mut();
+        // SAFETY: the memory is initialised, since the system hands out shared memory filled with
+        // zeros and only messages are ever written to it; and any bytes are a valid `E`, since
+        // every `Message` is `Pod`. The pointer and length come from the slice itself.
+        unsafe { std::slice::from_raw_parts_mut(elements.as_mut_ptr().cast::<E>(), elements.len()) }
+    }
+
+    /// The elements and the header, to be filled together.
+    #[allow(unsafe_code)]
+    pub fn parts(&mut self) -> (&mut [E], &mut H) {
+        let header: *mut H = self.sample.user_header_mut();
+        let elements = self.elements();
+        // SAFETY: header and payload are disjoint parts of the sample, and both borrows end with
+        // the borrow of `self`.
+        (elements, unsafe { &mut *header })
+    }
+
+    /// Publishes the message and wakes who sleeps on the topic.
+    #[allow(unsafe_code)]
+    pub fn send(self) -> Result<(), BusError> {
+        // SAFETY: initialised, see `elements`.
+        let sample = unsafe { self.sample.assume_init() };
+        sample.send().map_err(failed(self.topic, "publish"))?;
+        // A listener that has died, or whose socket is full because it sleeps through everything,
+        // is the supervisor's business, not the writer's.
+        let _ = self.notifier.notify();
+        Ok(())
+    }
+}
+
+/// Reads messages in place.
+pub struct Subscriber<E: Message, H: Header> {
+    port: IpcSubscriber<ipc::Service, [E], H>,
+    topic: &'static str,
+}
+
+impl<E: Message, H: Header> Subscriber<E, H> {
+    /// The oldest unread message, if there is one.
+    pub fn receive(&self) -> Result<Option<Received<E, H>>, BusError> {
+        let sample = self.port.receive().map_err(failed(self.topic, "receive"))?;
+        Ok(sample.map(|sample| Received { sample }))
+    }
+
+    /// The newest message; all others are passed over.
+    pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
+        let mut newest = None;
+        while let Some(received) = self.receive()? {
+            newest = Some(received);
+        }
+        Ok(newest)
+    }
+}
+
+/// A message in shared memory; given back when dropped.
+pub struct Received<E: Message, H: Header> {
+    sample: IpcSample<ipc::Service, [E], H>,
+}
+
+impl<E: Message, H: Header> Received<E, H> {
+    /// The elements.
+    pub fn elements(&self) -> &[E] {
+        self.sample.payload()
+    }
+
+    /// The first element: the message, on topics that have one element a message. `None` for a
+    /// slice of no elements, which no process of ours publishes, but another might.
+    pub fn message(&self) -> Option<&E> {
+        self.elements().first()
+    }
+
+    /// The header.
+    pub fn header(&self) -> &H {
+        self.sample.user_header()
+    }
+}
+
+/// Sleeps until a topic has something new.
+pub struct WakeUp {
+    listener: Listener<ipc::Service>,
+    topic: &'static str,
+}
+
+impl WakeUp {
+    /// Returns when something was published, when `timeout` has passed, or on a signal; the caller
+    /// looks for itself what has happened.
+    pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
+        match self.listener.timed_wait(|_| {}, timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(error) => Err(failed(self.topic, "wait")(error)),
+        }
+    }
+}

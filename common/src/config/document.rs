@@ -1,0 +1,320 @@
+//! The configuration as a document: TOML with every key explained, and the JSON schema.
+//!
+//! Both come from the structures in `mod.rs` by way of the schema, so a new key appears by itself.
+
+use super::Config;
+use super::problem::key_path;
+use super::schema::{Node, Schema};
+use toml::Value;
+
+/// The configuration as a TOML file for people: every key, its description above it, in the order
+/// of the structures. Reading it gives the same configuration.
+///
+/// TOML's integers end at 2⁶³ − 1: a larger seed, which no file can have, is written as that.
+pub fn commented_toml(config: &Config) -> String {
+    let mut config = config.clone();
+    config.synthetic.seed = config.synthetic.seed.min(i64::MAX as u64);
+    let values = toml::Table::try_from(&config).expect("a configuration is plain TOML");
+    let schema = Schema::new();
+    let mut out = String::from(HEADER);
+    write_table(&mut out, schema.root(), &values, "", Comments::Full);
+    out
+}
+
+/// The JSON schema of the configuration: types, bounds, descriptions and defaults.
+pub fn schema_json() -> String {
+    format!("{:#}\n", Schema::new().document())
+}
+
+const HEADER: &str = "\
+# Touchline configuration.
+#
+# Every key is written out here. One that is deleted has the value of the preset; a list that is
+# given replaces the preset's list as a whole. So another preset changes only what is not set
+# below; `touchline config init --preset NAME` writes its file.
+# `touchline config check FILE` tells whether a file can be used.
+";
+
+/// Longest line of comments and lists.
+const WIDTH: usize = 96;
+/// Elements with so few keys are written in one line each, others as [[tables]].
+const MOST_INLINE_KEYS: usize = 3;
+
+/// How much is explained.
+#[derive(Clone, Copy, PartialEq)]
+enum Comments {
+    /// Every key, with space around it.
+    Full,
+    /// Every key, close together: the first table of a list.
+    Close,
+    /// Nothing: the other tables of a list.
+    None,
+}
+
+/// The keys of a table, then the tables in it.
+fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, comments: Comments) {
+    let mut first = !path.is_empty();
+    for (key, property) in node.properties() {
+        let value = table.get(key);
+        if value.is_some_and(|value| is_section(property, value)) {
+            continue;
+        }
+        // A heading and its first key belong together.
+        if comments == Comments::Full && !first {
+            out.push('\n');
+        }
+        first = false;
+        if comments != Comments::None {
+            write_comment(out, "", property.description());
+            write_legend(out, property);
+        }
+        match (value, property.example()) {
+            (Some(value), _) => {
+                out.push_str(&format!("{key} = {}\n", list_or_scalar(property, value, key)))
+            }
+            (None, Some(example)) if comments != Comments::None => {
+                let example = Value::try_from(example).expect("examples are plain values");
+                out.push_str(&format!("#{key} = {}\n", inline(Some(property), &example)));
+            }
+            (None, _) => {}
+        }
+    }
+    for (key, property) in node.properties() {
+        match table.get(key) {
+            Some(Value::Table(section)) => {
+                write_gap(out, path);
+                let path = key_path(path, key);
+                write_comment(out, "", property.description());
+                out.push_str(&format!("[{path}]\n"));
+                write_table(out, property, section, &path, comments);
+            }
+            Some(value @ Value::Array(elements)) if is_section(property, value) => {
+                write_gap(out, path);
+                let path = key_path(path, key);
+                write_comment(out, "", property.description());
+                for (index, element) in elements.iter().enumerate() {
+                    let (Value::Table(element), Some(node)) = (element, property.element()) else {
+                        continue;
+                    };
+                    out.push_str(if index == 0 { "" } else { "\n" });
+                    out.push_str(&format!("[[{path}]]\n"));
+                    let comments = if index == 0 { Comments::Close } else { Comments::None };
+                    write_table(out, node, element, &path, comments);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Sections of the top level stand further apart than keys.
+fn write_gap(out: &mut String, parent: &str) {
+    out.push_str(if parent.is_empty() { "\n\n" } else { "\n" });
+}
+
+/// Whether a key gets a heading of its own, and so has to stand behind the simple keys.
+fn is_section(property: Node, value: &Value) -> bool {
+    match value {
+        Value::Table(_) => true,
+        Value::Array(elements) => {
+            !elements.is_empty() && keys_of_elements(property) > MOST_INLINE_KEYS
+        }
+        _ => false,
+    }
+}
+
+fn keys_of_elements(property: Node) -> usize {
+    property.element().map_or(0, |element| element.properties().count())
+}
+
+/// The keys of a list's elements, where these are written in one line each.
+fn write_legend(out: &mut String, property: Node) {
+    let Some(element) = property.element() else { return };
+    let width = element.properties().map(|(key, _)| key.len()).max().unwrap_or(0);
+    for (key, property) in element.properties() {
+        write_comment(out, &format!("  {key:width$}  "), property.description());
+    }
+}
+
+/// A comment with wrapped lines; those behind the first are indented as far as `head` is long.
+fn write_comment(out: &mut String, head: &str, text: &str) {
+    let indent = head.chars().count();
+    let mut line = format!("# {head}");
+    let mut empty = true;
+    for word in text.split_whitespace() {
+        if !empty && line.chars().count() + 1 + word.chars().count() > WIDTH {
+            out.push_str(line.trim_end());
+            out.push('\n');
+            line = format!("# {:indent$}", "");
+            empty = true;
+        }
+        if !empty {
+            line.push(' ');
+        }
+        line.push_str(word);
+        empty = false;
+    }
+    if !text.is_empty() {
+        out.push_str(line.trim_end());
+        out.push('\n');
+    }
+}
+
+/// A value behind `key =`: a list that is too long for the line, or one of tables, gets a line for
+/// each element.
+fn list_or_scalar(node: Node, value: &Value, key: &str) -> String {
+    let one_line = inline(Some(node), value);
+    match value {
+        Value::Array(elements)
+            if elements.first().is_some_and(Value::is_table)
+                || key.len() + 3 + one_line.chars().count() > WIDTH =>
+        {
+            let line = |element| format!("    {},\n", inline(node.element(), element));
+            format!("[\n{}]", elements.iter().map(line).collect::<String>())
+        }
+        _ => one_line,
+    }
+}
+
+/// A value in one line; the schema knows the order of a table's keys.
+fn inline(node: Option<Node>, value: &Value) -> String {
+    match value {
+        // 2200 rather than 2200.0, as one would write it; both are read as the same number, except
+        // where the integers end.
+        Value::Float(number) if number.fract() == 0.0 && number.abs() < 1e15 => {
+            format!("{number}")
+        }
+        Value::Array(elements) => {
+            let element = node.and_then(Node::element);
+            let elements: Vec<String> =
+                elements.iter().map(|value| inline(element, value)).collect();
+            format!("[{}]", elements.join(", "))
+        }
+        Value::Table(table) => {
+            let entry = |(key, property)| {
+                Some(format!("{key} = {}", inline(Some(property), table.get(key)?)))
+            };
+            let properties = node.into_iter().flat_map(Node::properties);
+            let entries: Vec<String> = properties.filter_map(entry).collect();
+            format!("{{ {} }}", entries.join(", "))
+        }
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{ColorConfig, Preset};
+    use proptest::prelude::*;
+
+    #[test]
+    fn reading_what_was_written_gives_the_same_configuration() {
+        for preset in Preset::ALL {
+            let config = preset.config();
+            let text = commented_toml(&config);
+            assert_eq!(Config::parse(&text, preset.name()).unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn every_key_is_there_and_explained() {
+        let text = commented_toml(&Config::default());
+        let lines: Vec<&str> = text.lines().collect();
+        let values = toml::Table::try_from(Config::default()).unwrap();
+        for (section, keys) in
+            values.iter().filter_map(|(key, value)| Some((key, value.as_table()?)))
+        {
+            let heading = lines.iter().position(|line| *line == format!("[{section}]")).unwrap();
+            assert!(lines[heading - 1].starts_with("# "), "[{section}] is not explained");
+            for key in keys.keys().filter(|key| *key != "distortion") {
+                let line =
+                    lines[heading..].iter().position(|l| l.starts_with(&format!("{key} = ")));
+                let line = heading + line.unwrap_or_else(|| panic!("{section}.{key} is missing"));
+                assert!(lines[line - 1].starts_with("# "), "{section}.{key} is not explained");
+            }
+        }
+        for optional in ["#hue_deg = [350, 20]", "#saturation = [0.4, 1]"] {
+            assert_eq!(lines.iter().filter(|line| **line == optional).count(), 1, "{optional}");
+        }
+        assert!(lines.iter().all(|line| line.chars().count() <= 100));
+    }
+
+    #[test]
+    fn it_looks_like_a_file_that_a_person_wrote() {
+        let text = commented_toml(&Config::default());
+        assert!(text.contains(
+            "\n\n\
+             # The camera's picture.\n\
+             [camera]\n\
+             # Pixels in a row.\n\
+             width = 640\n\
+             \n\
+             # Rows.\n\
+             height = 480\n"
+        ));
+        assert!(text.contains(
+            "\n\
+             #   team    \"yellow\" or \"blue\".\n\
+             #   id      Number in the team.\n\
+             #   colors  One colour for each identification patch, in the order of the patches.\n\
+             identities = [\n    \
+                 { team = \"yellow\", id = 0, colors = [\"green\"] },\n"
+        ));
+        assert!(text.contains(
+            "\n\n\
+             [[colors]]\n\
+             name = \"yellow\"\n\
+             red = [111, 255]\n\
+             green = [103, 247]\n\
+             blue = [10, 56]\n\
+             looks = [225, 210, 40]\n\
+             \n\
+             [[colors]]\n"
+        ));
+    }
+
+    #[test]
+    fn empty_lists_survive() {
+        let mut config = Config::default();
+        config.colors.clear();
+        config.robots.identities.clear();
+        assert_eq!(toml::from_str::<Config>(&commented_toml(&config)).unwrap(), config);
+    }
+
+    #[test]
+    fn the_schema_describes_the_configuration() {
+        let schema: serde_json::Value = serde_json::from_str(&schema_json()).unwrap();
+        assert_eq!(schema["properties"]["preset"]["default"], "mirosot-5v5");
+        let fps = &schema["$defs"]["CameraConfig"]["properties"]["fps"];
+        assert_eq!(fps["description"], "Frames a second.");
+        assert_eq!((&fps["default"], &fps["maximum"]), (&80.0.into(), &10_000.into()));
+        assert_eq!(schema["$defs"]["CameraConfig"]["additionalProperties"], false);
+        let hue = &schema["$defs"]["ColorConfig"]["properties"]["hue_deg"];
+        assert_eq!(hue["type"], "array");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn any_names_and_numbers_survive(
+            name in any::<String>(),
+            numbers in prop::collection::vec(any::<f64>().prop_filter("finite", |n| n.is_finite()), 4),
+            hue_deg in any::<Option<[f32; 2]>>(),
+            seed in 0..=i64::MAX as u64,
+        ) {
+            let mut config = Config::default();
+            let hue_deg = hue_deg.map(|hue| hue.map(|h| if h.is_finite() { h.into() } else { 0.0 }));
+            config.colors[2] = ColorConfig { name: name.clone(), hue_deg, ..config.colors[2].clone() };
+            config.robots.identities[0].colors = vec![name.clone(); 20];
+            config.teams.blue = name;
+            config.field.length_mm = numbers[0];
+            config.geometry.points[0].field_mm = [numbers[1], numbers[2]];
+            config.robots.patches[0].outline_mm = vec![[numbers[3], 0.5]; 30];
+            config.synthetic.seed = seed;
+            let text = commented_toml(&config);
+            prop_assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
+        }
+    }
+}

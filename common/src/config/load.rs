@@ -1,0 +1,591 @@
+//! From a file to a checked configuration, or to a complaint that shows the line.
+//!
+//! The preset's configuration is the base; the file's keys replace its values one by one, lists as
+//! a whole. All that is wrong is reported at once.
+
+use super::problem::{Problem, element_path, key_path};
+use super::schema::Schema;
+use super::{Config, GeometryConfig, Preset};
+use serde::Deserialize;
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
+
+/// Why there is no configuration. The text is for people: it shows each faulty line.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read the configuration {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The file was read and is wrong.
+    #[error("{0}")]
+    Invalid(Complaints),
+}
+
+impl Config {
+    /// Reads and checks a configuration file.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ConfigError::Read { path: path.into(), source })?;
+        Self::parse(&text, &path.display().to_string())
+    }
+
+    /// Checks the text of a configuration; `origin` is its name in complaints.
+    pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
+        document.config().map_err(ConfigError::Invalid)
+    }
+}
+
+/// As [`Config::parse`], and tells what is possible but hardly meant.
+pub fn check(text: &str, origin: &str) -> Result<(Config, Complaints), ConfigError> {
+    let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
+    let config = document.config().map_err(ConfigError::Invalid)?;
+    let warnings = document.complaints(config.warnings());
+    Ok((config, warnings))
+}
+
+/// What is wrong with a text, in its order. Displays as one block a complaint.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Complaints {
+    /// What is wrong.
+    pub list: Vec<Complaint>,
+}
+
+/// A problem and its place in the text. Displays like a compiler's message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Complaint {
+    /// Name of the text.
+    pub origin: String,
+    /// What is wrong.
+    pub problem: Problem,
+    /// Where; `None` when it concerns the text as a whole, or what is not in it.
+    pub place: Option<Place>,
+}
+
+/// A part of a line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Line number, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub column: usize,
+    /// Characters to underline; at least 1.
+    pub width: usize,
+    /// The line.
+    pub source: String,
+}
+
+/// Complaints shown in full; a file of another kind can have thousands.
+const MOST_SHOWN: usize = 20;
+
+impl fmt::Display for Complaints {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, complaint) in self.list.iter().take(MOST_SHOWN).enumerate() {
+            if index > 0 {
+                f.write_str("\n\n")?;
+            }
+            write!(f, "{complaint}")?;
+        }
+        match self.list.len().saturating_sub(MOST_SHOWN) {
+            0 => Ok(()),
+            more => write!(f, "\n\n… and {more} more"),
+        }
+    }
+}
+
+impl fmt::Display for Complaint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.origin)?;
+        if let Some(place) = &self.place {
+            write!(f, ":{}:{}", place.line, place.column)?;
+        }
+        let separator = if self.problem.path.is_empty() { "" } else { ": " };
+        write!(f, ": {}{separator}{}", self.problem.path, self.problem.message)?;
+        let help = self.problem.help.as_deref().unwrap_or_default();
+        match &self.place {
+            Some(place) => place.show(f, help),
+            None if help.is_empty() => Ok(()),
+            None => write!(f, "\n     = {help}"),
+        }
+    }
+}
+
+impl Place {
+    fn new(text: &str, span: Range<usize>) -> Self {
+        let boundary = |index: usize| {
+            (0..=index.min(text.len())).rev().find(|&index| text.is_char_boundary(index))
+        };
+        let start = boundary(span.start).unwrap_or(0);
+        let end = boundary(span.end).unwrap_or(0).max(start);
+        let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+        let line_end = text[start..].find('\n').map_or(text.len(), |newline| start + newline);
+        let source = text[line_start..line_end].trim_end_matches('\r');
+        Self {
+            line: text[..start].matches('\n').count() + 1,
+            column: text[line_start..start].chars().count() + 1,
+            width: text[start..end.min(line_end)].trim_end().chars().count().max(1),
+            source: source.to_string(),
+        }
+    }
+
+    /// The line, and carets with the help below.
+    fn show(&self, f: &mut fmt::Formatter<'_>, help: &str) -> fmt::Result {
+        // Of a long line only the surroundings of the fault.
+        const MOST: usize = 100;
+        let skipped = if self.column > MOST - 20 { self.column - 20 } else { 0 };
+        // Tabs would move the carets, other control characters the terminal.
+        let visible = |c: char| if c.is_control() { ' ' } else { c };
+        let part: String = self.source.chars().skip(skipped).take(MOST).map(visible).collect();
+        let (before, after) = (
+            if skipped > 0 { "…" } else { "" },
+            if self.source.chars().count() > skipped + MOST { "…" } else { "" },
+        );
+        let indent = self.column - 1 - skipped + before.chars().count();
+        let carets = "^".repeat(self.width.min(MOST.saturating_sub(indent)).max(1));
+        write!(f, "\n{:>4} | {before}{}{after}", self.line, part.trim_end())?;
+        let space = if help.is_empty() { "" } else { " " };
+        write!(f, "\n     | {:indent$}{carets}{space}{help}", "")
+    }
+}
+
+/// A parsed text that still knows where everything is.
+struct Document<'a> {
+    text: &'a str,
+    origin: &'a str,
+    spans: DeTable<'a>,
+    values: toml::Table,
+}
+
+impl<'a> Document<'a> {
+    fn parse(text: &'a str, origin: &'a str) -> Result<Self, Complaints> {
+        let syntax = |error: toml::de::Error| Complaints {
+            list: vec![Complaint {
+                origin: origin.to_string(),
+                problem: Problem::new("", error.message().trim().replace('\n', ", ")),
+                place: error.span().map(|span| Place::new(text, span)),
+            }],
+        };
+        let spans = DeTable::parse(text).map_err(syntax)?.into_inner();
+        let values = text.parse::<toml::Table>().map_err(syntax)?;
+        Ok(Self { text, origin, spans, values })
+    }
+
+    fn config(&self) -> Result<Config, Complaints> {
+        // What concerns the text alone: it may keep the rest from making a configuration at all.
+        let mut problems = Schema::new().problems(&toml::Value::Table(self.values.clone()));
+        match self.merged() {
+            Ok(config) => {
+                let known = |problem: &Problem| problems.iter().any(|p| p.path == problem.path);
+                let further: Vec<_> =
+                    config.problems().into_iter().filter(|problem| !known(problem)).collect();
+                problems.extend(further);
+                if problems.is_empty() {
+                    return Ok(config);
+                }
+            }
+            Err(error) if problems.is_empty() => {
+                problems.push(Problem::new("", error.message().to_string()));
+            }
+            Err(_) => {}
+        }
+        Err(self.complaints(problems))
+    }
+
+    /// The preset's configuration, overridden by the text.
+    fn merged(&self) -> Result<Config, toml::de::Error> {
+        let preset = match self.values.get("preset") {
+            Some(name) => Preset::deserialize(name.clone())?,
+            None => Preset::default(),
+        };
+        let base = preset.config();
+        let mut values = self.values.clone();
+        let geometry = values.remove("geometry");
+        let mut config = merge(&base, values)?;
+        // The preset's camera sees the preset's field: another field or picture needs another.
+        if (&config.field, config.camera.width, config.camera.height)
+            != (&base.field, base.camera.width, base.camera.height)
+        {
+            config.geometry =
+                GeometryConfig::above(&config.field, &config.camera, base.geometry.camera_mm[2]);
+        }
+        match geometry {
+            None => Ok(config),
+            Some(geometry) => {
+                merge(&config, toml::Table::from_iter([("geometry".into(), geometry)]))
+            }
+        }
+    }
+
+    /// Finds the places of problems, and sorts by them.
+    fn complaints(&self, problems: Vec<Problem>) -> Complaints {
+        let mut list: Vec<(usize, Complaint)> = Vec::new();
+        let mut more_of_preset = Vec::<(String, usize)>::new();
+        for mut problem in problems {
+            let mut found = self.find(&problem.path, problem.at_key);
+            if !found.exact {
+                // One line about a list of the preset, not one for each of its elements.
+                let list_path = problem.path.split('[').next().unwrap_or_default().to_string();
+                if let Some((_, more)) = more_of_preset.iter_mut().find(|(p, _)| *p == list_path) {
+                    *more += 1;
+                    continue;
+                }
+                let note = format!("{list_path} is not in the file and has the preset's value");
+                more_of_preset.push((list_path, 0));
+                problem.help = Some(match problem.help {
+                    Some(help) => format!("{help} ({note})"),
+                    None => note,
+                });
+                if let Some(related) = &problem.related {
+                    let related = self.find(related, false);
+                    if related.exact {
+                        found = related;
+                    }
+                }
+            }
+            let place = found.span.clone().map(|span| Place::new(self.text, span));
+            let origin = self.origin.to_string();
+            let start = found.span.map_or(usize::MAX, |span| span.start);
+            list.push((start, Complaint { origin, problem, place }));
+        }
+        for (path, more) in more_of_preset.into_iter().filter(|&(_, more)| more > 0) {
+            let of_this = |complaint: &Complaint| {
+                complaint.problem.path.split('[').next() == Some(path.as_str())
+            };
+            if let Some((_, complaint)) = list.iter_mut().find(|(_, c)| of_this(c)) {
+                complaint.problem.message += &format!(" (and {more} more in {path})");
+            }
+        }
+        list.sort_by_key(|&(start, _)| start);
+        Complaints { list: list.into_iter().map(|(_, complaint)| complaint).collect() }
+    }
+
+    /// Where a key or its value is, or else the nearest table around it.
+    fn find(&self, path: &str, at_key: bool) -> Found {
+        let mut found = Found { span: None, exact: path.is_empty() };
+        found.search_table(&self.spans, "", path, at_key);
+        found
+    }
+}
+
+struct Found {
+    span: Option<Range<usize>>,
+    /// The very key, not only a table around it.
+    exact: bool,
+}
+
+impl Found {
+    fn search_table(&mut self, table: &DeTable, path: &str, target: &str, at_key: bool) {
+        for (key, value) in table {
+            let here = key_path(path, key.get_ref());
+            if leads_to(&here, target) {
+                self.exact = here == target;
+                let key_itself = self.exact && at_key;
+                self.span = Some(if key_itself { key.span() } else { value.span() });
+                self.search_value(value.get_ref(), &here, target, at_key);
+            }
+        }
+    }
+
+    fn search_value(&mut self, value: &DeValue, path: &str, target: &str, at_key: bool) {
+        match value {
+            DeValue::Table(table) => self.search_table(table, path, target, at_key),
+            DeValue::Array(array) => {
+                for (index, element) in array.iter().enumerate() {
+                    let here = element_path(path, index);
+                    if leads_to(&here, target) {
+                        self.exact = here == target;
+                        self.span = Some(element.span());
+                        self.search_value(element.get_ref(), &here, target, at_key);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Whether `path` is that of the target or of something around it.
+fn leads_to(path: &str, target: &str) -> bool {
+    target.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+}
+
+/// The configuration with some of its values replaced.
+fn merge(base: &Config, overrides: toml::Table) -> Result<Config, toml::de::Error> {
+    let mut values =
+        toml::Table::try_from(base).map_err(|error| serde::de::Error::custom(error.to_string()))?;
+    merge_tables(&mut values, overrides);
+    Config::deserialize(values)
+}
+
+fn merge_tables(base: &mut toml::Table, overrides: toml::Table) {
+    for (key, value) in overrides {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(value)) => {
+                merge_tables(base, value);
+            }
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{FieldConfig, commented_toml};
+    use proptest::prelude::*;
+
+    fn parse(text: &str) -> Config {
+        Config::parse(text, "match.toml").unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    fn message(text: &str) -> String {
+        match Config::parse(text, "match.toml") {
+            Ok(_) => panic!("accepted:\n{text}"),
+            Err(error) => error.to_string(),
+        }
+    }
+
+    /// The first lines of the complaints.
+    fn headlines(text: &str) -> Vec<String> {
+        let message = message(text);
+        let lines = message.lines().filter(|line| line.starts_with("match.toml"));
+        lines.map(str::to_string).collect()
+    }
+
+    #[test]
+    fn an_unknown_key_is_shown_with_what_was_meant() {
+        assert_eq!(
+            message("# My pitch\n[camera]\nwidth = 640\n\tfsp = 80 # fast\n"),
+            "match.toml:4:2: camera.fsp: there is no such key\n   \
+                4 |  fsp = 80 # fast\n     \
+                  |  ^^^ did you mean `fps`?"
+        );
+        assert_eq!(
+            message("fps = 80\n"),
+            "match.toml:1:1: fps: there is no such key\n   \
+                1 | fps = 80\n     \
+                  | ^^^ `fps` belongs in [camera]"
+        );
+        assert_eq!(
+            message("[ball]\nmass = 46\n"),
+            "match.toml:2:1: ball.mass: there is no such key\n   \
+                2 | mass = 46\n     \
+                  | ^^^^ the keys here are color and diameter_mm"
+        );
+    }
+
+    #[test]
+    fn a_wrong_type_is_shown_with_the_right_one() {
+        assert_eq!(
+            message("[camera]\nwidth = \"640\"\n"),
+            "match.toml:2:9: camera.width: must be a whole number, not the text \"640\"\n   \
+                2 | width = \"640\"\n     \
+                  |         ^^^^^ write it without the quotes"
+        );
+        assert_eq!(
+            message("[camera]\r\nbayer_order = \"rgbg\"\r\n"),
+            "match.toml:2:15: camera.bayer_order: \"rgbg\" is unknown\n   \
+                2 | bayer_order = \"rgbg\"\n     \
+                  |               ^^^^^^ did you mean \"rggb\"? \
+                  Possible are \"rggb\", \"grbg\", \"gbrg\" and \"bggr\""
+        );
+        assert_eq!(headlines("camera = 3"), ["match.toml:1:10: camera: must be a table, not 3"]);
+    }
+
+    #[test]
+    fn problems_inside_lists_have_their_own_lines() {
+        let colors = commented_toml(&Config::default());
+        let start = colors.find("[[colors]]").unwrap();
+        let end = colors.find("# The colours of the two teams").unwrap();
+        let colors = colors[start..end].replace("red = [12, 62]", "red = [62, 12]");
+        let line = 1 + colors.lines().position(|line| line == "red = [62, 12]").unwrap();
+        assert_eq!(
+            headlines(&colors),
+            [format!(
+                "match.toml:{line}:7: colors[3].red: from 62 to 12 is empty: \
+                 the lowest value comes first"
+            )]
+        );
+        let robots = "[robots]\nidentities = [\n  { team = \"blue\", id = 1, colors = [\"red\"] },\n  \
+                      { team = \"blue\", id = 2, colors = [\"pnik\"] },\n]\n";
+        assert_eq!(
+            message(robots),
+            "match.toml:4:38: robots.identities[1].colors[0]: there is no colour \"pnik\"\n   \
+                4 |   { team = \"blue\", id = 2, colors = [\"pnik\"] },\n     \
+                  |                                      ^^^^^^ did you mean \"pink\"?"
+        );
+    }
+
+    #[test]
+    fn a_missing_key_is_shown_at_its_table() {
+        let text = "[[robots.identities]]\nteam = \"blue\"\nid = 1\ncolors = [\"red\"]\n\n\
+                    [[robots.identities]]\nteam = \"blue\"\ncolour = [\"green\"]\n";
+        assert_eq!(
+            headlines(text),
+            [
+                "match.toml:6:1: robots.identities[1]: the key `id` is missing",
+                // That `colors` is missing needs no complaint of its own.
+                "match.toml:8:1: robots.identities[1].colour: there is no such key",
+            ]
+        );
+    }
+
+    #[test]
+    fn everything_wrong_is_told_at_once_in_order() {
+        let text = "[filter]\nposition_noise_mm = 0\n[camera]\nfps = inf\n\
+                    [teams]\nyellow = \"lemon\"\n";
+        assert_eq!(
+            headlines(text),
+            [
+                "match.toml:2:21: filter.position_noise_mm: \
+                 must lie between 0.001 and 1000, but is 0",
+                "match.toml:4:7: camera.fps: must be a finite number, not inf",
+                "match.toml:6:10: teams.yellow: there is no colour \"lemon\"",
+            ]
+        );
+    }
+
+    #[test]
+    fn what_the_preset_brings_is_blamed_on_the_line_that_does_not_fit_it() {
+        let text = "[[colors]]\nname = \"orange\"\nred = [115, 255]\ngreen = [30, 110]\n\
+                    blue = [0, 40]\nlooks = [235, 110, 25]\n";
+        let message = message(text);
+        let lines: Vec<&str> = message.lines().collect();
+        assert!(lines[0].starts_with("match.toml:1:1: teams.yellow: there is no colour"));
+        assert!(lines[2].contains("teams.yellow is not in the file"), "{message}");
+        // Ten robots wear colours that are gone: one complaint.
+        let robots: Vec<_> = lines.iter().filter(|line| line.contains("identities[")).collect();
+        assert_eq!(robots.len(), 1, "{message}");
+        assert!(robots[0].ends_with("(and 9 more in robots.identities)"), "{message}");
+    }
+
+    #[test]
+    fn syntax_errors_have_a_place_too() {
+        assert_eq!(
+            message("# no\n[camera\nfps = 3\n"),
+            "match.toml:2:8: unclosed table, expected `]`\n   \
+                2 | [camera\n     \
+                  |        ^"
+        );
+        assert_eq!(headlines("[camera]\nfps = 1\nfps = 2\n")[0], "match.toml:3:1: duplicate key");
+    }
+
+    #[test]
+    fn long_lines_are_shown_around_the_fault() {
+        let names = "\"ä\", ".repeat(200);
+        let message = message(&format!("ball = {{ diameter_mm = 40, color = [{names}], x = 0 }}"));
+        assert!(message.lines().all(|line| line.chars().count() < 120), "{message}");
+        assert!(message.lines().nth(5).unwrap().contains("x = 0"), "{message}");
+    }
+
+    #[test]
+    fn a_terminal_is_not_told_to_do_things() {
+        let message = message("[camera]\nfps = \"\u{9b}2J\"\n\"a\\u001b[2J\" = 1\n");
+        assert!(!message.contains(|c: char| c.is_control() && c != '\n'), "{message:?}");
+    }
+
+    #[test]
+    fn an_empty_file_is_the_default() {
+        assert_eq!(parse(""), Config::default());
+        assert_eq!(parse("preset = \"vsss-3v3\""), Preset::Vsss3v3.config());
+    }
+
+    #[test]
+    fn keys_override_the_preset_one_by_one_and_lists_as_a_whole() {
+        let config = parse(
+            "preset = \"mirosot-large\"\n[filter]\ngate_chi2 = 20\n[geometry.distortion]\nk1 = 0.01\n\
+             [robots]\nidentities = [{ team = \"blue\", id = 7, colors = [\"red\", \"green\"] }]",
+        );
+        let mut expected = Preset::MirosotLarge.config();
+        expected.filter.gate_chi2 = 20.0;
+        expected.geometry.distortion.k1 = 0.01;
+        expected.robots.identities.truncate(1);
+        let robot = &mut expected.robots.identities[0];
+        (robot.team, robot.id) = (crate::messages::Team::Blue, 7);
+        robot.colors = vec!["red".into(), "green".into()];
+        assert_eq!(config, expected);
+    }
+
+    #[test]
+    fn the_presets_camera_follows_field_and_picture() {
+        let config = parse("[camera]\nwidth = 1280\nheight = 960\n[field]\nlength_mm = 2000\n");
+        let field = FieldConfig { length_mm: 2000.0, ..FieldConfig::default() };
+        assert_eq!(config.geometry, GeometryConfig::above(&field, &config.camera, 2200.0));
+        assert_eq!(config.warnings(), []);
+        // What is given stays.
+        let config =
+            parse("[camera]\nwidth = 1280\nheight = 960\n[geometry]\ncamera_mm = [1, 2, 3000]");
+        assert_eq!(config.geometry.camera_mm, [1.0, 2.0, 3000.0]);
+        assert_eq!(config.geometry.distortion.center_px, [639.5, 479.5]);
+        // Other changes leave the preset's camera alone.
+        assert_eq!(parse("[camera]\nfps = 200").geometry, Config::default().geometry);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_is_named() {
+        let error = Config::load(Path::new("/nowhere/match.toml")).unwrap_err().to_string();
+        assert!(error.contains("/nowhere/match.toml"), "{error}");
+    }
+
+    /// Whether it is accepted does not matter, as long as there is an answer.
+    fn survives(text: &str) {
+        match check(text, "any") {
+            Ok((config, warnings)) => {
+                assert_eq!(config.problems(), []);
+                let _ = warnings.to_string();
+            }
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+    }
+
+    #[test]
+    fn any_value_for_any_key_gets_an_answer() {
+        let text = commented_toml(&Config::default());
+        let lines: Vec<&str> = text.lines().collect();
+        for (index, line) in lines.iter().enumerate() {
+            let Some((key, _)) = line.split_once(" = ").filter(|_| !line.starts_with('#')) else {
+                continue;
+            };
+            let list = if line.ends_with('[') { "[ # " } else { "" };
+            for value in ["-1", "1e308", "nan", "99999999999999", "\"\"", "[]", "{}", "true"] {
+                let mut changed = lines.clone();
+                let line = format!("{key} = {list}{value}");
+                changed[index] = &line;
+                survives(&changed.join("\n"));
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        #[test]
+        fn any_text_gets_an_answer(text in any::<String>()) {
+            survives(&text);
+        }
+
+        #[test]
+        fn a_mutilated_file_gets_an_answer(
+            cuts in prop::collection::vec((any::<prop::sample::Index>(), 0usize..40, ".{0,3}"), 1..4),
+        ) {
+            let mut text = commented_toml(&Config::default());
+            for (place, length, insert) in cuts {
+                let mut chars: Vec<char> = text.chars().collect();
+                let start = place.index(chars.len());
+                let end = (start + length).min(chars.len());
+                chars.splice(start..end, insert.chars());
+                text = chars.into_iter().collect();
+            }
+            survives(&text);
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! A group's name, and everything that keeps two groups on one machine apart: a private runtime
+//! directory, a prefix for shared memory, and a lock that says whether its supervisor lives.
+
+use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+/// Overrides the directory under which instances keep their runtime directories.
+pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
+/// The instance used when none is named.
+pub const DEFAULT_INSTANCE: &str = "default";
+/// Longest name: socket paths are limited to 108 bytes and hold the name.
+const MAX_NAME: usize = 24;
+
+/// Why an instance cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum InstanceError {
+    /// The name does not fit into file names.
+    #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-'")]
+    Name(String),
+    /// The runtime directory is not ours alone.
+    #[error("{path} {problem}; remove it or choose another place with {RUNTIME_DIR_VARIABLE}")]
+    Directory {
+        /// The directory.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+    /// Something in the runtime directory could not be made, opened or removed.
+    #[error("{path}: {source}")]
+    Io {
+        /// What was touched.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The resulting path is too long for iceoryx2.
+    #[error(
+        "{0} is too long or has unusual characters; choose another place with {RUNTIME_DIR_VARIABLE}"
+    )]
+    Path(PathBuf),
+}
+
+/// A named group of processes on this machine, belonging to one user.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Instance {
+    name: String,
+    directory: PathBuf,
+}
+
+impl Instance {
+    /// The instance of that name. Nothing is created yet.
+    pub fn new(name: &str) -> Result<Self, InstanceError> {
+        Self::below(&runtime_base(), name)
+    }
+
+    /// The instance of that name whose runtime directory lies below `base`, for programs that look
+    /// after several.
+    pub fn below(base: &Path, name: &str) -> Result<Self, InstanceError> {
+        let valid = (1..=MAX_NAME).contains(&name.len())
+            && name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-'));
+        if !valid {
+            return Err(InstanceError::Name(name.into()));
+        }
+        Ok(Self { name: name.into(), directory: base.join(name) })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Where its lock, configuration snapshot and logs are.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// The configuration that the running group uses.
+    pub fn config_path(&self) -> PathBuf {
+        self.directory.join("config.toml")
+    }
+
+    /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
+    /// a world-writable place somebody could have put a directory or a link there first.
+    pub fn create_directory(&self) -> Result<(), InstanceError> {
+        let base = self.directory.parent().unwrap_or(Path::new("/"));
+        for path in [base, &self.directory] {
+            if let Err(source) = fs::DirBuilder::new().recursive(true).mode(0o700).create(path) {
+                return Err(InstanceError::Io { path: path.into(), source });
+            }
+            let data = fs::symlink_metadata(path)
+                .map_err(|source| InstanceError::Io { path: path.into(), source })?;
+            let problem = if !data.is_dir() {
+                "is not a directory"
+            } else if data.uid() != rustix::process::getuid().as_raw() {
+                "belongs to another user"
+            } else if path == self.directory && data.mode() & 0o022 != 0 {
+                "can be written by other users"
+            } else {
+                continue;
+            };
+            return Err(InstanceError::Directory { path: path.into(), problem });
+        }
+        Ok(())
+    }
+
+    /// Takes the supervisor's lock; `None` when a living supervisor holds it. The kernel gives it
+    /// up when its holder dies, however that happens.
+    pub fn lock(&self) -> Result<Option<File>, InstanceError> {
+        let (path, mut file) = self.open_lock(true)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => match write_pid(&mut file) {
+                Ok(()) => Ok(Some(file)),
+                Err(source) => Err(InstanceError::Io { path, source }),
+            },
+            Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
+            Err(error) => Err(InstanceError::Io { path, source: error.into() }),
+        }
+    }
+
+    /// Whether a supervisor is alive.
+    pub fn is_supervised(&self) -> bool {
+        self.open_lock(false).is_ok_and(|(_, file)| {
+            flock(&file, FlockOperation::NonBlockingLockShared)
+                == Err(rustix::io::Errno::WOULDBLOCK)
+        })
+    }
+
+    /// Number of the process that holds the lock, if one does.
+    pub fn supervisor_pid(&self) -> Option<u32> {
+        let (path, _) = self.open_lock(false).ok()?;
+        let pid = fs::read_to_string(path).ok()?.trim().parse().ok()?;
+        self.is_supervised().then_some(pid)
+    }
+
+    fn open_lock(&self, create: bool) -> Result<(PathBuf, File), InstanceError> {
+        let path = self.directory.join("supervisor.lock");
+        let file = OpenOptions::new()
+            .create(create)
+            .truncate(false)
+            .read(true)
+            .write(create)
+            .mode(0o600)
+            .open(&path)
+            .map_err(|source| InstanceError::Io { path: path.clone(), source })?;
+        Ok((path, file))
+    }
+
+    /// The iceoryx2 configuration of this instance. Dead processes are cleaned up by the
+    /// supervisor, off the critical path: a stage that cleans while it starts would cost tens of
+    /// milliseconds.
+    pub fn ipc_config(&self) -> Result<IpcConfig, InstanceError> {
+        let too_long = || InstanceError::Path(self.directory.clone());
+        let mut config = IpcConfig::default();
+        let root = self.directory.join("ipc");
+        let root = root.to_str().ok_or_else(too_long)?;
+        config.global.set_root_path(&IpcPath::new(root.as_bytes()).map_err(|_| too_long())?);
+        config.global.prefix =
+            FileName::new(self.shared_memory_prefix().as_bytes()).map_err(|_| too_long())?;
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(config)
+    }
+
+    /// How the names of this instance's shared memory begin. It depends on the directory too, so
+    /// that groups of the same name in different places never meet.
+    pub fn shared_memory_prefix(&self) -> String {
+        let path = self.directory.to_string_lossy();
+        format!("touchline_{}_{:08x}_", self.name, fnv1a(path.as_bytes()) as u32)
+    }
+
+    /// Removes everything a group has left behind in shared memory and in the runtime directory.
+    /// Only for the holder of the lock, and only when none of the group's processes is alive:
+    /// removing one half of what iceoryx2 keeps, or removing it under a living process, is worse
+    /// than leaving it.
+    pub fn wipe(&self) -> Result<(), InstanceError> {
+        let shared_memory = Path::new("/dev/shm");
+        let prefix = self.shared_memory_prefix();
+        let entries = fs::read_dir(shared_memory)
+            .map_err(|source| InstanceError::Io { path: shared_memory.into(), source })?;
+        for entry in entries.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                remove(fs::remove_file(entry.path()), &entry.path())?;
+            }
+        }
+        let ipc = self.directory.join("ipc");
+        remove(fs::remove_dir_all(&ipc), &ipc)
+    }
+
+    /// Removes the runtime directory itself, at the end of a group's life.
+    pub fn remove_directory(&self) -> Result<(), InstanceError> {
+        remove(fs::remove_dir_all(&self.directory), &self.directory)?;
+        if let Some(base) = self.directory.parent() {
+            // Goes only when no other instance is in it.
+            let _ = fs::remove_dir(base);
+        }
+        Ok(())
+    }
+}
+
+fn write_pid(file: &mut File) -> std::io::Result<()> {
+    file.set_len(0)?;
+    writeln!(file, "{}", std::process::id())
+}
+
+fn remove(result: std::io::Result<()>, path: &Path) -> Result<(), InstanceError> {
+    match result {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(InstanceError::Io { path: path.into(), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn runtime_base() -> PathBuf {
+    let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
+    if let Some(directory) = from(RUNTIME_DIR_VARIABLE) {
+        return directory.into();
+    }
+    match from("XDG_RUNTIME_DIR") {
+        Some(directory) => PathBuf::from(directory).join("touchline"),
+        None => PathBuf::from(format!("/tmp/touchline-{}", rustix::process::getuid().as_raw())),
+    }
+}
+
+/// FNV-1a: short, stable between builds, good enough to tell names and tables apart.
+pub fn fnv1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_do_not_fit_into_file_names_are_refused() {
+        for name in ["", "../x", "a b", "A", "äh", "x".repeat(MAX_NAME + 1).as_str()] {
+            assert!(Instance::new(name).is_err(), "{name:?} was accepted");
+        }
+        assert!(Instance::new("match-2").is_ok());
+    }
+}

@@ -1,0 +1,225 @@
+//! The frame every stage process runs in: arguments, signals, heartbeat, and the way from spare to
+//! active.
+//!
+//! A process connects to all its topics first and reports itself as a spare. Started as a spare, it
+//! then sleeps until SIGUSR1 promotes it; otherwise it goes on at once. SIGTERM asks any process to
+//! end after the message it is working on. A process without a supervisor keeps working for the
+//! configured time, so that a match outlives a crash of the supervisor, and then ends by itself, so
+//! that nothing is left running for ever.
+
+use crate::bus::{Bus, BusError, Publisher};
+use crate::clock::monotonic_ns;
+use crate::config::Config;
+use crate::instance::{Instance, InstanceError};
+use crate::messages::{DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState};
+use crate::topics;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Sequence number before the first frame.
+pub const NO_SEQ: u64 = u64::MAX;
+/// Time between heartbeats.
+pub const HEARTBEAT: Duration = Duration::from_millis(100);
+/// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
+pub const LOOK_AROUND: Duration = Duration::from_millis(50);
+
+/// How a process is started.
+#[derive(Debug, Clone)]
+pub struct ProcessOptions {
+    /// The group it belongs to.
+    pub instance: Instance,
+    /// Starts as a spare and waits to be promoted.
+    pub spare: bool,
+}
+
+/// Why a process cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum ProcessError {
+    /// Shared memory.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// Runtime directory.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// Signals or waiting.
+    #[error("{action}: {source}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The stage itself could not be built, or its source of frames is gone.
+    #[error("{0}")]
+    Stage(String),
+}
+
+/// A stage process, from its start to its end.
+pub struct Process {
+    /// Its membership in the group.
+    pub bus: Bus,
+    /// What it has done so far; goes out with every heartbeat.
+    pub counters: Heartbeat,
+    instance: Instance,
+    health: Publisher<Heartbeat, ()>,
+    stop: Arc<AtomicBool>,
+    promotion: UnixStream,
+    spare: bool,
+    orphan_timeout: Duration,
+    orphaned_since_ns: Option<u64>,
+    beat_ns: u64,
+}
+
+impl Process {
+    /// Joins the group. Signals are handled from here on.
+    pub fn start(
+        kind: ProcessKind,
+        options: &ProcessOptions,
+        config: &Config,
+    ) -> Result<Self, ProcessError> {
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))
+                .map_err(system("handle signals"))?;
+        }
+        let (promotion, promoter) = UnixStream::pair().map_err(system("make a socket pair"))?;
+        signal_hook::low_level::pipe::register(signal_hook::consts::SIGUSR1, promoter)
+            .map_err(system("handle signals"))?;
+
+        let bus = Bus::join(&options.instance, kind.name())?;
+        let health = bus.publisher(&topics::HEALTH, 1)?;
+        let counters = Heartbeat {
+            t_sent_ns: 0,
+            pid: std::process::id(),
+            process: kind as u32,
+            state: ProcessState::Spare as u32,
+            reserved: 0,
+            seq_in: NO_SEQ,
+            seq_out: NO_SEQ,
+            frames_in: 0,
+            frames_out: 0,
+            frames_missed: 0,
+            dropped: [0; DropReason::ALL.len()],
+        };
+        Ok(Self {
+            bus,
+            counters,
+            instance: options.instance.clone(),
+            health,
+            stop,
+            promotion,
+            spare: options.spare,
+            orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
+            orphaned_since_ns: None,
+            beat_ns: 0,
+        })
+    }
+
+    /// Call when all topics are connected. Returns when the process is to work: at once, or, for a
+    /// spare, on promotion. `false` means that it is to end instead.
+    pub fn activate(&mut self) -> Result<bool, ProcessError> {
+        self.beat(ProcessState::Spare)?;
+        if self.spare {
+            while self.keep_running()? && !self.promoted_within(LOOK_AROUND)? {}
+        }
+        let go_on = self.keep_running()?;
+        if go_on {
+            self.beat(ProcessState::Active)?;
+        }
+        Ok(go_on)
+    }
+
+    /// Looks around: sends the heartbeat when it is due, and says whether to go on. Call at least
+    /// every [`LOOK_AROUND`] and once a message.
+    pub fn keep_running(&mut self) -> Result<bool, ProcessError> {
+        let now = monotonic_ns();
+        if self.stop.load(Ordering::Relaxed) {
+            // The last word, so that the counters of a process that ends in order are complete.
+            self.publish_heartbeat(now)?;
+            return Ok(false);
+        }
+        if now.saturating_sub(self.beat_ns) < HEARTBEAT.as_nanos() as u64 {
+            return Ok(true);
+        }
+        self.publish_heartbeat(now)?;
+        if self.instance.is_supervised() {
+            self.orphaned_since_ns = None;
+            return Ok(true);
+        }
+        let since = *self.orphaned_since_ns.get_or_insert(now);
+        Ok(now - since < self.orphan_timeout.as_nanos() as u64)
+    }
+
+    /// Reports a change of state at once.
+    pub fn beat(&mut self, state: ProcessState) -> Result<(), ProcessError> {
+        self.counters.state = state as u32;
+        self.publish_heartbeat(monotonic_ns())
+    }
+
+    fn publish_heartbeat(&mut self, now: u64) -> Result<(), ProcessError> {
+        self.beat_ns = now;
+        self.counters.t_sent_ns = now;
+        Ok(self.health.publish(&self.counters)?)
+    }
+
+    fn promoted_within(&self, timeout: Duration) -> Result<bool, ProcessError> {
+        let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
+        match poll(&mut [PollFd::new(&self.promotion, PollFlags::IN)], Some(&timeout)) {
+            Ok(ready) => Ok(ready > 0),
+            Err(rustix::io::Errno::INTR) => Ok(false),
+            Err(error) => Err(system("wait for promotion")(error.into())),
+        }
+    }
+}
+
+/// Counting what goes in and out of a stage.
+impl Process {
+    /// Decides whether to work on an input: `false`, and counted, when its number is not above the
+    /// last one's. Gaps are counted too.
+    pub fn accept(&mut self, seq: u64) -> bool {
+        let counters = &mut self.counters;
+        if counters.seq_in != NO_SEQ {
+            if seq <= counters.seq_in {
+                self.drop_input(DropReason::OutOfOrder);
+                return false;
+            }
+            counters.frames_missed += seq - counters.seq_in - 1;
+        }
+        counters.seq_in = seq;
+        counters.frames_in += 1;
+        true
+    }
+
+    /// Continues after a predecessor's last output: everything up to it counts as done.
+    pub fn resume_after(&mut self, seq: u64) {
+        self.counters.seq_in = seq;
+        self.counters.seq_out = seq;
+    }
+
+    /// Counts an output.
+    pub fn sent(&mut self, seq: u64) {
+        self.counters.seq_out = seq;
+        self.counters.frames_out += 1;
+    }
+
+    /// Counts an input that was not worked on.
+    pub fn drop_input(&mut self, reason: DropReason) {
+        self.counters.dropped[reason as usize] += 1;
+    }
+}
+
+impl From<&FrameFault> for DropReason {
+    fn from(fault: &FrameFault) -> Self {
+        match fault {
+            FrameFault::PixelFormat(_) | FrameFault::BayerOrder(_) => Self::WrongFormat,
+            FrameFault::Size { .. } | FrameFault::Truncated { .. } => Self::WrongSize,
+        }
+    }
+}
+
+fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {
+    move |source| ProcessError::System { action, source }
+}

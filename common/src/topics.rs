@@ -1,0 +1,66 @@
+//! The topics: who writes them, who reads them, and how much is kept for whom.
+//!
+//! This table is the architecture. All topics overwrite the oldest unread message when a reader's
+//! buffer is full, and discard rather than wait: no reader can hold up a writer.
+
+use crate::messages::*;
+use std::marker::PhantomData;
+
+/// One topic. A message on it is a slice of `Element`s with a `Header` beside it; where the element
+/// is a whole message, the slice has one.
+#[derive(Debug)]
+pub struct Topic<Element, Header = ()> {
+    /// Service name within the instance.
+    pub name: &'static str,
+    /// Who publishes.
+    pub writer: &'static str,
+    /// Who subscribes, extra consumers aside.
+    pub readers: &'static str,
+    /// Unread messages kept for each subscriber.
+    pub buffer: usize,
+    /// Messages a subscriber may hold at the same time.
+    pub borrowed: usize,
+    /// Publishers at the same time: the active process, its spare, and predecessors that are dead
+    /// but not yet cleaned up.
+    pub publishers: usize,
+    /// Subscribers at the same time.
+    pub subscribers: usize,
+    types: PhantomData<fn(Element, Header)>,
+}
+
+const fn topic<Element, Header>(
+    name: &'static str,
+    writer: &'static str,
+    readers: &'static str,
+    buffer: usize,
+) -> Topic<Element, Header> {
+    Topic {
+        name,
+        writer,
+        readers,
+        buffer,
+        borrowed: 4,
+        publishers: 4,
+        subscribers: 12,
+        types: PhantomData,
+    }
+}
+
+/// Raw frames; the payload is the pixels, `stride` bytes a row.
+pub const FRAMES: Topic<u8, FrameHeader> = topic("frames", "grabber", "classifier", 64);
+/// Runs of classified pixels.
+pub const RUNS: Topic<Run, RunsHeader> = topic("runs", "classifier", "tracker", 64);
+/// Regions, robots and balls of one frame.
+pub const DETECTIONS: Topic<DetectionFrame> = topic("detections", "tracker", "filter, scorer", 64);
+/// Filtered robots and ball.
+pub const WORLD: Topic<WorldFrame> = topic("world", "filter", "tracker, scorer, strategies", 64);
+/// Wheel speeds that strategies have sent to the robots.
+pub const COMMANDS: Topic<Commands> =
+    Topic { publishers: 8, ..topic("commands", "strategies, synthetic match", "filter", 64) };
+/// Signs of life of every process.
+pub const HEALTH: Topic<Heartbeat> =
+    Topic { publishers: 24, ..topic("health", "every process", "supervisor", 64) };
+/// The synthetic match's own knowledge.
+pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic)", "scorer", 64);
+/// The report of the running group, as JSON text.
+pub const STATUS: Topic<u8, StatusHeader> = topic("status", "supervisor", "touchline status", 1);

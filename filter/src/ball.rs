@@ -1,0 +1,156 @@
+//! The Kalman filter of the ball: constant velocity, less what rolling costs.
+//!
+//! State (x, y, vx, vy). Over a time T the velocity falls by the factor φ = (1 − friction)^T and
+//! carries the ball T·ψ·v, ψ = (φ − 1)/(T·ln(1 − friction)); the model is linear. Noise is white
+//! acceleration, as for a free robot. Two hypotheses: rolling, and struck, when a kick may change
+//! the velocity by metres per second within a frame.
+
+use crate::blend::{Blend, Wrap};
+use crate::gaussian::Gaussian;
+use crate::robot::NOISE_LASTS_S;
+use crate::track::Motion;
+use common::config::FilterConfig;
+use common::messages::BALL_HYPOTHESES;
+use nalgebra::{Matrix4, SVector, Vector2, Vector4};
+
+/// Uncertainty of the velocity of a ball seen for the first time.
+const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
+/// No ball is faster; used to tell whether two sightings can be of the same ball.
+const MAX_SPEED_MM_S: f64 = 6000.0;
+/// Friction that would stop the ball at once is taken as this, to keep the logarithm finite.
+const MAX_FRICTION_PER_S: f64 = 0.999;
+
+/// The constants of the filter, from the configuration, in mm and s.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallMotion {
+    variances: Vector2<f64>,
+    /// Acceleration noise by hypothesis.
+    accelerations: [f64; BALL_HYPOTHESES],
+    /// −ln(1 − friction): the rate at which the speed decays.
+    decay_per_s: f64,
+}
+
+impl BallMotion {
+    /// As configured.
+    pub fn new(config: &FilterConfig) -> Self {
+        let rolling = config.ball_acceleration_noise_mm_s2;
+        let friction = config.ball_friction_per_s.clamp(0.0, MAX_FRICTION_PER_S);
+        Self {
+            variances: Vector2::repeat(config.ball_noise_mm.powi(2)),
+            accelerations: [rolling, rolling * config.ball_kick_factor],
+            decay_per_s: -(-friction).ln_1p(),
+        }
+    }
+
+    /// What is believed `dt_s` later under one of the hypotheses (by its index).
+    pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
+        let a = self.transition(dt_s);
+        let density = self.accelerations[hypothesis].powi(2) * NOISE_LASTS_S;
+        let mut q = Matrix4::zeros();
+        for axis in 0..2 {
+            q[(axis, axis)] = density * dt_s.powi(3) / 3.0;
+            q[(axis, axis + 2)] = density * dt_s.powi(2) / 2.0;
+            q[(axis + 2, axis)] = q[(axis, axis + 2)];
+            q[(axis + 2, axis + 2)] = density * dt_s;
+        }
+        belief.mean = a * belief.mean;
+        belief.covariance = a * belief.covariance * a.transpose() + q;
+        belief.symmetrise();
+    }
+
+    /// Where the ball rolls to.
+    pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
+        self.transition(dt_s) * state
+    }
+
+    fn transition(&self, dt_s: f64) -> Matrix4<f64> {
+        let decayed = self.decay_per_s * dt_s;
+        let carried_s = if decayed > 0.0 { -(-decayed).exp_m1() / self.decay_per_s } else { dt_s };
+        let mut a = Matrix4::identity();
+        for axis in 0..2 {
+            a[(axis, axis + 2)] = carried_s;
+            a[(axis + 2, axis + 2)] = (-decayed).exp();
+        }
+        a
+    }
+}
+
+impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
+    const WRAP: Wrap<4> = no_angles::<4>;
+    const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
+    /// From rolling, struck to the same.
+    const ODDS: [[f64; BALL_HYPOTHESES]; BALL_HYPOTHESES] = [[0.98, 0.02], [0.9, 0.1]];
+
+    fn variances(&self) -> &Vector2<f64> {
+        &self.variances
+    }
+
+    fn initial(&self, measured: &Vector2<f64>) -> Blend<4, BALL_HYPOTHESES> {
+        let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
+        let belief = Gaussian {
+            mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&Vector4::new(
+                self.variances[0],
+                self.variances[1],
+                speed_variance,
+                speed_variance,
+            )),
+        };
+        Blend::new(belief, [0.9, 0.1])
+    }
+
+    fn reach(&self, dt_s: f64) -> Vector2<f64> {
+        self.variances.map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
+    }
+
+    fn limits(&self) -> Vector4<f64> {
+        Vector4::repeat(1e6)
+    }
+}
+
+fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::config::Config;
+
+    #[test]
+    fn a_rolling_ball_slows_down() {
+        let config = FilterConfig { ball_friction_per_s: 0.3, ..Config::default().filter };
+        let motion = BallMotion::new(&config);
+        let start = Vector4::new(0.0, 0.0, 1000.0, -500.0);
+        let end = motion.advance(&start, 1.0);
+        assert!((end[2] - 700.0).abs() < 1e-9 && (end[3] + 350.0).abs() < 1e-9, "{end}");
+        // 300 / −ln 0.7
+        assert!((end[0] - 841.1019).abs() < 1e-3, "{end}");
+        // However it is cut.
+        let cut = (0..10).fold(start, |state, _| motion.advance(&state, 0.1));
+        assert!((cut - end).norm() < 1e-9);
+    }
+
+    #[test]
+    fn without_friction_it_rolls_on() {
+        let config = FilterConfig { ball_friction_per_s: 0.0, ..Config::default().filter };
+        let end = BallMotion::new(&config).advance(&Vector4::new(1.0, 2.0, 300.0, 40.0), 0.5);
+        assert!((end - Vector4::new(151.0, 22.0, 300.0, 40.0)).norm() < 1e-9, "{end}");
+        let config = FilterConfig { ball_friction_per_s: 1.0, ..Config::default().filter };
+        let end = BallMotion::new(&config).advance(&Vector4::new(1.0, 2.0, 300.0, 40.0), 0.5);
+        assert!(end.iter().all(|value| value.is_finite()));
+    }
+
+    #[test]
+    fn two_halves_add_as_much_noise_as_one_whole() {
+        let config = FilterConfig { ball_friction_per_s: 0.0, ..Config::default().filter };
+        let motion = BallMotion::new(&config);
+        let known = Gaussian { mean: Vector4::zeros(), covariance: Matrix4::zeros() };
+        for hypothesis in 0..BALL_HYPOTHESES {
+            let (mut once, mut twice) = (known, known);
+            motion.predict(&mut once, hypothesis, 0.0125);
+            motion.predict(&mut twice, hypothesis, 0.00625);
+            motion.predict(&mut twice, hypothesis, 0.00625);
+            let apart = (once.covariance - twice.covariance).norm();
+            assert!(apart <= 1e-9 * once.covariance.norm(), "{apart}");
+        }
+    }
+}

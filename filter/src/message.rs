@@ -1,0 +1,204 @@
+//! Tracks as they go out with the `world` message, and back from it.
+//!
+//! Nothing about a track lives anywhere else: what is written here and read back is equal bit for
+//! bit, so a filter that resumes carries on as if it had been there all the time. What is read
+//! back may also be rubbish; a track that cannot be one is refused.
+
+use crate::ball::BallMotion;
+use crate::blend::{Blend, Hypothesis};
+use crate::commands::CommandQueue;
+use crate::gaussian::Gaussian;
+use crate::robot::RobotMotion;
+use crate::track::{Motion, Suspect, Track};
+use bytemuck::Zeroable;
+use common::messages::{
+    BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, QueuedCommand, ROBOT_HYPOTHESES,
+    RobotHypothesis, RobotMemory, RobotState, Team, TrackStatus,
+};
+use nalgebra::{Vector4, Vector5};
+
+/// The ball's track.
+pub type BallTrack = Track<4, BALL_HYPOTHESES, 2>;
+
+/// A robot's track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotTrack {
+    /// Which robot.
+    pub team: Team,
+    /// Which robot of the team.
+    pub robot_id: u32,
+    /// Where it is.
+    pub track: Track<5, ROBOT_HYPOTHESES, 3>,
+    /// What it is told to do.
+    pub commands: CommandQueue,
+}
+
+/// No robot is told to drive faster.
+const MAX_COMMAND_MM_S: f64 = 20_000.0;
+
+/// Whether a robot can be told so.
+pub fn is_possible_command(left_mm_s: f64, right_mm_s: f64) -> bool {
+    // NaN compares as false.
+    left_mm_s.abs() <= MAX_COMMAND_MM_S && right_mm_s.abs() <= MAX_COMMAND_MM_S
+}
+
+impl RobotTrack {
+    /// What consumers see. `predicted` is the state at the time poses are predicted to.
+    pub fn state(&self, predicted: &Vector5<f64>, visibility: f32) -> RobotState {
+        let merged = self.track.blend.merged(RobotMotion::WRAP);
+        let [x_mm, y_mm, orientation, v_mm_s, omega] = merged.mean.into();
+        RobotState {
+            team: self.team as u32,
+            robot_id: self.robot_id,
+            status: self.track.status as u32,
+            frames_unseen: self.track.frames_unseen,
+            frames_gated: self.track.frames_gated,
+            visibility,
+            x_mm,
+            y_mm,
+            orientation,
+            v_mm_s,
+            omega,
+            covariance: merged.covariance_rows(),
+            predicted_x_mm: predicted[0],
+            predicted_y_mm: predicted[1],
+            predicted_orientation: predicted[2],
+        }
+    }
+
+    /// What a successor needs besides.
+    pub fn memory(&self) -> RobotMemory {
+        let Track { blend, t_seen_ns, suspect, .. } = &self.track;
+        RobotMemory {
+            hypotheses: blend.hypotheses.map(|hypothesis| RobotHypothesis {
+                probability: hypothesis.probability,
+                mean: hypothesis.belief.mean.into(),
+                covariance: hypothesis.belief.packed_covariance(),
+            }),
+            t_seen_ns: *t_seen_ns,
+            t_gated_ns: suspect.t_ns,
+            gated_pose: suspect.measured.into(),
+            gated_agreeing: suspect.agreeing,
+            command_count: self.commands.entries().len() as u32,
+            commands: self.commands.array(),
+        }
+    }
+
+    /// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None`
+    /// if there is none or it cannot be one.
+    pub fn from_message(
+        state: &RobotState,
+        memory: &RobotMemory,
+        t_ns: u64,
+        motion: &RobotMotion,
+    ) -> Option<Self> {
+        let blend = Blend {
+            hypotheses: memory.hypotheses.map(|hypothesis| Hypothesis {
+                probability: hypothesis.probability,
+                belief: Gaussian::from_packed(hypothesis.mean, &hypothesis.covariance),
+            }),
+        };
+        let commands = memory.commands.get(..memory.command_count as usize)?;
+        let possible = |c: &QueuedCommand| is_possible_command(c.left_mm_s, c.right_mm_s);
+        (blend.is_possible(&motion.limits())
+            && memory.t_seen_ns <= t_ns
+            && memory.gated_pose.iter().all(|value| value.is_finite())
+            && commands.iter().all(possible))
+        .then_some(())?;
+        Some(Self {
+            team: Team::from_number(state.team)?,
+            robot_id: state.robot_id,
+            track: Track {
+                blend,
+                status: present(state.status)?,
+                frames_unseen: state.frames_unseen,
+                frames_gated: state.frames_gated,
+                t_seen_ns: memory.t_seen_ns,
+                suspect: Suspect {
+                    t_ns: memory.t_gated_ns,
+                    measured: memory.gated_pose.into(),
+                    agreeing: memory.gated_agreeing,
+                },
+            },
+            commands: CommandQueue::from_message(commands),
+        })
+    }
+}
+
+/// What consumers see of the ball.
+pub fn ball_state(
+    track: Option<&BallTrack>,
+    predicted: &Vector4<f64>,
+    visibility: f32,
+) -> BallState {
+    let Some(track) = track else { return BallState::zeroed() };
+    let merged = track.blend.merged(BallMotion::WRAP);
+    let [x_mm, y_mm, vx_mm_s, vy_mm_s] = merged.mean.into();
+    BallState {
+        status: track.status as u32,
+        frames_unseen: track.frames_unseen,
+        frames_gated: track.frames_gated,
+        visibility,
+        x_mm,
+        y_mm,
+        vx_mm_s,
+        vy_mm_s,
+        covariance: merged.covariance_rows(),
+        predicted_x_mm: predicted[0],
+        predicted_y_mm: predicted[1],
+    }
+}
+
+/// What a successor needs besides.
+pub fn ball_memory(track: Option<&BallTrack>) -> BallMemory {
+    let Some(track) = track else { return BallMemory::zeroed() };
+    BallMemory {
+        hypotheses: track.blend.hypotheses.map(|hypothesis| BallHypothesis {
+            probability: hypothesis.probability,
+            mean: hypothesis.belief.mean.into(),
+            covariance: hypothesis.belief.packed_covariance(),
+        }),
+        t_seen_ns: track.t_seen_ns,
+        t_gated_ns: track.suspect.t_ns,
+        gated_position: track.suspect.measured.into(),
+        gated_agreeing: track.suspect.agreeing,
+        reserved: 0,
+    }
+}
+
+/// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None` if
+/// there is none or it cannot be one.
+pub fn ball_from_message(
+    state: &BallState,
+    memory: &BallMemory,
+    t_ns: u64,
+    motion: &BallMotion,
+) -> Option<BallTrack> {
+    let blend = Blend {
+        hypotheses: memory.hypotheses.map(|hypothesis| Hypothesis {
+            probability: hypothesis.probability,
+            belief: Gaussian::from_packed(hypothesis.mean, &hypothesis.covariance),
+        }),
+    };
+    (blend.is_possible(&motion.limits())
+        && memory.t_seen_ns <= t_ns
+        && memory.gated_position.iter().all(|value| value.is_finite()))
+    .then_some(())?;
+    Some(Track {
+        blend,
+        status: present(state.status)?,
+        frames_unseen: state.frames_unseen,
+        frames_gated: state.frames_gated,
+        t_seen_ns: memory.t_seen_ns,
+        suspect: Suspect {
+            t_ns: memory.t_gated_ns,
+            measured: memory.gated_position.into(),
+            agreeing: memory.gated_agreeing,
+        },
+    })
+}
+
+/// The status with this number, unless it says that there is no track.
+fn present(number: u32) -> Option<TrackStatus> {
+    TrackStatus::from_number(number).filter(|&status| status != TrackStatus::Absent)
+}

@@ -1,0 +1,54 @@
+//! The filter's process: detections and commands in, world out.
+
+use crate::Filter;
+use common::bus::Received;
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::messages::{DropReason, ProcessKind};
+use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
+use common::topics;
+
+/// Runs until asked to end.
+pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
+    let mut process = Process::start(ProcessKind::Filter, options, config)?;
+    let detections = process.bus.subscriber(&topics::DETECTIONS)?;
+    let commands = process.bus.subscriber(&topics::COMMANDS)?;
+    let previous = process.bus.subscriber_with_buffer(&topics::WORLD, 1)?;
+    let mut world = process.bus.publisher(&topics::WORLD, 1)?;
+    let mut filter = Filter::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    if !process.activate()? {
+        return Ok(());
+    }
+    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message) {
+        process.resume_after(last.frame.seq);
+        filter.resume(last);
+    }
+    drop(previous);
+
+    let wake_up = process.bus.wake_up(&topics::DETECTIONS)?;
+    while process.keep_running()? {
+        while let Some(command) = commands.receive()? {
+            if let Some(command) = command.message() {
+                filter.command(command);
+            }
+        }
+        let Some(input) = detections.receive()? else {
+            wake_up.wait(LOOK_AROUND)?;
+            continue;
+        };
+        let Some(detection) = input.message() else {
+            process.drop_input(DropReason::WrongSize);
+            continue;
+        };
+        if !process.accept(detection.frame.seq) {
+            continue;
+        }
+        let mut output = world.loan(1)?;
+        let state = &mut output.elements()[0];
+        filter.step(detection, state);
+        state.t_sent_ns = monotonic_ns();
+        output.send()?;
+        process.sent(detection.frame.seq);
+    }
+    Ok(())
+}

@@ -1,0 +1,600 @@
+//! The extended Kalman filter of a robot with differential drive (section 6.2 of the paper).
+//!
+//! # State
+//!
+//! The paper's state is (x, y, θ), eq. (10), with wheel speeds given. Here the speed v along the
+//! heading and the turning rate ω are states too, so that one filter serves robots whose commands
+//! are known and robots whose commands are not: a [`Drive`] says where v and ω come from.
+//!
+//! # Prediction over a time T
+//!
+//! With v̄ and ω̄ the means of the two speeds over T and θ_m = θ + T·ω̄/2 the heading half way:
+//!
+//! | state | after T | paper |
+//! |---|---|---|
+//! | x | x + T·v̄·cos θ_m | eq. (11): θ in place of θ_m |
+//! | y | y + T·v̄·sin θ_m | eq. (11): θ in place of θ_m |
+//! | θ | θ + T·ω̄ | eq. (11) |
+//! | v, ω | u + φ·(v − u) for each, φ = e^(−T/lag) | – |
+//!
+//! For a [steered](Drive::Steered) robot u is the command, v_u = (v_R + v_L)/2 and ω_u = (v_R − v_L)/b (eq. 7);
+//! with no lag φ = 0 and v̄ = v_u, ω̄ = ω_u: the speeds are simply set, and no memory of them
+//! enters the pose, which leaves the three-state filter of the paper. A
+//! [standing](Drive::Standing) robot is one steered with u = 0. For a [free](Drive::Free) robot
+//! φ = 1: the speeds stay. In between, v̄ = u + ψ·(v − u) with ψ = (1 − φ)·lag/T.
+//!
+//! Eq. (11) takes the heading at the start of the interval. A robot that drives 1 m/s and turns
+//! 10 rad/s would so be predicted T²·v·ω/2 = 0.8 mm to one side every frame of 12.5 ms, more than the
+//! noise of the measurement. The heading half way leaves an error of third order, T³·v·ω²/24
+//! (0.008 mm), and costs nothing; when ω = 0 the two are the same. A test holds both statements
+//! against a three-state filter written as the paper prints it.
+//!
+//! # Noise
+//!
+//! Q of eq. (12) is made of white noises, so that predicting twice over T/2 adds as much as once
+//! over T (with a lag, nearly), and frames may come at any rate. The configured standard deviations are those of noise
+//! that lasts for [`NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s then moves a robot by
+//! σ·12.5 ms per frame, as one would expect.
+
+use crate::blend::{Blend, Wrap};
+use crate::gaussian::Gaussian;
+use crate::track::Motion;
+use common::config::Config;
+use common::geometry::wrap_angle;
+use common::messages::{QueuedCommand, ROBOT_HYPOTHESES};
+use nalgebra::{Matrix5, Vector3, Vector5};
+
+/// Indices into the state.
+const X: usize = 0;
+const Y: usize = 1;
+const THETA: usize = 2;
+const V: usize = 3;
+const OMEGA: usize = 4;
+
+/// Seconds for which the configured noises are taken to last.
+pub const NOISE_LASTS_S: f64 = 0.0125;
+/// What is left of the slip when the wheels are told to stand.
+const STANDING_SLIP: f64 = 0.05;
+/// From this wheel speed on the slip is as configured.
+const FULL_SLIP_MM_S: f64 = 300.0;
+/// Uncertainty of the speeds of a robot seen for the first time.
+const INITIAL_V_SIGMA_MM_S: f64 = 1000.0;
+const INITIAL_OMEGA_SIGMA: f64 = 10.0;
+/// No robot is faster; used to tell whether two sightings can be of the same robot.
+const MAX_V_MM_S: f64 = 4000.0;
+const MAX_OMEGA: f64 = 40.0;
+
+/// What sets the speeds of a robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Drive {
+    /// A command.
+    Steered {
+        /// v_L,ref
+        left_mm_s: f64,
+        /// v_R,ref
+        right_mm_s: f64,
+    },
+    /// No command, but the assumption that the robot stands.
+    Standing,
+    /// Nothing known: the speeds persist and change at random.
+    Free,
+    /// Hit, or lifted, or pushed: free, with `filter.collision_factor` times the noise.
+    Struck,
+}
+
+impl Drive {
+    /// The drives behind the hypotheses of a robot's track, in their order, while `command` acts.
+    pub fn hypotheses(command: Option<&QueuedCommand>) -> [Drive; ROBOT_HYPOTHESES] {
+        let steered = command.map_or(Drive::Standing, |command| Drive::Steered {
+            left_mm_s: command.left_mm_s,
+            right_mm_s: command.right_mm_s,
+        });
+        [steered, Drive::Free, Drive::Struck]
+    }
+}
+
+/// The constants of the filter, from the configuration, in mm, s, rad.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotMotion {
+    wheel_base_mm: f64,
+    lag_s: f64,
+    variances: Vector3<f64>,
+    acceleration: f64,
+    angular_acceleration: f64,
+    lateral: f64,
+    slip: f64,
+    angular_slip: f64,
+    collision_factor: f64,
+}
+
+/// The linear part of one step: u + φ·(v − u) and u + ψ·(v − u) for both speeds.
+struct Step {
+    u_v: f64,
+    u_omega: f64,
+    phi: f64,
+    psi: f64,
+}
+
+impl RobotMotion {
+    /// As configured.
+    pub fn new(config: &Config) -> Self {
+        let filter = &config.filter;
+        let heading_sigma = filter.heading_noise_deg.to_radians();
+        Self {
+            wheel_base_mm: config.robots.wheel_base_mm,
+            lag_s: filter.command_lag_ms * 1e-3,
+            variances: Vector3::new(
+                filter.position_noise_mm.powi(2),
+                filter.position_noise_mm.powi(2),
+                heading_sigma.powi(2),
+            ),
+            acceleration: filter.acceleration_noise_mm_s2,
+            angular_acceleration: filter.angular_acceleration_noise_deg_s2.to_radians(),
+            lateral: filter.lateral_noise_mm_s,
+            slip: filter.command_noise_mm_s,
+            angular_slip: filter.command_noise_deg_s.to_radians(),
+            collision_factor: filter.collision_factor,
+        }
+    }
+
+    /// Eqs. (11) and (12): what is believed `dt_s` later.
+    pub fn predict(&self, belief: &mut Gaussian<5>, drive: Drive, dt_s: f64) {
+        let a = self.jacobian(&belief.mean, drive, dt_s);
+        let q = self.process_noise(&belief.mean, drive, dt_s);
+        belief.mean = self.advance(&belief.mean, drive, dt_s);
+        belief.covariance = a * belief.covariance * a.transpose() + q;
+        belief.symmetrise();
+    }
+
+    /// Eq. (11): f(x̂, u).
+    pub fn advance(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Vector5<f64> {
+        let step = self.step(drive, dt_s);
+        let mean_v = step.u_v + step.psi * (state[V] - step.u_v);
+        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
+        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
+        Vector5::new(
+            state[X] + dt_s * mean_v * cos,
+            state[Y] + dt_s * mean_v * sin,
+            wrap_angle(state[THETA] + dt_s * mean_omega),
+            step.u_v + step.phi * (state[V] - step.u_v),
+            step.u_omega + step.phi * (state[OMEGA] - step.u_omega),
+        )
+    }
+
+    /// Eq. (13): the partial derivatives of [`advance`](Self::advance).
+    pub fn jacobian(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
+        let step = self.step(drive, dt_s);
+        let mean_v = step.u_v + step.psi * (state[V] - step.u_v);
+        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
+        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
+        let half_turn = 0.5 * dt_s * step.psi;
+        let mut a = Matrix5::identity();
+        a[(X, THETA)] = -dt_s * mean_v * sin;
+        a[(Y, THETA)] = dt_s * mean_v * cos;
+        a[(X, V)] = dt_s * step.psi * cos;
+        a[(Y, V)] = dt_s * step.psi * sin;
+        a[(X, OMEGA)] = -dt_s * mean_v * sin * half_turn;
+        a[(Y, OMEGA)] = dt_s * mean_v * cos * half_turn;
+        a[(THETA, OMEGA)] = dt_s * step.psi;
+        a[(V, V)] = step.phi;
+        a[(OMEGA, OMEGA)] = step.phi;
+        a
+    }
+
+    /// Q of eq. (12).
+    fn process_noise(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
+        let step = self.step(drive, dt_s);
+        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
+        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
+        let forward = Vector5::new(cos, sin, 0.0, 0.0, 0.0);
+        let sideways = Vector5::new(-sin, cos, 0.0, 0.0, 0.0);
+        let turning = Vector5::new(0.0, 0.0, 1.0, 0.0, 0.0);
+        let density = |sigma: f64| sigma * sigma * NOISE_LASTS_S;
+        let scale = self.noise_scale(drive);
+        let lateral = density(scale * self.lateral) * dt_s;
+        let mut q = sideways * sideways.transpose() * lateral;
+        if let Drive::Free | Drive::Struck = drive {
+            let axes = [
+                (forward, scale * self.acceleration, V),
+                (turning, scale * self.angular_acceleration, OMEGA),
+            ];
+            // White acceleration, integrated once into the speed and twice into the pose.
+            for (axis, sigma, speed) in axes {
+                let density = density(sigma);
+                let shared = axis * (density * dt_s.powi(2) / 2.0);
+                q += axis * axis.transpose() * (density * dt_s.powi(3) / 3.0);
+                for row in [X, Y, THETA] {
+                    q[(row, speed)] += shared[row];
+                    q[(speed, row)] += shared[row];
+                }
+                q[(speed, speed)] += density * dt_s;
+            }
+        } else {
+            let axes =
+                [(forward, scale * self.slip, V), (turning, scale * self.angular_slip, OMEGA)];
+            // White speed, integrated into the pose; the speed itself forgets what it was as it
+            // approaches the command.
+            for (axis, sigma, speed) in axes {
+                q += axis * axis.transpose() * (density(sigma) * dt_s);
+                q[(speed, speed)] += sigma * sigma * (1.0 - step.phi * step.phi);
+            }
+        }
+        q
+    }
+
+    /// The noise of a drive in units of the configured one: wheels that stand do not slip.
+    fn noise_scale(&self, drive: Drive) -> f64 {
+        match drive {
+            Drive::Steered { left_mm_s, right_mm_s } => {
+                let wheel_mm_s = left_mm_s.abs().max(right_mm_s.abs());
+                (wheel_mm_s / FULL_SLIP_MM_S).clamp(STANDING_SLIP, 1.0)
+            }
+            Drive::Standing => STANDING_SLIP,
+            Drive::Free => 1.0,
+            Drive::Struck => self.collision_factor,
+        }
+    }
+
+    fn step(&self, drive: Drive, dt_s: f64) -> Step {
+        match drive {
+            Drive::Steered { left_mm_s, right_mm_s } => {
+                let (phi, psi) = if self.lag_s > 0.0 && dt_s > 0.0 {
+                    let lags = dt_s / self.lag_s;
+                    ((-lags).exp(), -(-lags).exp_m1() / lags)
+                } else {
+                    (0.0, 0.0)
+                };
+                Step {
+                    u_v: 0.5 * (right_mm_s + left_mm_s),
+                    u_omega: (right_mm_s - left_mm_s) / self.wheel_base_mm,
+                    phi,
+                    psi,
+                }
+            }
+            Drive::Standing => Step { u_v: 0.0, u_omega: 0.0, phi: 0.0, psi: 0.0 },
+            Drive::Free | Drive::Struck => Step { u_v: 0.0, u_omega: 0.0, phi: 1.0, psi: 1.0 },
+        }
+    }
+}
+
+impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {
+    const WRAP: Wrap<5> = wrap_heading::<5>;
+    const WRAP_MEASURED: Wrap<3> = wrap_heading::<3>;
+    /// From steered, free, struck to the same. A steered robot becomes free when it does something
+    /// else than it is told, a free one is steered when it stops (or obeys again), and a collision
+    /// lasts for a frame or two.
+    const ODDS: [[f64; ROBOT_HYPOTHESES]; ROBOT_HYPOTHESES] =
+        [[0.992, 0.007, 0.001], [0.020, 0.977, 0.003], [0.300, 0.600, 0.100]];
+
+    fn variances(&self) -> &Vector3<f64> {
+        &self.variances
+    }
+
+    fn initial(&self, measured: &Vector3<f64>) -> Blend<5, ROBOT_HYPOTHESES> {
+        let belief = Gaussian {
+            mean: Vector5::new(measured[X], measured[Y], measured[THETA], 0.0, 0.0),
+            covariance: Matrix5::from_diagonal(&Vector5::new(
+                self.variances[X],
+                self.variances[Y],
+                self.variances[THETA],
+                INITIAL_V_SIGMA_MM_S.powi(2),
+                INITIAL_OMEGA_SIGMA.powi(2),
+            )),
+        };
+        Blend::new(belief, [0.45, 0.45, 0.10])
+    }
+
+    fn reach(&self, dt_s: f64) -> Vector3<f64> {
+        Vector3::new(MAX_V_MM_S, MAX_V_MM_S, MAX_OMEGA) * dt_s
+            + self.variances.map(|variance| 6.0 * variance.sqrt())
+    }
+
+    fn limits(&self) -> Vector5<f64> {
+        Vector5::new(1e6, 1e6, std::f64::consts::PI, 1e6, 1e5)
+    }
+}
+
+fn wrap_heading<const N: usize>(state: &mut nalgebra::SVector<f64, N>) {
+    state[THETA] = wrap_angle(state[THETA]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+    use proptest::prelude::*;
+
+    const T: f64 = 0.0125;
+
+    fn motion(change: impl Fn(&mut common::config::FilterConfig)) -> RobotMotion {
+        let mut config = Config::default();
+        change(&mut config.filter);
+        RobotMotion::new(&config)
+    }
+
+    fn start(pose: [f64; 3], variances: [f64; 5]) -> Gaussian<5> {
+        Gaussian {
+            mean: Vector5::new(pose[0], pose[1], pose[2], 0.0, 0.0),
+            covariance: Matrix5::from_diagonal(&variances.into()),
+        }
+    }
+
+    /// The paper's filter: three states, eqs. (11) to (14) as printed, but for the heading at which
+    /// eq. (11) is taken: at the start of the interval (0) or half way (0.5).
+    struct ThreeStates {
+        x: Vector3<f64>,
+        p: Matrix3<f64>,
+        wheel_base_mm: f64,
+        heading_at: f64,
+    }
+
+    impl ThreeStates {
+        fn predict(&mut self, left: f64, right: f64, t: f64, q: Matrix3<f64>) {
+            let turn = t / self.wheel_base_mm * (right - left);
+            let way = 0.5 * t * (left + right);
+            let heading = self.x[2] + self.heading_at * turn;
+            self.x += Vector3::new(way * heading.cos(), way * heading.sin(), turn);
+            let a = Matrix3::new(
+                1.0,
+                0.0,
+                -way * heading.sin(),
+                0.0,
+                1.0,
+                way * heading.cos(),
+                0.0,
+                0.0,
+                1.0,
+            );
+            self.p = a * self.p * a.transpose() + q;
+        }
+
+        fn correct(&mut self, z: Vector3<f64>, r: Matrix3<f64>) {
+            let k = self.p * (self.p + r).try_inverse().unwrap();
+            let mut innovation = z - self.x;
+            innovation[2] = wrap_angle(innovation[2]);
+            self.x += k * innovation;
+            self.p = (Matrix3::identity() - k) * self.p;
+        }
+    }
+
+    /// Runs both filters on the same commands and measurements; the largest distance between their
+    /// means and between their covariances.
+    fn compare(
+        motion: &RobotMotion,
+        heading_at: f64,
+        frames: &[([f64; 2], [f64; 3])],
+    ) -> (f64, f64) {
+        let mut ours = start([10.0, 20.0, 0.5], [1.0, 2.0, 0.01, 0.0, 0.0]);
+        let mut papers = ThreeStates {
+            x: Vector3::new(10.0, 20.0, 0.5),
+            p: Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, 0.01)),
+            wheel_base_mm: motion.wheel_base_mm,
+            heading_at,
+        };
+        let r = Matrix3::from_diagonal(&motion.variances);
+        let mut worst = (0.0f64, 0.0f64);
+        for &([left_mm_s, right_mm_s], noise) in frames {
+            let drive = Drive::Steered { left_mm_s, right_mm_s };
+            let q = motion.process_noise(&ours.mean, drive, T);
+            let q = q.fixed_view::<3, 3>(0, 0).into_owned();
+            motion.predict(&mut ours, drive, T);
+            papers.predict(left_mm_s, right_mm_s, T, q);
+            let z = papers.x + Vector3::from(noise);
+            let mut difference = z - ours.mean.fixed_rows::<3>(0);
+            wrap_heading(&mut difference);
+            let innovation = ours.innovation(difference, &motion.variances).unwrap();
+            ours.correct(&innovation, &motion.variances);
+            wrap_heading(&mut ours.mean);
+            papers.correct(z, r);
+            let mut apart = papers.x - ours.mean.fixed_rows::<3>(0);
+            wrap_heading(&mut apart);
+            worst.0 = worst.0.max(apart.norm());
+            worst.1 = worst.1.max((papers.p - ours.covariance.fixed_view::<3, 3>(0, 0)).norm());
+        }
+        worst
+    }
+
+    fn frames(
+        speeds: impl Strategy<Value = [f64; 2]>,
+    ) -> impl Strategy<Value = Vec<([f64; 2], [f64; 3])>> {
+        let noise = [-1.0..1.0, -1.0..1.0, -0.03..0.03];
+        prop::collection::vec((speeds, noise), 1..40)
+    }
+
+    proptest! {
+        /// With commands, no lag and no noise of the speeds: eqs. (11)–(14), the heading taken
+        /// half way, state and covariance.
+        #[test]
+        fn steered_is_the_papers_filter(
+            frames in frames([-1500.0..1500.0, -1500.0..1500.0]),
+        ) {
+            let silent = motion(|filter| {
+                filter.command_noise_mm_s = 0.0;
+                filter.command_noise_deg_s = 0.0;
+                filter.lateral_noise_mm_s = 0.0;
+            });
+            let (mean, covariance) = compare(&silent, 0.5, &frames);
+            prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
+            // With noise too: no memory of the speeds enters the pose.
+            let (mean, covariance) = compare(&motion(|_| {}), 0.5, &frames);
+            prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
+        }
+
+        /// Straight on, it is eq. (11) to the letter.
+        #[test]
+        fn straight_on_nothing_differs_from_the_paper(
+            frames in frames((-1500.0..1500.0).prop_map(|v| [v, v])),
+        ) {
+            let (mean, covariance) = compare(&motion(|_| {}), 0.0, &frames);
+            prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
+        }
+
+        /// In a curve it differs by the promised term, and is nearer to the true arc.
+        #[test]
+        fn in_a_curve_half_way_is_nearer_to_the_arc(
+            left_mm_s in -1500.0..1500.0,
+            right_mm_s in -1500.0..1500.0,
+            theta in -3.0..3.0,
+        ) {
+            let motion = motion(|_| {});
+            let from = Vector5::new(0.0, 0.0, theta, 0.0, 0.0);
+            let drive = Drive::Steered { left_mm_s, right_mm_s };
+            let ours = motion.advance(&from, drive, T).fixed_rows::<2>(0).into_owned();
+            let (v, omega) = (0.5 * (left_mm_s + right_mm_s), (right_mm_s - left_mm_s) / 65.0);
+            let papers = Vector2::new(theta.cos(), theta.sin()) * (v * T);
+            let arc = if omega.abs() < 1e-6 {
+                papers
+            } else {
+                let end: f64 = theta + omega * T;
+                Vector2::new(end.sin() - theta.sin(), theta.cos() - end.cos()) * (v / omega)
+            };
+            let bound = T * T * (v * omega).abs() / 2.0;
+            prop_assert!((ours - papers).norm() <= bound + 1e-9);
+            prop_assert!((ours - arc).norm() <= T.powi(3) * (v * omega * omega).abs() / 24.0 + 1e-9);
+            prop_assert!((ours - arc).norm() <= (papers - arc).norm() + 1e-9);
+        }
+
+        /// Eq. (13) against differences.
+        #[test]
+        fn jacobian_is_the_derivative(
+            state in prop::array::uniform5(-1.0..1.0),
+            wheels in prop::array::uniform2(-1500.0..1500.0),
+            kind in 0..4,
+            lag_ms in prop_oneof![Just(0.0), 1.0..200.0],
+            t in 0.001..0.05,
+        ) {
+            let motion = motion(|filter| filter.command_lag_ms = lag_ms);
+            let drive = match kind {
+                0 => Drive::Steered { left_mm_s: wheels[0], right_mm_s: wheels[1] },
+                1 => Drive::Standing,
+                2 => Drive::Free,
+                _ => Drive::Struck,
+            };
+            let scale = Vector5::new(1000.0, 1000.0, 3.0, 1500.0, 10.0);
+            let state = Vector5::from(state).component_mul(&scale);
+            let a = motion.jacobian(&state, drive, t);
+            for column in 0..5 {
+                let mut step = Vector5::zeros();
+                step[column] = 1e-5 * scale[column];
+                let mut difference =
+                    motion.advance(&(state + step), drive, t) - motion.advance(&(state - step), drive, t);
+                wrap_heading(&mut difference);
+                let numeric = difference / (2.0 * step[column]);
+                prop_assert!((a.column(column) - numeric).norm() < 1e-4, "{a} {column} {numeric}");
+            }
+        }
+
+        /// Whatever happens, the covariance stays symmetric and positive definite.
+        #[test]
+        fn covariance_stays_positive_definite(
+            steps in prop::collection::vec(
+                (0..4, prop::array::uniform2(-2000.0..2000.0), 0.0..0.2, any::<bool>()),
+                1..200,
+            ),
+        ) {
+            let motion = motion(|filter| filter.command_lag_ms = 30.0);
+            let mut belief = motion.initial(&Vector3::new(1.0, 2.0, 3.0)).hypotheses[0].belief;
+            for (kind, [left_mm_s, right_mm_s], dt_s, seen) in steps {
+                let drive = match kind {
+                    0 => Drive::Steered { left_mm_s, right_mm_s },
+                    1 => Drive::Standing,
+                    2 => Drive::Free,
+                    _ => Drive::Struck,
+                };
+                motion.predict(&mut belief, drive, dt_s);
+                if seen {
+                    let difference = Vector3::new(left_mm_s, right_mm_s, 1.0) * 1e-3;
+                    let innovation = belief.innovation(difference, &motion.variances).unwrap();
+                    belief.correct(&innovation, &motion.variances);
+                }
+                prop_assert_eq!(belief.covariance, belief.covariance.transpose());
+                prop_assert!(belief.covariance.cholesky().is_some(), "{}", belief.covariance);
+            }
+        }
+    }
+
+    #[test]
+    fn two_halves_add_as_much_noise_as_one_whole() {
+        let motion = motion(|_| {});
+        for drive in [
+            Drive::Steered { left_mm_s: 0.0, right_mm_s: 0.0 },
+            Drive::Standing,
+            Drive::Free,
+            Drive::Struck,
+        ] {
+            // Standing at the origin, where the model is linear.
+            let known = start([0.0; 3], [0.0; 5]);
+            let (mut once, mut twice) = (known, known);
+            motion.predict(&mut once, drive, T);
+            motion.predict(&mut twice, drive, T / 2.0);
+            motion.predict(&mut twice, drive, T / 2.0);
+            let apart = (once.covariance - twice.covariance).norm();
+            assert!(apart <= 1e-9 * once.covariance.norm(), "{drive:?} {apart}");
+        }
+    }
+
+    #[test]
+    fn a_lagging_robot_approaches_its_command() {
+        let motion = motion(|filter| filter.command_lag_ms = 40.0);
+        let drive = Drive::Steered { left_mm_s: 1000.0, right_mm_s: 1000.0 };
+        let mut state = Vector5::zeros();
+        for _ in 0..16 {
+            state = motion.advance(&state, drive, 0.0025);
+        }
+        // After one time constant: 1 − 1/e of the speed, and 1/e of a time constant's way.
+        assert!((state[V] - 632.1206).abs() < 1e-3, "{state}");
+        assert!((state[X] - 14.7152).abs() < 1e-3, "{state}");
+        // However it is cut.
+        let whole = motion.advance(&Vector5::zeros(), drive, 0.04);
+        assert!((whole - state).norm() < 1e-9);
+    }
+
+    /// Simulates the model with its own noise: the innovations must be as large as the filter thinks.
+    #[test]
+    fn innovations_are_as_large_as_predicted() {
+        let motion = motion(|_| {});
+        for drive in [Drive::Steered { left_mm_s: 500.0, right_mm_s: 700.0 }, Drive::Free] {
+            let mut random = 1u64;
+            let mut normal = move || {
+                // Sum of twelve uniform numbers: mean 6, variance 1.
+                (0..12).fold(-6.0, |sum, _| {
+                    random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    sum + (random >> 11) as f64 / (1u64 << 53) as f64
+                })
+            };
+            let mut truth = Vector5::new(0.0, 0.0, 1.0, 0.0, 0.0);
+            let mut belief = motion.initial(&truth.fixed_rows::<3>(0).into()).hypotheses[0].belief;
+            let (mut sum, mut errors, mut count) = (0.0, 0.0, 0.0);
+            for frame in 0..6000 {
+                let root = motion.process_noise(&truth, drive, T).cholesky().unwrap().l();
+                truth = motion.advance(&truth, drive, T)
+                    + root * SVector::<f64, 5>::from_fn(|_, _| normal());
+                // Free speeds would wander off to where the model is no longer nearly linear.
+                truth[V] *= 0.99;
+                truth[OMEGA] *= 0.99;
+                belief.mean[V] *= 0.99;
+                belief.mean[OMEGA] *= 0.99;
+                motion.predict(&mut belief, drive, T);
+                let noise = Vector3::from_fn(|i, _| motion.variances[i].sqrt() * normal());
+                let mut difference =
+                    truth.fixed_rows::<3>(0) + noise - belief.mean.fixed_rows::<3>(0);
+                wrap_heading(&mut difference);
+                let innovation = belief.innovation(difference, &motion.variances).unwrap();
+                belief.correct(&innovation, &motion.variances);
+                if frame >= 50 {
+                    let mut error = truth - belief.mean;
+                    wrap_heading(&mut error);
+                    let precision: SMatrix<f64, 5, 5> = belief.covariance.try_inverse().unwrap();
+                    sum += innovation.distance2;
+                    errors += error.dot(&(precision * error));
+                    count += 1.0;
+                }
+            }
+            // χ² with 3 degrees of freedom has variance 6; four standard deviations of the mean.
+            let bound = 4.0 * (6.0f64 / count).sqrt();
+            assert!((sum / count - 3.0).abs() < bound, "{drive:?}: {}", sum / count);
+            // Errors of successive frames are correlated, so their mean scatters more.
+            assert!((errors / count - 5.0).abs() < 0.8, "{drive:?}: {}", errors / count);
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! The stage: detections and commands in, world out.
+
+use crate::ball::BallMotion;
+use crate::commands::{CommandQueue, CommandTiming};
+use crate::message::{self, BallTrack, RobotTrack, is_possible_command};
+use crate::robot::{Drive, RobotMotion};
+use crate::track::{Candidate, Motion, Track, TrackRules};
+use common::config::{Config, FilterConfig};
+use common::geometry::wrap_angle;
+use common::messages::{
+    Commands, DetectedBall, DetectedRobot, DetectionFrame, MAX_ROBOTS, QueuedCommand, Team,
+    WorldFrame,
+};
+use nalgebra::{Vector2, Vector3, Vector4, Vector5};
+
+/// After a longer pause between two frames, or when time runs backwards, what was known is worth
+/// nothing, and all tracks start over.
+const MAX_PAUSE_NS: u64 = 1_000_000_000;
+/// The tracker needs less than this; a later `t_sent_ns` is not believed.
+const MAX_LATENCY_NS: u64 = 1_000_000_000;
+/// Commands sent so much later than the newest frame was captured are not believed.
+const MAX_COMMAND_AHEAD_NS: u64 = 1_000_000_000;
+/// Detections further from the middle of the pitch are not believed.
+const MAX_DISTANCE_MM: f64 = 100_000.0;
+
+/// Follows every configured robot and the ball from frame to frame.
+///
+/// All of its state goes out with every [`WorldFrame`] and comes back through
+/// [`resume`](Self::resume).
+#[derive(Debug)]
+pub struct Filter {
+    identities: Vec<(Team, u32)>,
+    robot_motion: RobotMotion,
+    ball_motion: BallMotion,
+    rules: TrackRules,
+    timing: CommandTiming,
+    /// By team and number.
+    robots: Vec<RobotTrack>,
+    ball: Option<BallTrack>,
+    /// Capture time of the newest frame.
+    t_ns: Option<u64>,
+    commands_seq: u64,
+}
+
+/// Why there can be no filter with this configuration.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FilterError {
+    /// A number that no filter can work with.
+    #[error("{key} = {value} is not possible: must be {expected}")]
+    Impossible {
+        /// Key in the configuration.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+}
+
+impl Filter {
+    /// A filter that has seen nothing yet.
+    pub fn new(config: &Config) -> Result<Self, FilterError> {
+        check(config)?;
+        let mut identities: Vec<(Team, u32)> =
+            config.robots.identities.iter().map(|robot| (robot.team, robot.id)).collect();
+        identities.sort_unstable();
+        identities.dedup();
+        identities.truncate(MAX_ROBOTS);
+        Ok(Self {
+            robots: Vec::with_capacity(identities.len()),
+            identities,
+            robot_motion: RobotMotion::new(config),
+            ball_motion: BallMotion::new(&config.filter),
+            rules: TrackRules::new(&config.filter),
+            timing: CommandTiming::new(&config.filter),
+            ball: None,
+            t_ns: None,
+            commands_seq: WorldFrame::NO_COMMANDS,
+        })
+    }
+
+    /// Continues from the last output of a predecessor with the same configuration, exactly.
+    /// Whatever in it cannot be a track of a configured robot is left out.
+    pub fn resume(&mut self, last: &WorldFrame) {
+        let t_ns = last.frame.t_capture_ns;
+        self.t_ns = Some(t_ns);
+        self.commands_seq = last.commands_seq;
+        self.robots.clear();
+        for (state, memory) in last.robots().iter().zip(&last.robot_memories) {
+            let track = RobotTrack::from_message(state, memory, t_ns, &self.robot_motion);
+            if let Some(track) = track
+                && self.identities.contains(&(track.team, track.robot_id))
+                && let Err(place) = self.find(track.team, track.robot_id)
+            {
+                self.robots.insert(place, track);
+            }
+        }
+        self.ball =
+            message::ball_from_message(&last.ball, &last.ball_memory, t_ns, &self.ball_motion);
+    }
+
+    /// Notes what robots have been told to do. Commands for robots that have no track are of no use
+    /// to anyone and dropped; so are impossible ones.
+    pub fn command(&mut self, commands: &Commands) {
+        let Some(t_ns) = self.t_ns else { return };
+        let t_sent_ns = commands.t_sent_ns;
+        if t_sent_ns > t_ns.saturating_add(MAX_COMMAND_AHEAD_NS)
+            || t_sent_ns.saturating_add(self.timing.timeout_ns) < t_ns
+        {
+            return;
+        }
+        for wheels in commands.wheels() {
+            let (left_mm_s, right_mm_s) = (wheels.left_mm_s, wheels.right_mm_s);
+            if let Some(team) = Team::from_number(wheels.team)
+                && is_possible_command(left_mm_s, right_mm_s)
+                && let Ok(index) = self.find(team, wheels.robot_id)
+            {
+                let command = QueuedCommand { t_sent_ns, left_mm_s, right_mm_s };
+                self.robots[index].commands.insert(command, &self.timing);
+                self.commands_seq = commands.seq;
+            }
+        }
+    }
+
+    /// Takes in one frame and writes what is believed now. Fills everything but `t_sent_ns`, which
+    /// is set to 0, and list elements behind their count, which are left as they are.
+    pub fn step(&mut self, detections: &DetectionFrame, out: &mut WorldFrame) {
+        let t_ns = detections.frame.t_capture_ns;
+        self.predict(t_ns);
+        self.t_ns = Some(t_ns);
+        self.correct_robots(detections.robots(), t_ns);
+        self.correct_ball(detections.balls(), t_ns);
+        for robot in &mut self.robots {
+            robot.commands.prune(t_ns, &self.timing);
+        }
+        self.write(detections, t_ns, out);
+    }
+
+    /// Moves all tracks on to the capture time of a new frame.
+    fn predict(&mut self, t_ns: u64) {
+        let dt_ns = self.t_ns.and_then(|before| t_ns.checked_sub(before));
+        let Some(dt_ns) = dt_ns.filter(|&dt_ns| dt_ns <= MAX_PAUSE_NS) else {
+            self.robots.clear();
+            self.ball = None;
+            return;
+        };
+        // The same instant twice (two pictures of one moment): nothing has moved.
+        if dt_ns == 0 {
+            return;
+        }
+        for RobotTrack { track, commands, .. } in &mut self.robots {
+            track.blend.mix(&RobotMotion::ODDS, RobotMotion::WRAP);
+            for (dt_s, command) in commands.segments(t_ns - dt_ns, t_ns, &self.timing) {
+                let drives = Drive::hypotheses(command);
+                for (hypothesis, drive) in track.blend.hypotheses.iter_mut().zip(drives) {
+                    self.robot_motion.predict(&mut hypothesis.belief, drive, dt_s);
+                }
+            }
+        }
+        if let Some(track) = &mut self.ball {
+            track.blend.mix(&BallMotion::ODDS, BallMotion::WRAP);
+            for (index, hypothesis) in track.blend.hypotheses.iter_mut().enumerate() {
+                self.ball_motion.predict(&mut hypothesis.belief, index, dt_ns as f64 * 1e-9);
+            }
+        }
+    }
+
+    fn correct_robots(&mut self, detected: &[DetectedRobot], t_ns: u64) {
+        let Self { robots, robot_motion, rules, .. } = self;
+        let candidates = |team: Team, robot_id: u32| {
+            detected
+                .iter()
+                .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
+                .filter_map(robot_candidate)
+        };
+        robots.retain_mut(|RobotTrack { team, robot_id, track, .. }| {
+            track.observe(candidates(*team, *robot_id), t_ns, robot_motion, rules);
+            track.blend.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
+        });
+        for &(team, robot_id) in &self.identities {
+            let place = robots
+                .binary_search_by_key(&(team, robot_id), |robot| (robot.team, robot.robot_id));
+            if let Err(place) = place
+                && let Some(first) = best(candidates(team, robot_id), rules)
+            {
+                let track = Track::start(&first.measured, t_ns, robot_motion);
+                let commands = CommandQueue::default();
+                robots.insert(place, RobotTrack { team, robot_id, track, commands });
+            }
+        }
+    }
+
+    fn correct_ball(&mut self, detected: &[DetectedBall], t_ns: u64) {
+        let Self { ball, ball_motion, rules, .. } = self;
+        let candidates = detected.iter().filter_map(ball_candidate);
+        if let Some(track) = ball {
+            track.observe(candidates.clone(), t_ns, ball_motion, rules);
+        }
+        *ball = ball
+            .filter(|track| {
+                track.blend.is_possible(&ball_motion.limits()) && !track.is_forgotten(t_ns, rules)
+            })
+            .or_else(|| {
+                best(candidates, rules)
+                    .map(|first| Track::start(&first.measured, t_ns, ball_motion))
+            });
+    }
+
+    fn write(&self, detections: &DetectionFrame, t_ns: u64, out: &mut WorldFrame) {
+        let handed_on_ns = Some(detections.t_sent_ns)
+            .filter(|&sent_ns| (t_ns..=t_ns.saturating_add(MAX_LATENCY_NS)).contains(&sent_ns))
+            .unwrap_or(t_ns);
+        let t_predicted_ns = handed_on_ns.saturating_add(self.timing.delay_ns);
+        out.frame = detections.frame;
+        out.t_runs_ns = detections.t_runs_ns;
+        out.t_detections_ns = detections.t_sent_ns;
+        out.t_sent_ns = 0;
+        out.t_predicted_ns = t_predicted_ns;
+        out.commands_seq = self.commands_seq;
+        out.robot_count = self.robots.len() as u32;
+        out.reserved = 0;
+        let slots = out.robots.iter_mut().zip(&mut out.robot_memories);
+        for (robot, (state, memory)) in self.robots.iter().zip(slots) {
+            let predicted = self.predicted_robot(robot, t_ns, t_predicted_ns);
+            *state = robot.state(&predicted, robot.track.visibility(t_ns, &self.rules));
+            *memory = robot.memory();
+        }
+        let ball = self.ball.as_ref();
+        let predicted = ball.map(|ball| self.predicted_ball(ball, t_ns, t_predicted_ns));
+        let visibility = ball.map_or(0.0, |ball| ball.visibility(t_ns, &self.rules));
+        out.ball = message::ball_state(ball, &predicted.unwrap_or_default(), visibility);
+        out.ball_memory = message::ball_memory(ball);
+    }
+
+    /// The paper's prediction over the delay: the state at `to_ns`, led there by the commands that
+    /// are on their way.
+    fn predicted_robot(&self, robot: &RobotTrack, from_ns: u64, to_ns: u64) -> Vector5<f64> {
+        let mut blend = robot.track.blend;
+        for (dt_s, command) in robot.commands.segments(from_ns, to_ns, &self.timing) {
+            for (hypothesis, drive) in blend.hypotheses.iter_mut().zip(Drive::hypotheses(command)) {
+                let mean = &mut hypothesis.belief.mean;
+                *mean = self.robot_motion.advance(mean, drive, dt_s);
+            }
+        }
+        blend.merged(RobotMotion::WRAP).mean
+    }
+
+    fn predicted_ball(&self, ball: &BallTrack, from_ns: u64, to_ns: u64) -> Vector4<f64> {
+        let now = ball.blend.merged(BallMotion::WRAP).mean;
+        self.ball_motion.advance(&now, to_ns.saturating_sub(from_ns) as f64 * 1e-9)
+    }
+
+    /// Where the track of a robot is among `robots`, or where it belongs.
+    fn find(&self, team: Team, robot_id: u32) -> Result<usize, usize> {
+        self.robots.binary_search_by_key(&(team, robot_id), |robot| (robot.team, robot.robot_id))
+    }
+}
+
+/// The most confident candidate, if it is good enough to start a track.
+fn best<const Z: usize>(
+    candidates: impl Iterator<Item = Candidate<Z>>,
+    rules: &TrackRules,
+) -> Option<Candidate<Z>> {
+    candidates
+        .max_by(|a, b| a.confidence.total_cmp(&b.confidence))
+        .filter(|candidate| candidate.confidence >= rules.start_confidence)
+}
+
+/// A detection as a measurement (eq. 8); `None` for rubbish.
+fn robot_candidate(robot: &DetectedRobot) -> Option<Candidate<3>> {
+    let orientation = f64::from(robot.orientation);
+    let position = position(robot.x_mm, robot.y_mm)?;
+    let confidence = confidence(robot.confidence)?;
+    orientation.is_finite().then(|| Candidate {
+        measured: Vector3::new(position.x, position.y, wrap_angle(orientation)),
+        confidence,
+    })
+}
+
+fn ball_candidate(ball: &DetectedBall) -> Option<Candidate<2>> {
+    let measured = position(ball.x_mm, ball.y_mm)?;
+    Some(Candidate { measured, confidence: confidence(ball.confidence)? })
+}
+
+fn position(x_mm: f32, y_mm: f32) -> Option<Vector2<f64>> {
+    let position = Vector2::new(f64::from(x_mm), f64::from(y_mm));
+    (position.amax() <= MAX_DISTANCE_MM && position.sum().is_finite()).then_some(position)
+}
+
+fn confidence(value: f32) -> Option<f64> {
+    (value > 0.0 && value.is_finite()).then(|| f64::from(value.min(1.0)))
+}
+
+fn check(config: &Config) -> Result<(), FilterError> {
+    let FilterConfig {
+        position_noise_mm,
+        heading_noise_deg,
+        acceleration_noise_mm_s2,
+        angular_acceleration_noise_deg_s2,
+        command_noise_mm_s,
+        command_noise_deg_s,
+        lateral_noise_mm_s,
+        collision_factor,
+        command_lag_ms,
+        command_timeout_ms,
+        actuation_delay_ms,
+        gate_chi2,
+        reinit_after: _,
+        start_confidence,
+        forget_after_ms,
+        ball_noise_mm,
+        ball_acceleration_noise_mm_s2,
+        ball_kick_factor,
+        ball_friction_per_s,
+    } = config.filter;
+    let positive = [
+        ("robots.wheel_base_mm", config.robots.wheel_base_mm),
+        ("filter.position_noise_mm", position_noise_mm),
+        ("filter.heading_noise_deg", heading_noise_deg),
+        ("filter.collision_factor", collision_factor),
+        ("filter.gate_chi2", gate_chi2),
+        ("filter.forget_after_ms", forget_after_ms),
+        ("filter.ball_noise_mm", ball_noise_mm),
+        ("filter.ball_kick_factor", ball_kick_factor),
+    ];
+    let not_negative = [
+        ("filter.acceleration_noise_mm_s2", acceleration_noise_mm_s2),
+        ("filter.angular_acceleration_noise_deg_s2", angular_acceleration_noise_deg_s2),
+        ("filter.command_noise_mm_s", command_noise_mm_s),
+        ("filter.command_noise_deg_s", command_noise_deg_s),
+        ("filter.lateral_noise_mm_s", lateral_noise_mm_s),
+        ("filter.command_lag_ms", command_lag_ms),
+        ("filter.command_timeout_ms", command_timeout_ms),
+        ("filter.actuation_delay_ms", actuation_delay_ms),
+        ("filter.start_confidence", start_confidence),
+        ("filter.ball_acceleration_noise_mm_s2", ball_acceleration_noise_mm_s2),
+        ("filter.ball_friction_per_s", ball_friction_per_s),
+    ];
+    let impossible = |expected, test: fn(f64) -> bool, values: &[(&'static str, f64)]| {
+        let wrong = values.iter().find(|(_, value)| !value.is_finite() || !test(*value));
+        wrong.map_or(Ok(()), |&(key, value)| Err(FilterError::Impossible { key, value, expected }))
+    };
+    impossible("greater than 0", |value| value > 0.0, &positive)?;
+    impossible("0 or more", |value| value >= 0.0, &not_negative)
+}

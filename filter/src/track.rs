@@ -1,0 +1,244 @@
+//! The life of a track, the same for robots and the ball: from first sight, through measurements,
+//! outliers, gaps and jumps, until it is forgotten.
+
+use crate::blend::{Blend, Wrap};
+use crate::gaussian::Innovation;
+use common::config::FilterConfig;
+use common::messages::TrackStatus;
+use nalgebra::SVector;
+
+/// What a track needs to know about the thing it follows: `N` components of state, the first `Z` of
+/// them measured, `M` hypotheses about its motion.
+pub trait Motion<const N: usize, const M: usize, const Z: usize> {
+    /// Wraps the angles of a state.
+    const WRAP: Wrap<N>;
+    /// Wraps the angles of a measurement.
+    const WRAP_MEASURED: Wrap<Z>;
+    /// Odds that one hypothesis takes over from another between two frames.
+    const ODDS: [[f64; M]; M];
+
+    /// Variances of a measurement: the diagonal of R.
+    fn variances(&self) -> &SVector<f64, Z>;
+    /// The state before anything but one measurement is known: x̂(0), P(0).
+    fn initial(&self, measured: &SVector<f64, Z>) -> Blend<N, M>;
+    /// How far each measured component may move in a time, noise included.
+    fn reach(&self, dt_s: f64) -> SVector<f64, Z>;
+    /// Magnitudes beyond which a state is rubbish.
+    fn limits(&self) -> SVector<f64, N>;
+}
+
+/// One thing seen in this frame that might be the one a track follows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate<const Z: usize> {
+    /// What was measured; finite.
+    pub measured: SVector<f64, Z>,
+    /// 0–1.
+    pub confidence: f64,
+}
+
+/// The newest measurement outside the gate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suspect<const Z: usize> {
+    /// When it was seen.
+    pub t_ns: u64,
+    /// What was measured.
+    pub measured: SVector<f64, Z>,
+    /// How many, up to this one, agree with one another; 0 when there is none.
+    pub agreeing: u32,
+}
+
+/// Rules for the life of a track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackRules {
+    /// `filter.gate_chi2`
+    pub gate_chi2: f64,
+    /// `filter.reinit_after`
+    pub reinit_after: u32,
+    /// `filter.forget_after_ms`
+    pub forget_after_s: f64,
+    /// `filter.start_confidence`
+    pub start_confidence: f64,
+}
+
+impl TrackRules {
+    /// As configured.
+    pub fn new(config: &FilterConfig) -> Self {
+        Self {
+            gate_chi2: config.gate_chi2,
+            reinit_after: config.reinit_after.max(1),
+            forget_after_s: config.forget_after_ms * 1e-3,
+            start_confidence: config.start_confidence,
+        }
+    }
+}
+
+/// One thing that is followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Track<const N: usize, const M: usize, const Z: usize> {
+    /// Where it is believed to be and how it moves.
+    pub blend: Blend<N, M>,
+    /// How it came by its state in the newest frame.
+    pub status: TrackStatus,
+    /// Frames in a row without a usable measurement.
+    pub frames_unseen: u32,
+    /// Frames in a row whose measurement lay outside the gate.
+    pub frames_gated: u32,
+    /// Capture time of the newest usable measurement.
+    pub t_seen_ns: u64,
+    /// What may turn out to be where it has gone.
+    pub suspect: Suspect<Z>,
+}
+
+/// Two measurements outside the gate that are further apart in time have nothing to do with each
+/// other.
+const MAX_SUSPECT_AGE_S: f64 = 0.1;
+
+impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
+    /// A track that begins at a measurement.
+    pub fn start(measured: &SVector<f64, Z>, t_ns: u64, motion: &impl Motion<N, M, Z>) -> Self {
+        Self {
+            blend: motion.initial(measured),
+            status: TrackStatus::Initialised,
+            frames_unseen: 0,
+            frames_gated: 0,
+            t_seen_ns: t_ns,
+            suspect: Suspect { t_ns: 0, measured: SVector::zeros(), agreeing: 0 },
+        }
+    }
+
+    /// Corrects the prediction (already made) by what was seen in the frame captured at `t_ns`, and
+    /// decides what that was:
+    ///
+    /// * the likeliest candidate within the gate corrects the track (`Measured`);
+    /// * failing that, a confident one outside the gate is an outlier and ignored (`Gated`), unless
+    ///   it agrees with enough such before it: then the track starts over from it (`Initialised`);
+    /// * failing that, the track coasts (`Coasting`).
+    pub fn observe<I>(
+        &mut self,
+        candidates: I,
+        t_ns: u64,
+        motion: &impl Motion<N, M, Z>,
+        rules: &TrackRules,
+    ) where
+        I: Iterator<Item = Candidate<Z>> + Clone,
+    {
+        if let Some(best) = self.likeliest(candidates.clone(), motion, rules) {
+            self.correct(&best, motion);
+            self.status = TrackStatus::Measured;
+            self.frames_unseen = 0;
+            self.frames_gated = 0;
+            self.t_seen_ns = t_ns;
+            self.suspect.agreeing = 0;
+            return;
+        }
+        self.frames_unseen = self.frames_unseen.saturating_add(1);
+        let confident = candidates.filter(|c| c.confidence >= rules.start_confidence);
+        match self.suspect_after(confident, t_ns, motion) {
+            Some(suspect) if suspect.agreeing >= rules.reinit_after => {
+                *self = Self::start(&suspect.measured, t_ns, motion);
+            }
+            Some(suspect) => {
+                self.suspect = suspect;
+                self.status = TrackStatus::Gated;
+                self.frames_gated = self.frames_gated.saturating_add(1);
+            }
+            None => {
+                self.status = TrackStatus::Coasting;
+                self.frames_gated = 0;
+            }
+        }
+    }
+
+    /// 1 when seen in the frame captured at `t_ns`, falling evenly to 0 when the track is forgotten.
+    pub fn visibility(&self, t_ns: u64, rules: &TrackRules) -> f32 {
+        (1.0 - self.unseen_s(t_ns) / rules.forget_after_s).clamp(0.0, 1.0) as f32
+    }
+
+    /// Whether the track has been unseen for too long.
+    pub fn is_forgotten(&self, t_ns: u64, rules: &TrackRules) -> bool {
+        self.unseen_s(t_ns) > rules.forget_after_s
+    }
+
+    fn unseen_s(&self, t_ns: u64) -> f64 {
+        t_ns.saturating_sub(self.t_seen_ns) as f64 * 1e-9
+    }
+
+    /// The candidate with the greatest product of confidence and likelihood among those within the
+    /// gate of at least one hypothesis. That something was struck takes confidence to believe: a
+    /// candidate that could not start a track must be within the gate of another hypothesis than
+    /// the last.
+    fn likeliest(
+        &self,
+        candidates: impl Iterator<Item = Candidate<Z>>,
+        motion: &impl Motion<N, M, Z>,
+        rules: &TrackRules,
+    ) -> Option<Candidate<Z>> {
+        let mut best: Option<(f64, Candidate<Z>)> = None;
+        for candidate in candidates.filter(|candidate| candidate.confidence > 0.0) {
+            let innovations = self.innovations(&candidate.measured, motion);
+            let is_confident = candidate.confidence >= rules.start_confidence;
+            let believable = if is_confident { M } else { M.saturating_sub(1) };
+            let inside = innovations[..believable]
+                .iter()
+                .flatten()
+                .any(|innovation| innovation.distance2 <= rules.gate_chi2);
+            let density: f64 = innovations
+                .iter()
+                .zip(&self.blend.hypotheses)
+                .filter_map(|(i, h)| i.map(|i| i.ln_density.exp() * h.probability))
+                .sum();
+            let score = candidate.confidence * density;
+            if inside && best.is_none_or(|(best_score, _)| score > best_score) {
+                best = Some((score, candidate));
+            }
+        }
+        best.map(|(_, candidate)| candidate)
+    }
+
+    fn correct<T: Motion<N, M, Z>>(&mut self, candidate: &Candidate<Z>, motion: &T) {
+        let innovations = self.innovations(&candidate.measured, motion);
+        self.blend.weigh(&innovations.map(|innovation| innovation.map(|i| i.ln_density)));
+        for (hypothesis, innovation) in self.blend.hypotheses.iter_mut().zip(&innovations) {
+            if let Some(innovation) = innovation {
+                hypothesis.belief.correct(innovation, motion.variances());
+                T::WRAP(&mut hypothesis.belief.mean);
+            }
+        }
+    }
+
+    fn innovations<T: Motion<N, M, Z>>(
+        &self,
+        measured: &SVector<f64, Z>,
+        motion: &T,
+    ) -> [Option<Innovation<Z>>; M] {
+        self.blend.hypotheses.map(|hypothesis| {
+            let mut difference = measured - hypothesis.belief.mean.fixed_rows::<Z>(0);
+            T::WRAP_MEASURED(&mut difference);
+            hypothesis.belief.innovation(difference, motion.variances())
+        })
+    }
+
+    /// The suspect after this frame: a candidate that agrees with the one before, or else the most
+    /// confident. `None` without candidates.
+    fn suspect_after<T: Motion<N, M, Z>>(
+        &self,
+        candidates: impl Iterator<Item = Candidate<Z>>,
+        t_ns: u64,
+        motion: &T,
+    ) -> Option<Suspect<Z>> {
+        let before = &self.suspect;
+        let dt_s = t_ns.saturating_sub(before.t_ns) as f64 * 1e-9;
+        let reach = motion.reach(dt_s);
+        let agrees = |candidate: &Candidate<Z>| {
+            let mut difference = candidate.measured - before.measured;
+            T::WRAP_MEASURED(&mut difference);
+            before.agreeing > 0
+                && dt_s <= MAX_SUSPECT_AGE_S
+                && difference.iter().zip(reach.iter()).all(|(moved, reach)| moved.abs() <= *reach)
+        };
+        let best = candidates
+            .max_by(|a, b| agrees(a).cmp(&agrees(b)).then(a.confidence.total_cmp(&b.confidence)))?;
+        let agreeing = if agrees(&best) { before.agreeing.saturating_add(1) } else { 1 };
+        Some(Suspect { t_ns, measured: best.measured, agreeing })
+    }
+}

@@ -1,0 +1,225 @@
+//! Whether the filter is better than what it is given.
+
+mod pitch;
+
+use common::config::Config;
+use common::messages::TrackStatus;
+use nalgebra::{Matrix3, Vector3};
+use pitch::*;
+use touchline_filter::Filter;
+
+struct Outcome {
+    raw: Errors,
+    filtered: Errors,
+    /// Robots that have stood for at least an eighth of a second.
+    still: Errors,
+    predicted: Errors,
+    /// Mean squared error of the pose in units of the covariance given; 3 would be perfect.
+    normalised_error: f64,
+}
+
+fn play(mut game: Match, config: &Config, frames: u64) -> Outcome {
+    let mut filter = Filter::new(config).unwrap();
+    let mut world = new_world();
+    let [mut raw, mut filtered, mut still, mut predicted] = [(); 4].map(|()| Errors::default());
+    let mut normalised = 0.0;
+    for _ in 0..frames {
+        let sent = game.next_frame();
+        filter.step(&game.detections, &mut world);
+        filter.command(&sent);
+        if game.seq < 40 {
+            continue;
+        }
+        assert_eq!(world.robots().len(), game.robots.len());
+        for (index, robot) in game.robots.iter().enumerate() {
+            let state = &world.robots()[index];
+            let seen = &game.detections.robots()[index];
+            raw.add(robot.pose, seen.x_mm.into(), seen.y_mm.into(), seen.orientation.into());
+            filtered.add(robot.pose, state.x_mm, state.y_mm, state.orientation);
+            if robot.frames_still >= 10 {
+                still.add(robot.pose, state.x_mm, state.y_mm, state.orientation);
+            }
+            let mut later = robot.clone();
+            later.drive_to(world.t_predicted_ns);
+            predicted.add(
+                later.pose,
+                state.predicted_x_mm,
+                state.predicted_y_mm,
+                state.predicted_orientation,
+            );
+            let error = Vector3::new(
+                state.x_mm - robot.pose.x,
+                state.y_mm - robot.pose.y,
+                common::geometry::wrap_angle(state.orientation - robot.pose.theta),
+            );
+            let covariance = Matrix3::from_fn(|row, column| state.covariance[row * 5 + column]);
+            normalised += error.dot(&(covariance.try_inverse().unwrap() * error));
+        }
+    }
+    let count = filtered.position_mm.len() as f64;
+    Outcome { raw, filtered, still, predicted, normalised_error: normalised / count }
+}
+
+fn play_and_show(what: &str, game: Match, config: &Config) -> Outcome {
+    let noise = game.noise;
+    let outcome = play(game, config, 2400);
+    let (raw, filtered) = (outcome.raw.rms(), outcome.filtered.rms());
+    let still = outcome.still.quantile(0.99);
+    let predicted = outcome.predicted.rms();
+    println!(
+        "{what}, {noise:?}: rms {:.2} mm {:.2}° (raw {:.2} {:.2}), still p99 {:.2} {:.2}, \
+         predicted {:.1} {:.1}, normalised {:.2}",
+        filtered.0,
+        filtered.1,
+        raw.0,
+        raw.1,
+        still.0,
+        still.1,
+        predicted.0,
+        predicted.1,
+        outcome.normalised_error
+    );
+    outcome
+}
+
+const NOISES: [Noise; 3] = [
+    Noise { position_mm: 0.3, heading_deg: 0.5 },
+    Noise { position_mm: 0.5, heading_deg: 1.0 },
+    Noise { position_mm: 0.8, heading_deg: 1.5 },
+];
+
+#[test]
+fn free_robots_are_known_better_than_seen() {
+    for noise in NOISES {
+        for collisions_every_s in [None, Some(2.0)] {
+            let mut game = Match::new(Wheels::Exact, false, noise, 7);
+            game.collisions_every_s = collisions_every_s;
+            let outcome = play_and_show("free", game, &Config::default());
+            let (raw, filtered) = (outcome.raw.rms(), outcome.filtered.rms());
+            assert!(filtered.0 < 0.8 * raw.0 && filtered.1 < 0.8 * raw.1, "{noise:?}");
+        }
+    }
+}
+
+#[test]
+fn commanded_robots_are_known_better_still() {
+    for noise in NOISES {
+        let game = Match::new(Wheels::Exact, true, noise, 7);
+        let outcome = play_and_show("commanded", game, &Config::default());
+        let (raw, filtered) = (outcome.raw.rms(), outcome.filtered.rms());
+        assert!(filtered.0 < 0.55 * raw.0 && filtered.1 < 0.45 * raw.1, "{noise:?}");
+    }
+}
+
+#[test]
+fn robots_that_do_not_do_as_told_are_no_worse_than_free_ones() {
+    let noise = NOISES[1];
+    for wheels in [Wheels::Lagging(0.04), Wheels::Limited(3000.0)] {
+        for collisions_every_s in [None, Some(2.0)] {
+            let mut game = Match::new(wheels, true, noise, 7);
+            game.collisions_every_s = collisions_every_s;
+            let outcome = play_and_show(&format!("{wheels:?}"), game, &Config::default());
+            let (raw, filtered) = (outcome.raw.rms(), outcome.filtered.rms());
+            assert!(filtered.0 < 0.8 * raw.0 && filtered.1 < 0.8 * raw.1, "{wheels:?}");
+        }
+    }
+}
+
+#[test]
+fn a_configured_lag_is_followed() {
+    let game = || Match::new(Wheels::Lagging(0.04), true, NOISES[1], 7);
+    let mut config = Config::default();
+    let without = play_and_show("lag not configured", game(), &config);
+    config.filter.command_lag_ms = 40.0;
+    let with = play_and_show("lag configured", game(), &config);
+    assert!(with.filtered.rms().0 < without.filtered.rms().0);
+    assert!(with.predicted.rms().0 < 0.5 * without.predicted.rms().0);
+}
+
+/// The paper's figure: within ±1 mm and ±1° when the robot stands.
+#[test]
+fn standing_robots_are_within_a_millimetre_and_a_degree() {
+    for noise in &NOISES[..2] {
+        for overheard in [false, true] {
+            let game = Match::new(Wheels::Exact, overheard, *noise, 11);
+            let outcome = play_and_show("standing", game, &Config::default());
+            let (position_mm, heading_deg) = outcome.still.quantile(0.99);
+            assert!(outcome.still.position_mm.len() > 1000);
+            assert!(
+                position_mm < 1.0 && heading_deg < 1.0,
+                "{noise:?} {position_mm} {heading_deg}"
+            );
+        }
+    }
+}
+
+/// Where robots will be when the next command acts; a filter that only smooths is 55 ms late.
+#[test]
+fn predictions_reach_the_time_of_action() {
+    let noise = NOISES[1];
+    let free = play(Match::new(Wheels::Exact, false, noise, 5), &Config::default(), 1600);
+    let told = play(Match::new(Wheels::Exact, true, noise, 5), &Config::default(), 1600);
+    assert!(free.predicted.rms().0 < 6.0, "{:?}", free.predicted.rms());
+    assert!(told.predicted.rms().0 < 1.0, "{:?}", told.predicted.rms());
+    assert!(told.predicted.rms().1 < 1.0, "{:?}", told.predicted.rms());
+}
+
+/// The covariance that goes out is neither boast nor excuse.
+#[test]
+fn errors_are_as_large_as_the_covariance_says() {
+    let config = Config::default();
+    let noise = Noise {
+        position_mm: config.filter.position_noise_mm,
+        heading_deg: config.filter.heading_noise_deg,
+    };
+    for overheard in [false, true] {
+        let game = Match::new(Wheels::Exact, overheard, noise, 3);
+        let outcome = play_and_show("consistency", game, &config);
+        let normalised = outcome.normalised_error;
+        assert!((1.0..4.5).contains(&normalised), "{normalised}");
+    }
+}
+
+#[test]
+fn the_ball_is_known_better_than_seen() {
+    let mut c=Config::default(); let k=|n:&str,d:f64|std::env::var(n).ok().and_then(|s|s.parse().ok()).unwrap_or(d);
+    c.filter.ball_noise_mm=k("BN",1.0); c.filter.ball_acceleration_noise_mm_s2=k("BA",1000.0); c.filter.ball_kick_factor=k("BK",100.0);
+    let mut filter = Filter::new(&c).unwrap();
+    let mut world = new_world();
+    let mut frame = empty_frame(0, START_NS);
+    let (mut ball, mut random) = (Ball::new(4), Random(9));
+    let [mut raw, mut filtered] = [(); 2].map(|()| Errors::default());
+    let mut lost = 0;
+    for seq in 0..8000 {
+        stamp(&mut frame, seq, START_NS + seq * FRAME_NS);
+        ball.roll();
+        let seen = (ball.position.0 + random.normal(), ball.position.1 + random.normal());
+        if ball.frames_hidden == 0 {
+            assert!(frame.push_ball(detected_ball(seen.0, seen.1, 0.8)));
+        }
+        // Something orange elsewhere, at times the only thing there is.
+        if random.unit() < 0.2 {
+            let (x, y) = (random.between(-1000.0, 1000.0), random.between(-800.0, 800.0));
+            assert!(frame.push_ball(detected_ball(x, y, 0.15)));
+        }
+        filter.step(&frame, &mut world);
+        if seq < 40 || ball.frames_hidden > 0 {
+            continue;
+        }
+        let truth = Pose { x: ball.position.0, y: ball.position.1, theta: 0.0 };
+        raw.add(truth, seen.0, seen.1, 0.0);
+        if world.ball.status == TrackStatus::Gated as u32 {
+            lost += 1;
+        } {
+            filtered.add(truth, world.ball.x_mm, world.ball.y_mm, 0.0);
+        }
+    }
+    let (seen, known) = (raw.rms().0, filtered.rms().0);
+    println!(
+        "ball: raw {seen:.2} mm, filtered {known:.2} mm, gated {lost} of {}",
+        raw.position_mm.len()
+    );
+    assert!(known < 0.85 * seen, "{known} {seen}");
+    // Gated are the frames after a hard kick behind cover.
+    assert!(lost * 200 < raw.position_mm.len(), "{lost}");
+}

@@ -1,0 +1,166 @@
+//! What the grabber needs from a source of frames.
+
+use common::clock::{monotonic_ns, wall_ns};
+use common::messages::{Commands, TruthFrame};
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::Timespec;
+
+/// When a frame was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exposure {
+    /// Frame number; numbers left out are frames that were never captured.
+    pub seq: u64,
+    /// Middle of the exposure, monotonic clock.
+    pub t_capture_ns: u64,
+    /// The same on the wall clock.
+    pub t_capture_wall_ns: u64,
+    /// Frames the source had to skip before this one because the grabber was late.
+    pub skipped: u64,
+}
+
+/// Why a source cannot deliver.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// A file could not be read, or is not a picture of the right kind.
+    #[error("{path}: {problem}")]
+    Picture {
+        /// The file or folder.
+        path: String,
+        /// What is wrong with it, and what would be right.
+        problem: String,
+    },
+    /// The synthetic match cannot be built.
+    #[error("synthetic match: {0}")]
+    Synthetic(String),
+}
+
+/// A source of raw Bayer frames in the configured size and order, rows without padding.
+///
+/// A camera owns its capture times. It writes into the memory it is given, which is shared memory
+/// and holds an old frame.
+pub trait Camera {
+    /// Waits for the next frame, writes it to `pixels` and says when it was taken.
+    fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError>;
+
+    /// For a source that knows what is really there: the truth of the frame just exposed, and the
+    /// commands sent to the robots at that time.
+    fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
+        None
+    }
+}
+
+/// The clock of a source that has none of its own: frame `seq` is due at `epoch + seq · period`.
+///
+/// Frame numbers follow from time, so a grabber that is started again continues its predecessor's
+/// numbers with a gap of exactly the frames nobody captured.
+#[derive(Debug, Clone)]
+pub struct Timeline {
+    epoch_ns: u64,
+    period_ns: f64,
+    next_seq: u64,
+}
+
+/// A frame number and its capture time, from which a later grabber can continue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LastFrame {
+    /// Its number.
+    pub seq: u64,
+    /// When it was captured, monotonic clock.
+    pub t_capture_ns: u64,
+}
+
+/// How far the grabber may fall behind before frames are skipped: a hiccup of the machine is made
+/// up for at once, a long stop (a debugger, a suspended machine) is not replayed.
+const MAX_LAG_NS: u64 = 250_000_000;
+
+impl Timeline {
+    /// A timeline that starts now, or continues after a predecessor's last frame.
+    pub fn new(fps: f64, last: Option<LastFrame>) -> Self {
+        let period_ns = 1e9 / fps;
+        match last {
+            None => Self { epoch_ns: monotonic_ns() + period_ns as u64, period_ns, next_seq: 0 },
+            Some(last) => {
+                let since_epoch = (last.seq as f64 * period_ns) as u64;
+                let mut timeline = Self {
+                    epoch_ns: last.t_capture_ns.saturating_sub(since_epoch),
+                    period_ns,
+                    next_seq: last.seq + 1,
+                };
+                timeline.skip_to(monotonic_ns());
+                timeline
+            }
+        }
+    }
+
+    /// Number of the frame that comes next.
+    pub fn next_seq(&self) -> u64 {
+        self.next_seq
+    }
+
+    /// Sleeps until the next frame is due and returns its exposure.
+    pub fn wait(&mut self, skipped: u64) -> Exposure {
+        let due_ns = self.due_ns(self.next_seq);
+        sleep_until(due_ns);
+        let exposure = Exposure {
+            seq: self.next_seq,
+            t_capture_ns: due_ns,
+            t_capture_wall_ns: wall_ns().saturating_sub(monotonic_ns().saturating_sub(due_ns)),
+            skipped,
+        };
+        self.next_seq += 1;
+        exposure
+    }
+
+    /// Skips frames that are hopelessly late; returns how many.
+    pub fn skip_late(&mut self) -> u64 {
+        let now = monotonic_ns();
+        if now > self.due_ns(self.next_seq) + MAX_LAG_NS { self.skip_to(now) } else { 0 }
+    }
+
+    fn skip_to(&mut self, time_ns: u64) -> u64 {
+        let elapsed = time_ns.saturating_sub(self.epoch_ns) as f64;
+        let next = ((elapsed / self.period_ns).ceil() as u64).max(self.next_seq);
+        let skipped = next - self.next_seq;
+        self.next_seq = next;
+        skipped
+    }
+
+    fn due_ns(&self, seq: u64) -> u64 {
+        self.epoch_ns + (seq as f64 * self.period_ns) as u64
+    }
+}
+
+fn sleep_until(time_ns: u64) {
+    let time = Timespec {
+        tv_sec: (time_ns / 1_000_000_000) as _,
+        tv_nsec: (time_ns % 1_000_000_000) as _,
+    };
+    // Signals interrupt the sleep; the time is absolute, so it is simply continued.
+    while clock_nanosleep_absolute(ClockId::Monotonic, &time) == Err(rustix::io::Errno::INTR) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_successor_continues_the_numbers_with_a_gap_for_the_time_that_passed() {
+        let fps = 1000.0;
+        let now = monotonic_ns();
+        let last = LastFrame { seq: 500, t_capture_ns: now - 20_000_000 };
+        let timeline = Timeline::new(fps, Some(last));
+        assert!(timeline.next_seq() >= 520, "{}", timeline.next_seq());
+        let due = timeline.due_ns(timeline.next_seq());
+        assert!(due >= now, "the next frame lies in the past");
+        assert_eq!((due - last.t_capture_ns) % 1_000_000, 0, "not on the predecessor's grid");
+    }
+
+    #[test]
+    fn numbers_follow_each_other() {
+        let mut timeline = Timeline::new(10_000.0, None);
+        let first = timeline.wait(0);
+        let second = timeline.wait(0);
+        assert_eq!((first.seq, second.seq), (0, 1));
+        assert_eq!(second.t_capture_ns - first.t_capture_ns, 100_000);
+    }
+}

@@ -1,0 +1,97 @@
+//! Which camera: the table of drivers.
+
+use crate::camera::{Camera, CameraError, Exposure, LastFrame, Timeline};
+use crate::pictures::{PictureCamera, load_frames};
+use crate::synthetic::SyntheticMatch;
+use common::config::Config;
+use common::messages::{Commands, TruthFrame};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Where frames come from, as named on the command line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Source {
+    /// The built-in match: `synthetic`.
+    Synthetic,
+    /// Picture files: `images:PATH`.
+    Pictures(PathBuf),
+}
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "synthetic" => Ok(Self::Synthetic),
+            Some(("images", path)) if !path.is_empty() => Ok(Self::Pictures(path.into())),
+            _ => Err("use synthetic, or images:PATH with a picture or a folder of pictures".into()),
+        }
+    }
+}
+
+impl std::fmt::Display for Source {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Synthetic => write!(f, "synthetic"),
+            Self::Pictures(path) => write!(f, "images:{}", path.display()),
+        }
+    }
+}
+
+/// A source made ready, waiting for the moment to start.
+type Opened = Box<dyn FnOnce(Option<LastFrame>) -> Box<dyn Camera>>;
+
+/// Says what is wrong with a source, if anything, without keeping it.
+pub fn check(source: &Source, config: &Config) -> Result<(), CameraError> {
+    open(source, config).map(drop)
+}
+
+/// Makes a source ready. Everything slow and everything that can fail happens here; the timeline
+/// starts with the call of what is returned.
+pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
+    let fps = config.camera.fps;
+    match source {
+        Source::Synthetic => {
+            let width = config.camera.width as usize;
+            let scene = SyntheticMatch::new(config)
+                .map_err(|error| CameraError::Synthetic(error.to_string()))?;
+            Ok(Box::new(move |last| {
+                Box::new(SyntheticCamera { scene, width, position: 0, timeline: Timeline::new(fps, last) })
+            }))
+        }
+        Source::Pictures(path) => {
+            let frames = load_frames(path, &config.camera)?;
+            Ok(Box::new(move |last| {
+                Box::new(PictureCamera::new(frames, Timeline::new(fps, last)))
+            }))
+        }
+    }
+}
+
+/// The synthetic match in front of a camera: each frame is painted before it is due and handed on
+/// the moment it is.
+struct SyntheticCamera {
+    scene: SyntheticMatch,
+    width: usize,
+    /// Frame number of the scene's present state.
+    position: u64,
+    timeline: Timeline,
+}
+
+impl Camera for SyntheticCamera {
+    fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
+        let skipped = self.timeline.skip_late();
+        // Also how a successor gets to where its predecessor was: the match is a function of seed
+        // and frame number.
+        while self.position < self.timeline.next_seq() {
+            self.scene.advance();
+            self.position += 1;
+        }
+        self.scene.render(pixels, self.width);
+        Ok(self.timeline.wait(skipped))
+    }
+
+    fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
+        Some((self.scene.truth(), self.scene.commands()))
+    }
+}

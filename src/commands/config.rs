@@ -1,0 +1,286 @@
+//! `touchline config`: write a commented configuration file, check one, print the schema.
+
+use super::CommandError;
+use crate::cli::ConfigCommand;
+use common::config::{self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset};
+use common::geometry::{CameraModel, FieldPoint};
+use common::messages::Team;
+use std::fmt::Write as _;
+use std::fs::OpenOptions;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Carries out a `touchline config` command; what it has to say goes to the standard output.
+pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
+    let text = match command {
+        ConfigCommand::Init { output, preset, force } => init(preset, output.as_deref(), force)?,
+        ConfigCommand::Check { file } => check(&file)?,
+        ConfigCommand::Schema => schema(),
+    };
+    match io::stdout().write_all(text.as_bytes()) {
+        // The reader has seen enough: `touchline config init | head`.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+        written => written?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Why a `touchline config` command failed; the text is for people.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigCommandError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A file is in the way.
+    #[error("{} exists; --force overwrites it", .0.display())]
+    Exists(PathBuf),
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// Writes the preset's configuration, every key commented, to `output`; without one it is returned
+/// for the standard output. An existing file is overwritten only with `force`.
+pub fn init(
+    preset: Preset,
+    output: Option<&Path>,
+    force: bool,
+) -> Result<String, ConfigCommandError> {
+    let text = config::commented_toml(&preset.config());
+    let Some(path) = output else { return Ok(text) };
+    let mut options = OpenOptions::new();
+    options.write(true).create(true);
+    if force {
+        options.truncate(true);
+    } else {
+        options.create_new(true);
+    }
+    let written = options.open(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    match written {
+        Ok(()) => {
+            let path = path.display();
+            let name = preset.name();
+            Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            Err(ConfigCommandError::Exists(path.into()))
+        }
+        Err(source) => Err(ConfigCommandError::Write { path: path.into(), source }),
+    }
+}
+
+/// Checks a file; for a usable one a summary of what it says, and what in it looks unintended.
+pub fn check(path: &Path) -> Result<String, ConfigCommandError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| ConfigError::Read { path: path.into(), source })?;
+    let (config, warnings) = config::check(&text, &path.display().to_string())?;
+    Ok(report(path, &config, &warnings))
+}
+
+/// The JSON schema of the configuration.
+pub fn schema() -> String {
+    config::schema_json()
+}
+
+fn report(path: &Path, config: &Config, warnings: &Complaints) -> String {
+    let count = match warnings.list.len() {
+        0 => String::new(),
+        1 => ", with a warning".to_string(),
+        count => format!(", with {count} warnings"),
+    };
+    let mut text = format!("{}: OK{count}\n{}", path.display(), summary(config));
+    if !warnings.list.is_empty() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "\n{warnings}");
+    }
+    text
+}
+
+fn summary(config: &Config) -> String {
+    let (field, camera, robots) = (&config.field, &config.camera, &config.robots);
+    let lines = [
+        ("preset", config.preset.name().to_string()),
+        ("field", format!("{} × {} mm", field.length_mm, field.width_mm)),
+        (
+            "camera",
+            format!(
+                "{} × {} pixels, {}, {} fps",
+                camera.width,
+                camera.height,
+                format!("{:?}", camera.bayer_order).to_uppercase(),
+                camera.fps
+            ),
+        ),
+        ("geometry", geometry(config)),
+        ("colours", colors(config)),
+        (
+            "robots",
+            format!(
+                "{}; {} mm, {} identification {}",
+                roster(config),
+                robots.size_mm,
+                identification_patches(config),
+                if identification_patches(config) == 1 { "patch" } else { "patches" }
+            ),
+        ),
+    ];
+    lines.iter().map(|(name, value)| format!("  {name:<9} {value}\n")).collect()
+}
+
+fn geometry(config: &Config) -> String {
+    let (geometry, camera) = (&config.geometry, &config.camera);
+    let mut text = format!("{} points", geometry.points.len());
+    if let Ok(model) = CameraModel::new(geometry, camera.width, camera.height) {
+        let middle = model.image_from_field(FieldPoint::new(0.0, 0.0), 0.0);
+        let mm_per_px = model.pixel_area_mm2(middle, 0.0).sqrt();
+        let _ = write!(text, ", {mm_per_px:.2} mm a pixel in the middle");
+    }
+    let derived = GeometryConfig::above(&config.field, camera, geometry.camera_mm[2]);
+    if derived.points == geometry.points {
+        text += " (ideal; a real camera needs its own points)";
+    }
+    text
+}
+
+fn colors(config: &Config) -> String {
+    let role = |name: &str| {
+        if name == config.ball.color {
+            return " (ball)".to_string();
+        }
+        let team = Team::ALL.into_iter().find(|&team| config.teams.color(team) == name);
+        team.map_or_else(String::new, |team| format!(" (team {})", team.name()))
+    };
+    let names: Vec<String> =
+        config.colors.iter().map(|color| format!("{}{}", color.name, role(&color.name))).collect();
+    names.join(", ")
+}
+
+/// "yellow 0–4, blue 0–2 and 7".
+fn roster(config: &Config) -> String {
+    let teams: Vec<String> = Team::ALL
+        .into_iter()
+        .filter_map(|team| {
+            let robots = config.robots.identities.iter().filter(|robot| robot.team == team);
+            let mut ids: Vec<u32> = robots.map(|robot| robot.id).collect();
+            ids.sort_unstable();
+            (!ids.is_empty()).then(|| format!("{} {}", team.name(), ranges(&ids)))
+        })
+        .collect();
+    if teams.is_empty() { "none".into() } else { teams.join(", ") }
+}
+
+/// "0–4 7" for ascending numbers.
+fn ranges(numbers: &[u32]) -> String {
+    let chunks = numbers.chunk_by(|a, b| a + 1 == *b).filter_map(|chunk| match chunk {
+        [only] => Some(only.to_string()),
+        [first, .., last] => Some(format!("{first}–{last}")),
+        [] => None,
+    });
+    chunks.collect::<Vec<_>>().join(" ")
+}
+
+fn identification_patches(config: &Config) -> usize {
+    let patches = &config.robots.patches;
+    patches.iter().filter(|patch| patch.role == PatchRole::Identification).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A directory of its own for each test, removed at the end.
+    struct Scratch(PathBuf);
+
+    impl Scratch {
+        fn new(name: &str) -> Self {
+            let name = format!("touchline-config-{}-{name}", std::process::id());
+            let path = std::env::temp_dir().join(name);
+            std::fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+
+        fn file(&self, name: &str) -> PathBuf {
+            self.0.join(name)
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    #[test]
+    fn what_init_writes_is_what_check_accepts() {
+        let scratch = Scratch::new("init");
+        for preset in Preset::ALL {
+            let file = scratch.file(&format!("{}.toml", preset.name()));
+            let said = init(preset, Some(&file), false).unwrap();
+            assert!(said.contains(preset.name()), "{said}");
+            assert_eq!(Config::load(&file).unwrap(), preset.config());
+            let report = check(&file).unwrap();
+            assert!(report.contains(": OK\n"), "{report}");
+        }
+    }
+
+    #[test]
+    fn init_without_a_file_returns_the_text() {
+        let text = init(Preset::Vsss3v3, None, false).unwrap();
+        assert_eq!(Config::parse(&text, "text").unwrap(), Preset::Vsss3v3.config());
+    }
+
+    #[test]
+    fn init_leaves_an_existing_file_alone_unless_forced() {
+        let scratch = Scratch::new("force");
+        let file = scratch.file("match.toml");
+        let filler = "# mine, and longer than nothing\n".repeat(2000);
+        std::fs::write(&file, &filler).unwrap();
+        let error = init(Preset::default(), Some(&file), false).unwrap_err();
+        assert!(matches!(error, ConfigCommandError::Exists(_)), "{error}");
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), filler);
+        init(Preset::default(), Some(&file), true).unwrap();
+        assert_eq!(Config::load(&file).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn check_sums_up_field_camera_colours_and_robots() {
+        let scratch = Scratch::new("check");
+        let file = scratch.file("match.toml");
+        let text = "preset = \"vsss-3v3\"\n[camera]\nfps = 60\nexposure_us = 20_000\n";
+        std::fs::write(&file, text).unwrap();
+        let report = check(&file).unwrap();
+        for part in [
+            "OK, with a warning",
+            "1500 × 1300 mm",
+            "640 × 480 pixels, RGGB, 60 fps",
+            "orange (ball), yellow (team yellow), blue (team blue), green",
+            "yellow 0–2, blue 0–2; 75 mm, 1 identification patch",
+            "match.toml:4:15: camera.exposure_us: is longer than a frame at 60 fps",
+        ] {
+            assert!(report.contains(part), "{part:?} is missing in\n{report}");
+        }
+    }
+
+    #[test]
+    fn check_shows_what_is_wrong() {
+        let scratch = Scratch::new("wrong");
+        let file = scratch.file("match.toml");
+        std::fs::write(&file, "[camera]\nfsp = 80\n").unwrap();
+        let error = check(&file).unwrap_err().to_string();
+        assert!(error.contains("match.toml:2:1") && error.contains("`fps`"), "{error}");
+        let error = check(&scratch.file("absent.toml")).unwrap_err().to_string();
+        assert!(error.contains("absent.toml"), "{error}");
+    }
+
+    #[test]
+    fn numbers_are_summed_up_as_ranges() {
+        assert_eq!(ranges(&[0, 1, 2, 5, 7, 8]), "0–2 5 7–8");
+        assert_eq!(ranges(&[]), "");
+    }
+}

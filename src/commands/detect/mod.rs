@@ -1,0 +1,205 @@
+//! `touchline detect`: what a running group would find on still pictures.
+//!
+//! The stages' own cores, one after the other in one process: what is found here is found in a
+//! match, except that there the filter's last word helps to choose between explanations of a
+//! picture that are equally good, and here every picture stands alone.
+
+mod answer;
+mod canvas;
+mod font;
+mod overlay;
+
+use super::{CommandError, load_config};
+use crate::cli::DetectArgs;
+use answer::Answer;
+use bytemuck::Zeroable;
+use classifier::{BayerImage, Classifier, demosaic};
+use common::config::{CameraConfig, Config};
+use common::messages::{
+    DetectionFrame, FrameFault, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader,
+};
+use grabber::pictures::{list_pictures, load_bayer};
+use overlay::Overlay;
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use tracker::Tracker;
+
+/// Looks at every picture and prints what it shows. A picture that cannot be used is complained
+/// about and makes the exit code 1; the others are looked at all the same.
+pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
+    let config = load_config(args.config.as_deref())?;
+    let mut pipeline = Pipeline::new(&config)?;
+    let (pictures, mut all_good) = list(&args.images);
+    let mut painter = match &args.overlay {
+        Some(folder) => Some(Painter::new(folder, &config, &pictures)?),
+        None => None,
+    };
+    let mut output = io::stdout().lock();
+    for path in &pictures {
+        let answer = match look_at(path, &config, &mut pipeline, painter.as_mut()) {
+            Ok(answer) => answer,
+            Err(error) => {
+                eprintln!("touchline: {error}");
+                all_good = false;
+                continue;
+            }
+        };
+        let text = if args.json { serde_json::to_string(&answer)? + "\n" } else { answer.text() };
+        match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
+            // The reader has seen enough: `touchline detect … | head`.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => break,
+            written => written?,
+        }
+    }
+    Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The pictures that files and folders stand for; `false` if some of them cannot be listed, which
+/// has been said then.
+fn list(arguments: &[PathBuf]) -> (Vec<PathBuf>, bool) {
+    let mut pictures = Vec::new();
+    let mut all_good = true;
+    for argument in arguments {
+        match list_pictures(argument) {
+            Ok(found) => pictures.extend(found),
+            Err(error) => {
+                eprintln!("touchline: {error}");
+                all_good = false;
+            }
+        }
+    }
+    (pictures, all_good)
+}
+
+fn look_at(
+    path: &Path,
+    config: &Config,
+    pipeline: &mut Pipeline,
+    painter: Option<&mut Painter>,
+) -> Result<Answer, CommandError> {
+    let name = path.display();
+    let bayer = load_bayer(path, &config.camera)?;
+    let seen = pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
+    if seen.flags & DetectionFrame::INPUT_OVERFLOW != 0 {
+        eprintln!(
+            "touchline: {name}: more than {MAX_RUNS} stretches of colour; the lower part of the \
+             picture was not looked at; make the colours narrower"
+        );
+    }
+    if let Some(painter) = painter {
+        painter.paint(path, &bayer, seen)?;
+    }
+    Ok(Answer::new(name.to_string(), seen))
+}
+
+/// The stages between a frame and what is seen in it, and the memory they work in.
+struct Pipeline {
+    camera: CameraConfig,
+    classifier: Classifier,
+    tracker: Tracker,
+    runs_header: RunsHeader,
+    runs: Vec<Run>,
+    seen: Box<DetectionFrame>,
+}
+
+impl Pipeline {
+    fn new(config: &Config) -> Result<Self, CommandError> {
+        Ok(Self {
+            camera: config.camera.clone(),
+            classifier: Classifier::new(config)?,
+            tracker: Tracker::new(config)?,
+            runs_header: RunsHeader::default(),
+            runs: vec![Run::zeroed(); MAX_RUNS],
+            seen: Box::new(DetectionFrame::zeroed()),
+        })
+    }
+
+    fn step(&mut self, bayer: &[u8]) -> Result<&DetectionFrame, FrameFault> {
+        let &CameraConfig { width, height, bayer_order, exposure_us, .. } = &self.camera;
+        let header = FrameHeader {
+            width,
+            height,
+            stride: width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: bayer_order as u32,
+            exposure_us,
+            ..FrameHeader::default()
+        };
+        self.classifier.step(&header, bayer, &mut self.runs_header, &mut self.runs)?;
+        let runs = self.runs_header.valid(&self.runs);
+        self.tracker.step(&self.runs_header, runs, None, &mut self.seen);
+        Ok(&self.seen)
+    }
+}
+
+/// Writes overlays into a folder.
+struct Painter<'a> {
+    folder: PathBuf,
+    camera: &'a CameraConfig,
+    overlay: Overlay<'a>,
+    /// File names given away.
+    used: HashSet<String>,
+    rgb: Vec<u8>,
+}
+
+impl<'a> Painter<'a> {
+    /// Makes sure that there is a folder, and that it is not one the pictures come from: overlays
+    /// have their names.
+    fn new(folder: &Path, config: &'a Config, pictures: &[PathBuf]) -> Result<Self, CommandError> {
+        let problem = |error: io::Error| format!("overlay folder {}: {error}", folder.display());
+        std::fs::create_dir_all(folder).map_err(problem)?;
+        let place = folder.canonicalize().map_err(problem)?;
+        for picture in pictures {
+            let parent =
+                picture.canonicalize().ok().and_then(|path| Some(path.parent()?.to_owned()));
+            if parent.as_ref() == Some(&place) {
+                return Err(format!(
+                    "overlay folder {}: {} lies in it and would be overwritten; use another folder",
+                    folder.display(),
+                    picture.display()
+                )
+                .into());
+            }
+        }
+        Ok(Self {
+            folder: folder.to_owned(),
+            camera: &config.camera,
+            overlay: Overlay::new(config)?,
+            used: HashSet::new(),
+            rgb: Vec::new(),
+        })
+    }
+
+    fn paint(
+        &mut self,
+        picture: &Path,
+        bayer: &[u8],
+        seen: &DetectionFrame,
+    ) -> Result<(), CommandError> {
+        let &CameraConfig { width, height, bayer_order, .. } = self.camera;
+        let image = BayerImage::new(bayer, width, height, width, bayer_order)
+            .ok_or_else(|| format!("{}: not a Bayer picture", picture.display()))?;
+        demosaic(&image, &mut self.rgb);
+        let name = self.unused_name(picture);
+        let path = self.folder.join(name);
+        self.overlay
+            .draw(&self.rgb, seen)
+            .save(&path)
+            .map_err(|error| format!("overlay {}: {error}", path.display()).into())
+    }
+
+    /// The picture's own name, as a PNG's; with a number behind it when another picture of this
+    /// run has it already.
+    fn unused_name(&mut self, picture: &Path) -> String {
+        let stem = picture.file_stem().unwrap_or_default().to_string_lossy();
+        let mut name = format!("{stem}.png");
+        let mut number = 2;
+        while !self.used.insert(name.clone()) {
+            name = format!("{stem}-{number}.png");
+            number += 1;
+        }
+        name
+    }
+}

@@ -1,0 +1,73 @@
+//! What each subcommand does.
+
+mod config;
+mod detect;
+mod group;
+mod run;
+
+use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
+use common::config::Config;
+use common::instance::Instance;
+use common::process::{ProcessError, ProcessOptions};
+use grabber::process::GrabberOptions;
+use std::error::Error;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Whatever ends a command; its text is for the user.
+pub type CommandError = Box<dyn Error>;
+
+/// Carries out a command line.
+pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
+    match cli.command {
+        None => run::run(crate::cli::default_run()),
+        Some(Command::Run(args)) => run::run(args),
+        Some(Command::Detect(args)) => detect::detect(args),
+        Some(Command::Status(args)) => group::status(args),
+        Some(Command::Stop(args)) => group::stop(args),
+        Some(Command::Config(command)) => config::execute(command),
+        Some(Command::Grabber(args)) => grabber_stage(args),
+        Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),
+        Some(Command::Tracker(args)) => stage("tracker", args, tracker::process::run),
+        Some(Command::Filter(args)) => stage("filter", args, filter::process::run),
+    }
+}
+
+/// The configuration in a file, or the defaults.
+fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
+    Ok(match file {
+        Some(path) => Config::load(path)?,
+        None => Config::default(),
+    })
+}
+
+fn stage(
+    name: &str,
+    args: StageArgs,
+    run: impl FnOnce(&ProcessOptions, &Config) -> Result<(), ProcessError>,
+) -> Result<ExitCode, CommandError> {
+    let config = load_config(args.config.as_deref())?;
+    let instance = Instance::new(&args.instance.instance)?;
+    instance.create_directory()?;
+    name_process(name);
+    run(&ProcessOptions { instance, spare: args.spare }, &config)
+        .map_err(|error| format!("{name}: {error}"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn grabber_stage(args: GrabberArgs) -> Result<ExitCode, CommandError> {
+    let options = GrabberOptions {
+        source: args.source,
+        frames: args.frames,
+        resume_after: args.resume_after,
+    };
+    stage("grabber", args.stage, |process, config| grabber::process::run(process, &options, config))
+}
+
+/// What `ps` and `top` show; the file's name would be the same for every stage.
+fn name_process(stage: &str) {
+    if let Ok(name) = std::ffi::CString::new(format!("tl-{stage}")) {
+        // Cosmetic: a process without a name works as well.
+        let _ = rustix::thread::set_name(&name);
+    }
+}

@@ -1,0 +1,329 @@
+//! Emptying the topics and putting the report together.
+
+use super::accuracy::{ReportedRobot, Scorer};
+use super::flow::Flow;
+use super::report::{Accuracy, Camera, Found, Latency, Percentiles, Process, Rate, Report, Stage};
+use super::usage::{Usage, usage_of};
+use super::view::{Event, GroupView};
+use common::bus::{Bus, BusError, Publisher, Subscriber};
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::instance::Instance;
+use common::messages::*;
+use common::topics;
+use hdrhistogram::Histogram;
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::sync::Arc;
+
+/// Truth is kept for so many frames: longer than any result is under way.
+const KEPT_TRUTH: usize = 512;
+/// Over which rates and processor shares are measured.
+const RATE_PERIOD_NS: u64 = 1_000_000_000;
+
+/// Longest latency told apart from longer ones.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// The monitor's eyes and memory.
+pub struct Collector {
+    frames: Subscriber<u8, FrameHeader>,
+    detections: Subscriber<DetectionFrame, ()>,
+    world: Subscriber<WorldFrame, ()>,
+    truth: Subscriber<TruthFrame, ()>,
+    health: Subscriber<Heartbeat, ()>,
+    view: Arc<GroupView>,
+    base: Report,
+    started_ns: u64,
+    flow: Flow,
+    known_truth: VecDeque<TruthFrame>,
+    detection_scorer: Scorer,
+    world_scorer: Scorer,
+    capture_to_frame: Histogram<u64>,
+    capture_to_runs: Histogram<u64>,
+    capture_to_detections: Histogram<u64>,
+    capture_to_world: Histogram<u64>,
+    rejected: BTreeMap<String, u64>,
+    processes: HashMap<u32, ProcessRecord>,
+    rate: RateMeter,
+    // Last, so that it outlives the ports.
+    _bus: Bus,
+}
+
+/// What is known of a process, also after its end.
+#[derive(Default)]
+struct ProcessRecord {
+    beat: Option<Heartbeat>,
+    usage: Usage,
+}
+
+#[derive(Default)]
+struct RateMeter {
+    since_ns: u64,
+    frames: Rate,
+    counted: (u64, u64),
+    cpu_seconds: BTreeMap<ProcessKind, f64>,
+    cpu_percent: BTreeMap<ProcessKind, f64>,
+}
+
+impl Collector {
+    /// Connects; also returns the port on which the report is to be published.
+    pub fn new(
+        instance: &Instance,
+        source: String,
+        config: &Config,
+        view: Arc<GroupView>,
+    ) -> Result<(Self, Publisher<u8, StatusHeader>), BusError> {
+        let bus = Bus::join(instance, "monitor")?;
+        let status = bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?;
+        let histogram = || {
+            Histogram::new_with_max(LONGEST_NS, 3).expect("these bounds are allowed")
+        };
+        let base = Report {
+            version: env!("CARGO_PKG_VERSION").into(),
+            instance: instance.name().into(),
+            source,
+            camera: Camera {
+                width: config.camera.width,
+                height: config.camera.height,
+                fps: config.camera.fps,
+            },
+            supervisor_pid: view.supervisor_pid,
+            found: Found {
+                robots_configured: config.robots.identities.len() as u32,
+                ..Found::default()
+            },
+            ..Report::default()
+        };
+        let collector = Self {
+            frames: bus.subscriber(&topics::FRAMES)?,
+            detections: bus.subscriber(&topics::DETECTIONS)?,
+            world: bus.subscriber(&topics::WORLD)?,
+            truth: bus.subscriber(&topics::TRUTH)?,
+            health: bus.subscriber(&topics::HEALTH)?,
+            view,
+            base,
+            started_ns: monotonic_ns(),
+            flow: Flow::default(),
+            known_truth: VecDeque::with_capacity(KEPT_TRUTH),
+            detection_scorer: Scorer::new(),
+            world_scorer: Scorer::new(),
+            capture_to_frame: histogram(),
+            capture_to_runs: histogram(),
+            capture_to_detections: histogram(),
+            capture_to_world: histogram(),
+            rejected: BTreeMap::new(),
+            processes: HashMap::new(),
+            rate: RateMeter::default(),
+            _bus: bus,
+        };
+        Ok((collector, status))
+    }
+
+    /// Takes in everything published since the last call.
+    pub fn collect(&mut self) -> Result<(), BusError> {
+        while let Some(frame) = self.frames.receive()? {
+            let header = frame.header();
+            self.flow.captured(header.seq);
+            record(&mut self.capture_to_frame, header, header.t_sent_ns);
+        }
+        while let Some(received) = self.detections.receive()? {
+            if let Some(detection) = received.message() {
+                self.take_detection(detection)?;
+            }
+        }
+        while let Some(received) = self.world.receive()? {
+            if let Some(world) = received.message() {
+                self.take_world(world)?;
+            }
+        }
+        while let Some(received) = self.health.receive()? {
+            if let Some(beat) = received.message() {
+                self.processes.entry(beat.pid).or_default().beat = Some(*beat);
+            }
+        }
+        Ok(())
+    }
+
+    /// Events that were not returned before.
+    pub fn take_new_events(&self) -> Vec<Event> {
+        self.view.take_new_events()
+    }
+
+    fn take_detection(&mut self, detection: &DetectionFrame) -> Result<(), BusError> {
+        self.base.found = Found {
+            robots: detection.robots().len() as u32,
+            ball: !detection.balls().is_empty(),
+            regions: detection.region_count,
+            ..self.base.found
+        };
+        for rejected in detection.rejected() {
+            if let Some(reason) = RejectReason::from_number(rejected.reason) {
+                *self.rejected.entry(reason.text().into()).or_default() += 1;
+            }
+        }
+        if let Some(truth) = self.truth_of(detection.frame.seq)? {
+            let robots: Vec<ReportedRobot> = detection
+                .robots()
+                .iter()
+                .map(|robot| ReportedRobot {
+                    team: robot.team,
+                    robot_id: robot.robot_id,
+                    x_mm: robot.x_mm.into(),
+                    y_mm: robot.y_mm.into(),
+                    orientation: robot.orientation.into(),
+                })
+                .collect();
+            let ball = detection.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);
+            self.detection_scorer.score(&truth, &robots, ball);
+        }
+        Ok(())
+    }
+
+    fn take_world(&mut self, world: &WorldFrame) -> Result<(), BusError> {
+        let before = self.flow.frames(0, false).duplicates_in_world;
+        self.flow.arrived(world.frame.seq);
+        if self.flow.frames(0, false).duplicates_in_world > before {
+            return Ok(());
+        }
+        record(&mut self.capture_to_runs, &world.frame, world.t_runs_ns);
+        record(&mut self.capture_to_detections, &world.frame, world.t_detections_ns);
+        record(&mut self.capture_to_world, &world.frame, world.t_sent_ns);
+        if let Some(truth) = self.truth_of(world.frame.seq)? {
+            let present = |status: u32| status != TrackStatus::Absent as u32;
+            let robots: Vec<ReportedRobot> = world
+                .robots()
+                .iter()
+                .filter(|robot| present(robot.status))
+                .map(|robot| ReportedRobot {
+                    team: robot.team,
+                    robot_id: robot.robot_id,
+                    x_mm: robot.x_mm,
+                    y_mm: robot.y_mm,
+                    orientation: robot.orientation,
+                })
+                .collect();
+            let ball = &world.ball;
+            let ball = present(ball.status).then_some([ball.x_mm, ball.y_mm]);
+            self.world_scorer.score(&truth, &robots, ball);
+        }
+        Ok(())
+    }
+
+    /// The truth of a frame. It is published before the frame, so it has arrived by now.
+    fn truth_of(&mut self, seq: u64) -> Result<Option<TruthFrame>, BusError> {
+        while let Some(received) = self.truth.receive()? {
+            if let Some(truth) = received.message() {
+                if self.known_truth.len() == KEPT_TRUTH {
+                    self.known_truth.pop_front();
+                }
+                self.known_truth.push_back(*truth);
+            }
+        }
+        Ok(self.known_truth.iter().rev().find(|truth| truth.seq == seq).copied())
+    }
+
+    /// The report; `complete` at the end of the run.
+    pub fn report(&mut self, complete: bool) -> Report {
+        let now = monotonic_ns();
+        let (views, restarts) = self.view.processes();
+        for process in &views {
+            let record = self.processes.entry(process.pid).or_default();
+            record.usage = usage_of(process.pid).unwrap_or(record.usage);
+        }
+        let mut stages: BTreeMap<ProcessKind, Stage> =
+            ProcessKind::ALL.into_iter().map(|kind| (kind, Stage::default())).collect();
+        for record in self.processes.values() {
+            let Some(beat) = &record.beat else { continue };
+            let Some(kind) = ProcessKind::from_number(beat.process) else { continue };
+            let stage = stages.entry(kind).or_default();
+            stage.frames_in += beat.frames_in;
+            stage.frames_out += beat.frames_out;
+            stage.frames_missed += beat.frames_missed;
+            stage.cpu_seconds += record.usage.cpu_seconds;
+            for (reason, &count) in DropReason::ALL.iter().zip(&beat.dropped) {
+                if count > 0 {
+                    *stage.dropped.entry(reason.name().into()).or_default() += count;
+                }
+            }
+        }
+        for process in views {
+            let stage = stages.entry(process.kind).or_default();
+            stage.rss_bytes += usage_of(process.pid).unwrap_or_default().rss_bytes;
+            let state = match process.state {
+                None => "starting",
+                Some(ProcessState::Spare) => "spare",
+                Some(ProcessState::Active) => "active",
+                Some(ProcessState::Finished) => "finished",
+            };
+            stage.processes.push(Process { pid: process.pid, state: state.into() });
+        }
+        for (kind, stage) in &mut stages {
+            stage.restarts = restarts.get(kind).copied().unwrap_or(0);
+        }
+
+        let grabber = &stages[&ProcessKind::Grabber];
+        let dropped_by_grabber = grabber.dropped.values().sum();
+        let frames = self.flow.frames(dropped_by_grabber, complete);
+        self.rate.measure(now, (frames.captured, frames.world), &mut stages);
+        let working = |stage: &Stage| stage.processes.iter().any(|process| process.state == "active");
+        let accuracy = match (self.detection_scorer.errors(), self.world_scorer.errors()) {
+            (Some(detections), Some(world)) => Some(Accuracy { detections, world }),
+            _ => None,
+        };
+        Report {
+            elapsed_s: ((now - self.started_ns) as f64 / 1e7).round() / 100.0,
+            complete: stages.values().all(working),
+            frames,
+            rate: self.rate.frames.clone(),
+            latency_us: Latency {
+                capture_to_frame: Percentiles::of_ns(&self.capture_to_frame),
+                capture_to_runs: Percentiles::of_ns(&self.capture_to_runs),
+                capture_to_detections: Percentiles::of_ns(&self.capture_to_detections),
+                capture_to_world: Percentiles::of_ns(&self.capture_to_world),
+            },
+            stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
+            rejected: self.rejected.clone(),
+            accuracy,
+            events: self.view.events(),
+            ..self.base.clone()
+        }
+    }
+}
+
+impl RateMeter {
+    /// Renews the rates once a period, and writes the processors' shares into the stages.
+    fn measure(
+        &mut self,
+        now_ns: u64,
+        counted: (u64, u64),
+        stages: &mut BTreeMap<ProcessKind, Stage>,
+    ) {
+        let elapsed_ns = now_ns.saturating_sub(self.since_ns);
+        if elapsed_ns >= RATE_PERIOD_NS {
+            let seconds = elapsed_ns as f64 / 1e9;
+            let rate = |new: u64, old: u64| (new.saturating_sub(old) as f64 / seconds * 10.0).round() / 10.0;
+            let first = self.since_ns == 0;
+            if !first {
+                self.frames = Rate {
+                    captured: rate(counted.0, self.counted.0),
+                    world: rate(counted.1, self.counted.1),
+                };
+            }
+            for (&kind, stage) in stages.iter() {
+                let used = stage.cpu_seconds - self.cpu_seconds.get(&kind).copied().unwrap_or(0.0);
+                if !first {
+                    self.cpu_percent.insert(kind, (used.max(0.0) / seconds * 1000.0).round() / 10.0);
+                }
+                self.cpu_seconds.insert(kind, stage.cpu_seconds);
+            }
+            self.since_ns = now_ns;
+            self.counted = counted;
+        }
+        for (kind, stage) in stages.iter_mut() {
+            stage.cpu_percent = self.cpu_percent.get(kind).copied().unwrap_or(0.0);
+        }
+    }
+}
+
+fn record(histogram: &mut Histogram<u64>, frame: &FrameHeader, t_ns: u64) {
+    histogram.saturating_record(t_ns.saturating_sub(frame.t_capture_ns));
+}

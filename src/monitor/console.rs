@@ -1,0 +1,235 @@
+//! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
+//! the end.
+
+use super::report::{Errors, Percentiles, Report};
+use super::view::Event;
+use common::messages::ProcessKind;
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write as _};
+use std::time::{Duration, Instant};
+
+/// How the run is shown while it lasts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Output {
+    /// Redrawn in place.
+    Display,
+    /// A line a second.
+    Lines,
+    /// Not at all.
+    Quiet,
+}
+
+impl Output {
+    /// What suits standard output.
+    pub fn for_stdout() -> Self {
+        if std::io::stdout().is_terminal() { Self::Display } else { Self::Lines }
+    }
+}
+
+/// Draws reports as they come.
+pub struct Display {
+    output: Output,
+    drawn_lines: usize,
+    last_line: Instant,
+}
+
+impl Display {
+    /// Nothing drawn yet.
+    pub fn new(output: Output) -> Self {
+        Self { output, drawn_lines: 0, last_line: Instant::now() }
+    }
+
+    /// Writes what happened to standard error, evidence included.
+    pub fn events(&mut self, events: &[Event]) {
+        for event in events {
+            self.clear();
+            eprintln!("touchline: {} (pid {}): {}", event.stage, event.pid, event.what);
+            for line in event.evidence.lines() {
+                eprintln!("    {line}");
+            }
+        }
+    }
+
+    /// Shows a report.
+    pub fn draw(&mut self, report: &Report) {
+        match self.output {
+            Output::Quiet => {}
+            Output::Lines => {
+                if self.last_line.elapsed() >= Duration::from_secs(1) {
+                    self.last_line = Instant::now();
+                    print(&format!("{}\n", line(report)));
+                }
+            }
+            Output::Display => {
+                let text = display(report);
+                let mut screen = format!("{}{text}", self.erase());
+                self.drawn_lines = text.lines().count();
+                screen.push_str("\x1b[0m");
+                print(&screen);
+            }
+        }
+    }
+
+    /// Removes the display, so that other text can follow.
+    pub fn clear(&mut self) {
+        let erase = self.erase();
+        if !erase.is_empty() {
+            print(&erase);
+        }
+        self.drawn_lines = 0;
+    }
+
+    fn erase(&self) -> String {
+        match self.drawn_lines {
+            0 => String::new(),
+            lines => format!("\x1b[{lines}A\r\x1b[J"),
+        }
+    }
+}
+
+/// A reader that has gone away (`| head`) is no reason to end a match.
+fn print(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+fn display(report: &Report) -> String {
+    let mut text = String::new();
+    let camera = &report.camera;
+    let state = if report.complete { "running" } else { "incomplete" };
+    let _ = writeln!(
+        text,
+        "\x1b[1mTouchline\x1b[0m  {} — {}, {}×{} at {} fps — {state} for {:.0} s   (Ctrl-C ends)",
+        report.instance, report.source, camera.width, camera.height, camera.fps, report.elapsed_s
+    );
+    text.push_str(&body(report));
+    if let Some(event) = report.events.last() {
+        let _ = writeln!(text, "  last event   {}: {}", event.stage, event.what);
+    }
+    text
+}
+
+/// The report in full, as printed at the end of a run.
+pub fn summary(report: &Report) -> String {
+    let camera = &report.camera;
+    format!(
+        "{} — {}, {}×{} at {} fps, {:.1} s\n{}",
+        report.instance,
+        report.source,
+        camera.width,
+        camera.height,
+        camera.fps,
+        report.elapsed_s,
+        body(report)
+    )
+}
+
+fn body(report: &Report) -> String {
+    let mut text = String::new();
+    let frames = &report.frames;
+    let _ = writeln!(
+        text,
+        "  frames       {} captured ({:.1}/s), {} in world ({:.1}/s), {} missing, {} duplicated, {} dropped by the grabber, {} never captured",
+        frames.captured,
+        report.rate.captured,
+        frames.world,
+        report.rate.world,
+        frames.missing_in_world,
+        frames.duplicates_in_world,
+        frames.dropped_by_grabber,
+        frames.never_captured,
+    );
+    let _ = writeln!(
+        text,
+        "  {:<12} {:>9} {:>9} {:>8} {:>8} {:>6} {:>8}   capture → output µs: p50 / p99 / max",
+        "stage", "in", "out", "dropped", "restarts", "CPU", "memory"
+    );
+    let latency = &report.latency_us;
+    let latencies = [
+        &latency.capture_to_frame,
+        &latency.capture_to_runs,
+        &latency.capture_to_detections,
+        &latency.capture_to_world,
+    ];
+    for (kind, latency) in ProcessKind::ALL.into_iter().zip(latencies) {
+        let Some(stage) = report.stages.get(kind.name()) else { continue };
+        let dropped: u64 = stage.dropped.values().sum();
+        let Percentiles { p50, p99, max, .. } = latency;
+        let _ = writeln!(
+            text,
+            "  {:<12} {:>9} {:>9} {:>8} {:>8} {:>5.1}% {:>5} MB   {p50:.0} / {p99:.0} / {max:.0}",
+            kind.name(),
+            stage.frames_in,
+            stage.frames_out,
+            dropped,
+            stage.restarts,
+            stage.cpu_percent,
+            stage.rss_bytes / 1_000_000,
+        );
+    }
+    let found = &report.found;
+    let ball = if found.ball { "the ball" } else { "no ball" };
+    let _ = writeln!(
+        text,
+        "  found        {} of {} robots, {ball}, {} regions",
+        found.robots, found.robots_configured, found.regions
+    );
+    if !report.rejected.is_empty() {
+        let reasons: Vec<String> =
+            report.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        let _ = writeln!(text, "  rejected     {}", reasons.join(", "));
+    }
+    if let Some(accuracy) = &report.accuracy {
+        for (name, errors) in [("detections", &accuracy.detections), ("world", &accuracy.world)] {
+            let _ = writeln!(text, "  {name:<12} {}", errors_line(errors));
+        }
+    }
+    text
+}
+
+fn errors_line(errors: &Errors) -> String {
+    let standing = &errors.standing;
+    format!(
+        "found {:.2}%, {} wrong; error {:.2} mm rms ({:.2} p99), {:.2}° ({:.2}); standing {:.2} mm ({:.2} max), {:.2}° ({:.2} max); ball {:.2}%, {:.2} mm",
+        errors.found_ratio * 100.0,
+        errors.wrong_identity,
+        errors.position_rms_mm,
+        errors.position_p99_mm,
+        errors.heading_rms_deg,
+        errors.heading_p99_deg,
+        standing.position_rms_mm,
+        standing.position_max_mm,
+        standing.heading_rms_deg,
+        standing.heading_max_deg,
+        errors.ball_found_ratio * 100.0,
+        errors.ball_rms_mm,
+    )
+}
+
+fn line(report: &Report) -> String {
+    let frames = &report.frames;
+    let restarts: u64 = report.stages.values().map(|stage| stage.restarts).sum();
+    let mut text = format!(
+        "{:>6.1} s  {:.1} fps  {} captured  {} in world  {} missing  {} restarts  world after {:.0} µs (p99 {:.0})  {}/{} robots  {}",
+        report.elapsed_s,
+        report.rate.captured,
+        frames.captured,
+        frames.world,
+        frames.missing_in_world,
+        restarts,
+        report.latency_us.capture_to_world.p50,
+        report.latency_us.capture_to_world.p99,
+        report.found.robots,
+        report.found.robots_configured,
+        if report.found.ball { "ball" } else { "no ball" },
+    );
+    if let Some(accuracy) = &report.accuracy {
+        let world = &accuracy.world;
+        let _ = write!(
+            text,
+            "  error {:.2} mm {:.2}°",
+            world.position_rms_mm, world.heading_rms_deg
+        );
+    }
+    text
+}

@@ -1,0 +1,139 @@
+//! The monitor: an independent consumer that counts, times and scores what the group does.
+//!
+//! It believes no stage's counters where it can see for itself: frames are counted on `frames`,
+//! results on `world`, errors against `truth`. It runs on a thread of the supervisor's process,
+//! polls without wake-ups (so it costs the writers next to nothing), publishes the report on
+//! `status` and draws the console.
+
+mod accuracy;
+mod collector;
+mod console;
+mod flow;
+pub mod report;
+mod usage;
+mod view;
+
+pub use console::{Output, summary};
+pub use report::Report;
+pub use view::{Event, GroupView, ProcessView};
+
+use collector::Collector;
+use common::bus::{BusError, Publisher};
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::instance::Instance;
+use common::messages::{MAX_STATUS_BYTES, StatusHeader};
+use common::topics;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How often the topics are emptied: their buffers hold 64 messages, so that even at 3,000 frames
+/// a second nothing is overwritten meanwhile.
+const POLL: Duration = Duration::from_millis(5);
+/// How often the status is published.
+const STATUS_PERIOD: Duration = Duration::from_millis(250);
+
+/// The running monitor.
+pub struct Monitor {
+    thread: JoinHandle<Report>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Monitor {
+    /// Connects to the group's topics and starts watching.
+    pub fn start(
+        instance: &Instance,
+        source: String,
+        config: &Config,
+        view: Arc<GroupView>,
+        output: Output,
+    ) -> Result<Self, BusError> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stop_requested = Arc::clone(&stop);
+        let (instance, config) = (instance.clone(), config.clone());
+        let (connected, is_connected) = std::sync::mpsc::channel();
+        // Ports belong to the thread that made them, so they are made there.
+        let thread = std::thread::spawn(move || {
+            match Collector::new(&instance, source, &config, view) {
+                Ok((mut collector, status)) => {
+                    let _ = connected.send(Ok(()));
+                    watch(&mut collector, status, output, &stop_requested)
+                }
+                Err(error) => {
+                    let _ = connected.send(Err(error));
+                    Report::default()
+                }
+            }
+        });
+        // A thread that died without an answer would be a bug of ours, reported when it is joined.
+        is_connected.recv().unwrap_or(Ok(()))?;
+        Ok(Self { thread, stop })
+    }
+
+    /// Ends the monitor; the report is complete.
+    pub fn finish(self) -> Report {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap_or_default()
+    }
+}
+
+fn watch(
+    collector: &mut Collector,
+    mut status: Publisher<u8, StatusHeader>,
+    output: Output,
+    stop: &AtomicBool,
+) -> Report {
+    let mut display = console::Display::new(output);
+    let mut published = Instant::now();
+    loop {
+        // Looked at first: what was published before the request is still collected.
+        let last_round = stop.load(Ordering::Relaxed);
+        if let Err(error) = collector.collect() {
+            eprintln!("touchline: monitor: {error}");
+        }
+        display.events(&collector.take_new_events());
+        if published.elapsed() >= STATUS_PERIOD || last_round {
+            published = Instant::now();
+            let report = collector.report(last_round);
+            publish(&mut status, &report);
+            if last_round {
+                display.clear();
+                return report;
+            }
+            display.draw(&report);
+        }
+        std::thread::sleep(POLL);
+    }
+}
+
+fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
+    let Ok(mut text) = serde_json::to_vec(report) else { return };
+    if text.len() > MAX_STATUS_BYTES {
+        // The events' evidence is the only part without a bound.
+        let shorter = Report { events: Vec::new(), ..report.clone() };
+        text = serde_json::to_vec(&shorter).unwrap_or_default();
+    }
+    let Ok(mut message) = status.loan(MAX_STATUS_BYTES) else { return };
+    let (bytes, header) = message.parts();
+    bytes[..text.len()].copy_from_slice(&text);
+    *header = StatusHeader { t_sent_ns: monotonic_ns(), bytes: text.len() as u64 };
+    // Nobody may be listening; then nobody misses it.
+    let _ = message.send();
+}
+
+/// Reads the newest status of a running group, waiting for the next one to be published.
+pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Report>, BusError> {
+    let bus = common::bus::Bus::join(instance, "status")?;
+    let subscriber = bus.subscriber(&topics::STATUS)?;
+    let deadline = Instant::now() + patience;
+    while Instant::now() < deadline {
+        if let Some(message) = subscriber.newest()? {
+            let length = (message.header().bytes as usize).min(message.elements().len());
+            return Ok(serde_json::from_slice(&message.elements()[..length]).ok());
+        }
+        std::thread::sleep(POLL);
+    }
+    Ok(None)
+}

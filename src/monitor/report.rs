@@ -1,0 +1,226 @@
+//! The report: what a run was like, or is like so far. The same document is written by `--report`,
+//! printed by `touchline status --json` and drawn by the console.
+
+use super::view::Event;
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// What a run was like. Counters cover the whole run.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Report {
+    /// Version of the program.
+    pub version: String,
+    /// Name of the group.
+    pub instance: String,
+    /// Where frames come from.
+    pub source: String,
+    /// Picture size and rate, as configured.
+    pub camera: Camera,
+    /// How long the group has been running.
+    pub elapsed_s: f64,
+    /// Number of the supervisor's process.
+    pub supervisor_pid: u32,
+    /// Whether every stage is working.
+    pub complete: bool,
+    /// Frames, end to end.
+    pub frames: Frames,
+    /// Frames a second over the last second, captured and arrived in `world`.
+    pub rate: Rate,
+    /// From the middle of the exposure until a stage's output is published, in microseconds.
+    pub latency_us: Latency,
+    /// Stage by stage.
+    pub stages: BTreeMap<String, Stage>,
+    /// What was found in the newest frame.
+    pub found: Found,
+    /// How often candidates were rejected, by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// Errors against the truth; absent where nobody knows it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<Accuracy>,
+    /// What the supervisor noticed and did, oldest first; the last hundred.
+    pub events: Vec<Event>,
+}
+
+/// The camera as configured.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Camera {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Frames a second.
+    pub fps: f64,
+}
+
+/// Frames, end to end, counted by an independent subscriber.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Frames {
+    /// Published by the grabber.
+    pub captured: u64,
+    /// Skipped by the grabber because it was late or had no memory.
+    pub dropped_by_grabber: u64,
+    /// Numbers between the first and the last frame that nobody captured: while there was no
+    /// grabber, and those it dropped.
+    pub never_captured: u64,
+    /// Arrived in `world`.
+    pub world: u64,
+    /// Captured, but not in `world`.
+    pub missing_in_world: u64,
+    /// In `world` more than once, or out of order.
+    pub duplicates_in_world: u64,
+}
+
+/// Frames a second.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Rate {
+    /// Published by the grabber.
+    pub captured: f64,
+    /// Arrived in `world`.
+    pub world: f64,
+}
+
+/// From the middle of the exposure to a stage's output.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Latency {
+    /// To the frame itself being published.
+    pub capture_to_frame: Percentiles,
+    /// To the runs.
+    pub capture_to_runs: Percentiles,
+    /// To the detections.
+    pub capture_to_detections: Percentiles,
+    /// To the world.
+    pub capture_to_world: Percentiles,
+}
+
+/// A distribution.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Percentiles {
+    /// Half of all values are below.
+    pub p50: f64,
+    /// Nine of ten are below.
+    pub p90: f64,
+    /// Ninety-nine of a hundred are below.
+    pub p99: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+impl Percentiles {
+    /// Of a histogram in nanoseconds, in microseconds.
+    pub fn of_ns(histogram: &Histogram<u64>) -> Self {
+        let at = |quantile| histogram.value_at_quantile(quantile) as f64 / 1000.0;
+        if histogram.is_empty() {
+            return Self::default();
+        }
+        Self { p50: at(0.5), p90: at(0.9), p99: at(0.99), max: histogram.max() as f64 / 1000.0 }
+    }
+}
+
+/// One stage, all its processes taken together.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Stage {
+    /// Inputs taken. Counters of a process that was killed may lack its last tenth of a second.
+    pub frames_in: u64,
+    /// Outputs given.
+    pub frames_out: u64,
+    /// Numbers missing in its input.
+    pub frames_missed: u64,
+    /// Inputs not worked on, by reason.
+    pub dropped: BTreeMap<String, u64>,
+    /// How often a process of the stage has ended and was replaced.
+    pub restarts: u64,
+    /// Processor time used, by all its processes.
+    pub cpu_seconds: f64,
+    /// Share of one processor over the last second.
+    pub cpu_percent: f64,
+    /// Memory in use now, shared memory included.
+    pub rss_bytes: u64,
+    /// Its processes.
+    pub processes: Vec<Process>,
+}
+
+/// One process.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Process {
+    /// The system's number for it.
+    pub pid: u32,
+    /// `starting`, `spare`, `active` or `finished`.
+    pub state: String,
+}
+
+/// What was found in the newest frame.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Found {
+    /// Robots in the newest detections.
+    pub robots: u32,
+    /// Robots configured.
+    pub robots_configured: u32,
+    /// Whether there was a ball.
+    pub ball: bool,
+    /// Regions.
+    pub regions: u32,
+}
+
+/// Errors against the truth, raw and filtered.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Accuracy {
+    /// Of the tracker's detections.
+    pub detections: Errors,
+    /// Of the filter's world, at capture time.
+    pub world: Errors,
+}
+
+/// Errors of poses.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Errors {
+    /// Share of the visible robots that were found under their right identity.
+    pub found_ratio: f64,
+    /// Robots reported where another one is, or none.
+    pub wrong_identity: u64,
+    /// Root of the mean squared distance.
+    pub position_rms_mm: f64,
+    /// Ninety-nine of a hundred distances are below.
+    pub position_p99_mm: f64,
+    /// Root of the mean squared difference in heading.
+    pub heading_rms_deg: f64,
+    /// Ninety-nine of a hundred differences are below.
+    pub heading_p99_deg: f64,
+    /// The same for robots that have been standing still for half a second.
+    pub standing: StandingErrors,
+    /// Share of the frames with a visible ball in which it was found.
+    pub ball_found_ratio: f64,
+    /// Root of the mean squared distance.
+    pub ball_rms_mm: f64,
+}
+
+/// Errors of robots standing still.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct StandingErrors {
+    /// How many poses this is about.
+    pub samples: u64,
+    /// Root of the mean squared distance.
+    pub position_rms_mm: f64,
+    /// Ninety-nine of a hundred distances are below.
+    pub position_p99_mm: f64,
+    /// Largest distance.
+    pub position_max_mm: f64,
+    /// Root of the mean squared difference in heading.
+    pub heading_rms_deg: f64,
+    /// Ninety-nine of a hundred differences are below.
+    pub heading_p99_deg: f64,
+    /// Largest difference in heading.
+    pub heading_max_deg: f64,
+}

@@ -1,0 +1,47 @@
+//! Processor time and memory of processes, as the system accounts them.
+
+/// What a process has used.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Usage {
+    /// Processor time since its start.
+    pub cpu_seconds: f64,
+    /// Memory in use, shared memory included.
+    pub rss_bytes: u64,
+}
+
+/// Reads `/proc`; `None` when the process is gone.
+pub fn usage_of(pid: u32) -> Option<Usage> {
+    parse_stat(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
+}
+
+fn parse_stat(stat: &str) -> Option<Usage> {
+    // The second field is the name in parentheses, which may hold anything; count from behind it.
+    let (_, fields) = stat.rsplit_once(')')?;
+    let fields: Vec<&str> = fields.split_whitespace().collect();
+    let number = |index: usize| fields.get(index)?.parse::<u64>().ok();
+    let ticks = number(11)? + number(12)?;
+    Some(Usage {
+        cpu_seconds: ticks as f64 / rustix::param::clock_ticks_per_second() as f64,
+        rss_bytes: number(21)? * rustix::param::page_size() as u64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn our_own_usage_is_plausible() {
+        let usage = usage_of(std::process::id()).unwrap();
+        assert!(usage.rss_bytes > 100_000, "{usage:?}");
+        assert_eq!(usage_of(u32::MAX), None);
+    }
+
+    #[test]
+    fn a_name_with_parentheses_does_not_shift_the_fields() {
+        let rest = " S 1 1 1 0 -1 4194560 100 0 0 0 250 50 0 0 20 0 1 0 5 1000000 10 18446744073709551615";
+        let plain = parse_stat(&format!("7 (a){rest}")).unwrap();
+        assert_eq!(parse_stat(&format!("7 (a) (b){rest}")), Some(plain));
+        assert!(plain.cpu_seconds > 0.0);
+    }
+}

@@ -1,0 +1,118 @@
+//! Starting, signalling and reaping the group's processes.
+
+use super::policy::MemberId;
+use common::instance::Instance;
+use common::messages::ProcessKind;
+use grabber::camera::LastFrame;
+use grabber::source::Source;
+use rustix::fd::OwnedFd;
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+/// What all processes of the group are started with.
+#[derive(Debug, Clone)]
+pub struct Launch {
+    /// The group.
+    pub instance: Instance,
+    /// Where the grabber's frames come from.
+    pub source: Source,
+    /// How many frames the grabber is to capture.
+    pub frames: Option<u64>,
+}
+
+/// One process of the group.
+pub struct Process {
+    /// Its stage.
+    pub kind: ProcessKind,
+    /// The system's number for it.
+    pub pid: u32,
+    /// Becomes readable when it ends.
+    pub pidfd: OwnedFd,
+    child: Child,
+    log: PathBuf,
+}
+
+/// How a process ended.
+#[derive(Debug, Clone)]
+pub struct End {
+    /// Exit status or signal, in words.
+    pub how: String,
+    /// The last lines it wrote.
+    pub last_words: String,
+}
+
+/// Enough of a dead process's last output to see a panic with its place.
+const LAST_WORDS_BYTES: usize = 2000;
+
+impl Process {
+    /// Starts a process from the very image this one runs: whatever happens to the file in the
+    /// meantime, a restart never changes the version.
+    pub fn start(
+        launch: &Launch,
+        id: MemberId,
+        kind: ProcessKind,
+        spare: bool,
+        last_frame: Option<LastFrame>,
+    ) -> io::Result<Self> {
+        let log = launch.instance.directory().join(format!("{}-{id}.log", kind.name()));
+        let mut command = Command::new("/proc/self/exe");
+        command
+            .arg0("touchline")
+            .arg(kind.name())
+            .args(["--instance", launch.instance.name()])
+            .arg("--config")
+            .arg(launch.instance.config_path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(File::create(&log)?)
+            // Ctrl-C in the terminal is for the supervisor alone, which ends the group in order.
+            .process_group(0);
+        if spare {
+            command.arg("--spare");
+        }
+        if kind == ProcessKind::Grabber {
+            command.args(["--source", &launch.source.to_string()]);
+            if let Some(frames) = launch.frames {
+                command.args(["--frames", &frames.to_string()]);
+            }
+            if let Some(last) = last_frame {
+                command.args(["--resume-after", &format!("{}@{}", last.seq, last.t_capture_ns)]);
+            }
+        }
+        let child = command.spawn()?;
+        let pid = child.id();
+        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
+        Ok(Self { kind, pid, pidfd, child, log })
+    }
+
+    /// Sends a signal. That the process has ended in the meantime is not an error: its end is
+    /// noticed by itself.
+    pub fn signal(&self, signal: Signal) {
+        let _ = pidfd_send_signal(&self.pidfd, signal);
+    }
+
+    /// How it ended, if it has.
+    pub fn reap(&mut self) -> Option<End> {
+        let status = self.child.try_wait().ok().flatten()?;
+        let text = fs::read(&self.log).unwrap_or_default();
+        let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
+        let last_words = String::from_utf8_lossy(tail).trim().to_string();
+        let _ = fs::remove_file(&self.log);
+        Some(End { how: describe(status), last_words })
+    }
+}
+
+fn describe(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit status {code}"),
+        (None, Some(signal)) => match signal_hook::low_level::signal_name(signal) {
+            Some(name) => format!("killed by {name}"),
+            None => format!("killed by signal {signal}"),
+        },
+        (None, None) => "ended".into(),
+    }
+}

@@ -1,0 +1,500 @@
+//! What to do when: the supervisor's decisions, without doing any of them.
+//!
+//! Events and the time go in, actions come out. Nothing here touches a process, a clock or a
+//! topic, so every situation can be played through in a test.
+//!
+//! The rules:
+//! * A stage has one active process, and may have a spare that is connected but idle.
+//! * A process that ends, does not get ready, or has input and gives no output within the stall
+//!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
+//!   first, and its successor speaks only when it is confirmed dead.
+//! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on.
+//! * The camera starts last, when everybody downstream is ready to see its first frame.
+
+use common::messages::ProcessKind;
+
+/// Identifies a process from its start to its end; never used twice.
+pub type MemberId = u64;
+
+/// The numbers the rules need, in nanoseconds.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Input without output for so long is a stall.
+    pub stall_ns: u64,
+    /// A camera may be silent for so long.
+    pub grabber_stall_ns: u64,
+    /// From start to ready.
+    pub ready_timeout_ns: u64,
+    /// First pause between failed starts; doubles.
+    pub backoff_ns: u64,
+    /// Longest pause.
+    pub backoff_max_ns: u64,
+    /// Stages that keep a spare.
+    pub spares: Vec<ProcessKind>,
+}
+
+/// Something that happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A process is connected to all its topics.
+    Ready(MemberId),
+    /// A process is gone for certain.
+    Exited(MemberId),
+    /// The newest number on a stage's output topic.
+    Output(ProcessKind, u64),
+    /// A stage has dealt with input without giving output: it dropped something.
+    Dropped(ProcessKind),
+    /// The grabber has captured all it was asked to.
+    Finished,
+}
+
+/// Why a process is killed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// Input, but no output.
+    Stalled,
+    /// Started, but never ready.
+    NotReady,
+}
+
+/// Something to be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Action {
+    /// Start a process.
+    Start {
+        /// Name it is known by from now on.
+        id: MemberId,
+        /// What it is to be.
+        kind: ProcessKind,
+        /// Whether it is to wait for promotion.
+        spare: bool,
+    },
+    /// Let a spare take over.
+    Promote {
+        /// The spare.
+        id: MemberId,
+        /// Its stage.
+        kind: ProcessKind,
+    },
+    /// Kill a process, which cannot refuse.
+    Kill {
+        /// The process.
+        id: MemberId,
+        /// Its stage.
+        kind: ProcessKind,
+        /// Why.
+        cause: Cause,
+    },
+    /// Remove from shared memory what dead processes have left.
+    CleanUp,
+}
+
+/// A process that lived for so long had a good start: the next failure counts as the first.
+const GOOD_START_NS: u64 = 5_000_000_000;
+/// Pause between a death and the slow work after it (next spare, clean-up), so that it does not
+/// compete with the successor for the processor.
+const SETTLE_NS: u64 = 100_000_000;
+/// Between two looks of the supervisor itself; if it was away for longer, the whole machine was
+/// busy or asleep, and nobody is to blame for having made no progress.
+const OWN_LAG_NS: u64 = 100_000_000;
+/// The camera does not wait longer than this for stages that do not get ready.
+const GRABBER_WAIT_NS: u64 = 5_000_000_000;
+
+#[derive(Debug)]
+struct Member {
+    id: MemberId,
+    started_ns: u64,
+    ready: bool,
+    dying: bool,
+}
+
+#[derive(Debug, Default)]
+struct Stage {
+    active: Option<Member>,
+    spare: Option<Member>,
+    failures: u32,
+    start_after_ns: u64,
+    spare_failures: u32,
+    spare_after_ns: u64,
+    output: Option<u64>,
+    /// Last time at which the stage did something, or had nothing to do.
+    progress_ns: u64,
+}
+
+/// The state of the group as the rules see it.
+#[derive(Debug)]
+pub struct Policy {
+    settings: Settings,
+    stages: [Stage; ProcessKind::ALL.len()],
+    next_id: MemberId,
+    finished: bool,
+    started_ns: Option<u64>,
+    last_tick_ns: u64,
+    clean_up_at_ns: Option<u64>,
+}
+
+impl Policy {
+    /// Nothing runs yet; the first [`tick`](Self::tick) starts the group.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            stages: Default::default(),
+            next_id: 1,
+            finished: false,
+            started_ns: None,
+            last_tick_ns: 0,
+            clean_up_at_ns: None,
+        }
+    }
+
+    /// Takes note of an event; what has to be done about it comes from the next [`tick`](Self::tick).
+    pub fn note(&mut self, event: Event, now_ns: u64) {
+        match event {
+            Event::Ready(id) => self.ready(id, now_ns),
+            Event::Exited(id) => self.exited(id, now_ns),
+            Event::Output(kind, seq) => {
+                let stage = &mut self.stages[kind as usize];
+                if stage.output != Some(seq) {
+                    stage.output = Some(seq);
+                    stage.progress_ns = now_ns;
+                }
+            }
+            Event::Dropped(kind) => self.stages[kind as usize].progress_ns = now_ns,
+            Event::Finished => self.finished = true,
+        }
+    }
+
+    /// Everything that is to be done now. Call after events, and every few milliseconds.
+    pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
+        if now_ns.saturating_sub(self.last_tick_ns) > OWN_LAG_NS {
+            for stage in &mut self.stages {
+                stage.progress_ns = now_ns;
+            }
+        }
+        self.last_tick_ns = now_ns;
+        self.started_ns.get_or_insert(now_ns);
+
+        let mut actions = Vec::new();
+        // Against the stream: a stage is there before its input is.
+        for kind in ProcessKind::ALL.into_iter().rev() {
+            self.fill_active(kind, now_ns, &mut actions);
+            self.fill_spare(kind, now_ns, &mut actions);
+            self.kill_the_stuck(kind, now_ns, &mut actions);
+        }
+        if self.clean_up_at_ns.is_some_and(|at| now_ns >= at) {
+            self.clean_up_at_ns = None;
+            actions.push(Action::CleanUp);
+        }
+        actions
+    }
+
+    /// Whether every stage has an active process that is ready.
+    pub fn is_complete(&self) -> bool {
+        self.stages.iter().all(Stage::is_working)
+    }
+
+    fn ready(&mut self, id: MemberId, now_ns: u64) {
+        for stage in &mut self.stages {
+            for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
+                if member.id == id && !member.ready {
+                    member.ready = true;
+                    stage.progress_ns = now_ns;
+                }
+            }
+        }
+    }
+
+    fn exited(&mut self, id: MemberId, now_ns: u64) {
+        self.clean_up_at_ns = Some(now_ns + SETTLE_NS);
+        let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
+        let settings = &self.settings;
+        for stage in &mut self.stages {
+            let (slot, failures, start_after_ns) = if is_it(&stage.active) {
+                (&mut stage.active, &mut stage.failures, &mut stage.start_after_ns)
+            } else if is_it(&stage.spare) {
+                (&mut stage.spare, &mut stage.spare_failures, &mut stage.spare_after_ns)
+            } else {
+                continue;
+            };
+            let lived_ns = slot.take().map_or(0, |member| now_ns - member.started_ns);
+            *failures = if lived_ns >= GOOD_START_NS { 1 } else { *failures + 1 };
+            *start_after_ns = now_ns + settings.backoff(*failures);
+        }
+    }
+
+    fn fill_active(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
+        let may_start = self.may_start(kind, now_ns);
+        let stage = &mut self.stages[kind as usize];
+        if stage.active.is_some() {
+            return;
+        }
+        match stage.spare.take() {
+            Some(spare) if spare.ready && !spare.dying => {
+                actions.push(Action::Promote { id: spare.id, kind });
+                stage.active = Some(spare);
+                stage.progress_ns = now_ns;
+                stage.spare_after_ns = now_ns + SETTLE_NS;
+            }
+            // Started only lately; it will be ready sooner than another one.
+            Some(spare) => stage.spare = Some(spare),
+            None if may_start && now_ns >= stage.start_after_ns => {
+                let id = start(&mut self.next_id, kind, false, actions);
+                stage.active = Some(Member::new(id, now_ns));
+            }
+            None => {}
+        }
+    }
+
+    fn fill_spare(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
+        let stage = &mut self.stages[kind as usize];
+        if self.settings.spares.contains(&kind)
+            && stage.spare.is_none()
+            && stage.is_working()
+            && now_ns >= stage.spare_after_ns
+        {
+            let id = start(&mut self.next_id, kind, true, actions);
+            stage.spare = Some(Member::new(id, now_ns));
+        }
+    }
+
+    fn kill_the_stuck(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
+        let stalled = self.has_stalled(kind, now_ns);
+        let stage = &mut self.stages[kind as usize];
+        let late = |member: &Member| {
+            !member.ready && now_ns - member.started_ns > self.settings.ready_timeout_ns
+        };
+        let candidates = [(&mut stage.active, stalled), (&mut stage.spare, false)];
+        for (member, stalled) in candidates {
+            let Some(member) = member.as_mut().filter(|member| !member.dying) else { continue };
+            let cause = match (late(member), stalled) {
+                (true, _) => Cause::NotReady,
+                (_, true) => Cause::Stalled,
+                _ => continue,
+            };
+            member.dying = true;
+            actions.push(Action::Kill { id: member.id, kind, cause });
+        }
+    }
+
+    /// Whether the active process has input it should have dealt with by now. "No input" is no
+    /// stall, and counts as progress so that the deadline starts when input comes.
+    fn has_stalled(&mut self, kind: ProcessKind, now_ns: u64) -> bool {
+        let (has_input, deadline_ns) = match kind {
+            ProcessKind::Grabber => (!self.finished, self.settings.grabber_stall_ns),
+            _ => {
+                let input = self.stages[kind as usize - 1].output;
+                (input > self.stages[kind as usize].output, self.settings.stall_ns)
+            }
+        };
+        let stage = &mut self.stages[kind as usize];
+        if !has_input || !stage.is_working() {
+            stage.progress_ns = now_ns;
+        }
+        now_ns - stage.progress_ns > deadline_ns
+    }
+
+    fn may_start(&self, kind: ProcessKind, now_ns: u64) -> bool {
+        if kind != ProcessKind::Grabber {
+            return true;
+        }
+        let waited_ns = now_ns - self.started_ns.unwrap_or(now_ns);
+        let rest_is_working =
+            ProcessKind::ALL[1..].iter().all(|&kind| self.stages[kind as usize].is_working());
+        rest_is_working || waited_ns > GRABBER_WAIT_NS
+    }
+}
+
+impl Stage {
+    fn is_working(&self) -> bool {
+        self.active.as_ref().is_some_and(|active| active.ready && !active.dying)
+    }
+}
+
+impl Member {
+    fn new(id: MemberId, now_ns: u64) -> Self {
+        Self { id, started_ns: now_ns, ready: false, dying: false }
+    }
+}
+
+impl Settings {
+    /// The pause after so many failures in a row; none after the first.
+    fn backoff(&self, failures: u32) -> u64 {
+        match failures {
+            0 | 1 => 0,
+            _ => self
+                .backoff_ns
+                .saturating_mul(1 << (failures - 2).min(20))
+                .min(self.backoff_max_ns),
+        }
+    }
+}
+
+fn start(
+    next_id: &mut MemberId,
+    kind: ProcessKind,
+    spare: bool,
+    actions: &mut Vec<Action>,
+) -> MemberId {
+    let id = *next_id;
+    *next_id += 1;
+    actions.push(Action::Start { id, kind, spare });
+    id
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn settings(spares: &[ProcessKind]) -> Settings {
+        Settings {
+            stall_ns: 40 * MS,
+            grabber_stall_ns: 1000 * MS,
+            ready_timeout_ns: 10_000 * MS,
+            backoff_ns: 100 * MS,
+            backoff_max_ns: 5000 * MS,
+            spares: spares.to_vec(),
+        }
+    }
+
+    /// Plays time forward in steps of 5 ms, answering starts with readiness, and collects actions.
+    struct Play {
+        policy: Policy,
+        now_ns: u64,
+        actions: Vec<Action>,
+    }
+
+    impl Play {
+        fn new(spares: &[ProcessKind]) -> Self {
+            let mut play =
+                Self { policy: Policy::new(settings(spares)), now_ns: 1000 * MS, actions: vec![] };
+            play.run(200);
+            assert!(play.policy.is_complete());
+            play
+        }
+
+        fn run(&mut self, ms: u64) -> Vec<Action> {
+            let mut new = vec![];
+            for _ in 0..ms / 5 {
+                self.now_ns += 5 * MS;
+                for action in self.policy.tick(self.now_ns) {
+                    match action {
+                        Action::Start { id, .. } => self.policy.note(Event::Ready(id), self.now_ns),
+                        Action::Kill { id, .. } => self.policy.note(Event::Exited(id), self.now_ns),
+                        _ => {}
+                    }
+                    new.push(action);
+                }
+            }
+            self.actions.extend(&new);
+            new
+        }
+
+        fn output(&mut self, kind: ProcessKind, seq: u64) {
+            self.policy.note(Event::Output(kind, seq), self.now_ns);
+        }
+
+        fn exit(&mut self, kind: ProcessKind) {
+            let id = self.policy.stages[kind as usize].active.as_ref().unwrap().id;
+            self.policy.note(Event::Exited(id), self.now_ns);
+        }
+    }
+
+    fn started(actions: &[Action]) -> Vec<(ProcessKind, bool)> {
+        actions
+            .iter()
+            .filter_map(|action| match *action {
+                Action::Start { kind, spare, .. } => Some((kind, spare)),
+                _ => None,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_camera_starts_when_everybody_downstream_is_ready() {
+        let play = Play::new(&[]);
+        let order: Vec<_> = started(&play.actions).into_iter().map(|(kind, _)| kind).collect();
+        use ProcessKind::*;
+        assert_eq!(order, [Filter, Tracker, Classifier, Grabber]);
+    }
+
+    #[test]
+    fn a_dead_stage_is_started_again_at_once_and_then_ever_more_slowly() {
+        let mut play = Play::new(&[]);
+        let mut pauses = vec![];
+        for _ in 0..5 {
+            play.exit(ProcessKind::Tracker);
+            let died = play.now_ns;
+            while started(&play.run(5)).is_empty() {}
+            pauses.push((play.now_ns - died) / MS);
+        }
+        assert_eq!(pauses, [5, 100, 200, 400, 800]);
+        play.run(6000);
+        play.exit(ProcessKind::Tracker);
+        assert_eq!(started(&play.run(5)), [(ProcessKind::Tracker, false)]);
+    }
+
+    #[test]
+    fn a_spare_takes_over_and_the_next_one_is_started_later() {
+        let mut play = Play::new(&[ProcessKind::Filter]);
+        play.exit(ProcessKind::Filter);
+        let actions = play.run(5);
+        assert!(
+            matches!(actions[..], [Action::Promote { kind: ProcessKind::Filter, .. }]),
+            "{actions:?}"
+        );
+        assert_eq!(started(&play.run(200)), [(ProcessKind::Filter, true)]);
+    }
+
+    #[test]
+    fn input_without_output_is_a_stall_but_no_input_is_not() {
+        let mut play = Play::new(&[]);
+        for kind in [ProcessKind::Grabber, ProcessKind::Classifier] {
+            play.output(kind, 7);
+        }
+        play.run(500);
+        play.output(ProcessKind::Grabber, 8);
+        let kills = |actions: &[Action]| {
+            actions.iter().filter(|action| matches!(action, Action::Kill { .. })).count()
+        };
+        assert_eq!(kills(&play.run(40)), 0);
+        let actions = play.run(10);
+        assert!(
+            actions.iter().any(|action| matches!(
+                action,
+                Action::Kill { kind: ProcessKind::Classifier, cause: Cause::Stalled, .. }
+            )),
+            "{actions:?}"
+        );
+    }
+
+    #[test]
+    fn dropping_bad_input_is_progress() {
+        let mut play = Play::new(&[]);
+        for seq in 0..50 {
+            play.output(ProcessKind::Grabber, seq);
+            play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+            let actions = play.run(10);
+            assert!(actions.is_empty(), "{actions:?}");
+        }
+    }
+
+    #[test]
+    fn nobody_is_blamed_when_the_whole_machine_was_away() {
+        let mut play = Play::new(&[]);
+        play.output(ProcessKind::Grabber, 1);
+        play.now_ns += 3000 * MS;
+        let actions = play.run(20);
+        assert!(!actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+    }
+
+    #[test]
+    fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
+        let mut play = Play::new(&[]);
+        play.run(500);
+        play.exit(ProcessKind::Classifier);
+        assert!(!play.run(50).contains(&Action::CleanUp));
+        assert!(play.run(100).contains(&Action::CleanUp));
+    }
+}

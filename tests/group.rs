@@ -1,0 +1,212 @@
+//! Whole groups: the real program, its real processes, real signals.
+
+mod support;
+
+use common::bus::Bus;
+use common::messages::FrameHeader;
+use common::topics;
+use rustix::process::Signal;
+use serde_json::Value;
+use support::{Group, Scratch, output_of};
+
+const STAGES: [&str; 4] = ["grabber", "classifier", "tracker", "filter"];
+
+#[test]
+fn a_bounded_run_loses_nothing_and_finds_everything() {
+    let scratch = Scratch::new("bounded-report");
+    let report = scratch.path.join("report.json");
+    let mut group =
+        Group::start("bounded", "", &["--frames", "400", "--report", report.to_str().unwrap()]);
+    assert!(group.wait_until_ended().success(), "{}", group.stderr());
+    group.assert_nothing_left();
+
+    let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    let frames = &report["frames"];
+    assert_eq!(frames["captured"], 400, "{report:#}");
+    assert_eq!(frames["world"], 400, "{report:#}");
+    for nothing in ["dropped_by_grabber", "never_captured", "missing_in_world", "duplicates_in_world"] {
+        assert_eq!(frames[nothing], 0, "{nothing}: {report:#}");
+    }
+    for stage in STAGES {
+        assert_eq!(report["stages"][stage]["restarts"], 0, "{report:#}");
+        assert_eq!(report["stages"][stage]["frames_out"], 400, "{report:#}");
+    }
+    let of = |level: &str, key: &str| report["accuracy"][level][key].as_f64().unwrap();
+    for level in ["detections", "world"] {
+        assert!(of(level, "found_ratio") >= 0.999, "{report:#}");
+        assert_eq!(of(level, "wrong_identity"), 0.0, "{report:#}");
+        assert!(of(level, "ball_found_ratio") >= 0.95, "{report:#}");
+    }
+    assert!(of("world", "position_rms_mm") < of("detections", "position_rms_mm"), "{report:#}");
+    assert!(of("world", "heading_rms_deg") < of("detections", "heading_rms_deg"), "{report:#}");
+    // The paper's figure for robots that stand still.
+    let standing = &report["accuracy"]["world"]["standing"];
+    assert!(standing["samples"].as_u64() > Some(100), "{report:#}");
+    assert!(standing["position_p99_mm"].as_f64() < Some(1.0), "{report:#}");
+    assert!(standing["heading_p99_deg"].as_f64() < Some(1.0), "{report:#}");
+}
+
+#[test]
+fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
+    let mut group = Group::start("killed", "", &[]);
+    let mut status = group.wait_until_working();
+    for stage in ["filter", "tracker", "classifier"] {
+        let pid = Group::pid_of(&status, stage);
+        group.signal(pid, Signal::KILL);
+        let world = status["frames"]["world"].as_u64().unwrap();
+        status = group.wait_for("a replacement", |status| {
+            status["complete"] == true
+                && Group::pid_of(status, stage) != pid
+                && status["frames"]["world"].as_u64() > Some(world + 40)
+        });
+        assert_eq!(status["frames"]["dropped_by_grabber"], 0, "{status:#}");
+        assert_eq!(status["frames"]["never_captured"], 0, "{status:#}");
+        assert_eq!(status["frames"]["duplicates_in_world"], 0, "{status:#}");
+    }
+    let pid = Group::pid_of(&status, "grabber");
+    group.signal(pid, Signal::KILL);
+    let world = status["frames"]["world"].as_u64().unwrap();
+    let status = group.wait_for("a new grabber", |status| {
+        status["complete"] == true && status["frames"]["world"].as_u64() > Some(world + 40)
+    });
+    assert!(status["frames"]["never_captured"].as_u64() > Some(0), "the gap is counted: {status:#}");
+    assert_eq!(status["frames"]["duplicates_in_world"], 0, "numbers continue: {status:#}");
+    assert!(status["events"].as_array().unwrap().len() >= 4, "{status:#}");
+
+    let output = output_of(&group.scratch, &["stop", "--instance", "test"]);
+    assert!(output.status.success(), "{output:?}");
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+#[test]
+fn a_stalled_stage_is_replaced() {
+    let mut group = Group::start("stalled", "", &[]);
+    let status = group.wait_until_working();
+    let pid = Group::pid_of(&status, "tracker");
+    group.signal(pid, Signal::STOP);
+    let world = status["frames"]["world"].as_u64().unwrap();
+    let status = group.wait_for("a replacement", |status| {
+        status["complete"] == true
+            && Group::pid_of(status, "tracker") != pid
+            && status["frames"]["world"].as_u64() > Some(world + 80)
+    });
+    assert_eq!(status["frames"]["never_captured"], 0, "{status:#}");
+    group.signal_supervisor(Signal::INT);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+#[test]
+fn bad_frames_are_dropped_and_counted_with_a_reason() {
+    let mut group = Group::start("bad-frames", "", &[]);
+    let status = group.wait_until_working();
+    let pid = Group::pid_of(&status, "classifier");
+
+    let good = FrameHeader {
+        width: 640,
+        height: 480,
+        stride: 640,
+        pixel_format: 1,
+        ..FrameHeader::default()
+    };
+    let bad = [
+        (FrameHeader { width: 320, ..good }, 640 * 480),
+        (FrameHeader { stride: 10, ..good }, 640 * 480),
+        (good, 1000),
+        (FrameHeader { pixel_format: 99, ..good }, 640 * 480),
+        (FrameHeader { bayer_order: u32::MAX, ..good }, 640 * 480),
+        (FrameHeader { height: u32::MAX, stride: u32::MAX, width: u32::MAX, ..good }, 0),
+        (good, 640 * 480), // its number is an old one
+    ];
+    {
+        let bus = Bus::join(&group.instance, "rubbish").unwrap();
+        let mut injector = bus.publisher(&topics::FRAMES, 640 * 480).unwrap();
+        for (header, bytes) in bad {
+            let mut frame = injector.loan(bytes).unwrap();
+            *frame.parts().1 = header;
+            frame.send().unwrap();
+        }
+        let dropped = |status: &Value, reason: &str| {
+            status["stages"]["classifier"]["dropped"][reason].as_u64().unwrap_or(0)
+        };
+        let status = group.wait_for("all bad frames counted", |status| {
+            dropped(status, "wrong_size") == 4
+                && dropped(status, "wrong_format") == 2
+                && dropped(status, "out_of_order") == 1
+        });
+        assert_eq!(Group::pid_of(&status, "classifier"), pid, "it was not replaced: {status:#}");
+        assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    }
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+#[test]
+fn a_group_survives_nothing_but_leaves_no_trouble_for_the_next() {
+    let mut group = Group::start("massacre", "", &[]);
+    let status = group.wait_until_working();
+    group.signal_supervisor(Signal::KILL);
+    for stage in STAGES {
+        group.signal(Group::pid_of(&status, stage), Signal::KILL);
+    }
+    group.wait_until_ended();
+    let prefix = group.instance.shared_memory_prefix();
+    assert!(!support::shared_memory(&prefix).is_empty(), "nothing was left: the test is too weak");
+
+    let output = output_of(
+        &group.scratch,
+        &["run", "--instance", "test", "--frames", "40", "--quiet"],
+    );
+    assert!(output.status.success(), "{output:?}");
+    group.assert_nothing_left();
+}
+
+#[test]
+fn stages_end_by_themselves_when_nobody_supervises_them_any_more() {
+    let mut group = Group::start("orphans", "[supervisor]\norphan_timeout_s = 1\n", &[]);
+    let status = group.wait_until_working();
+    let pids = STAGES.map(|stage| Group::pid_of(&status, stage));
+    group.signal_supervisor(Signal::KILL);
+    group.wait_until_ended();
+    assert!(pids.iter().any(|&pid| support::is_stage(pid)), "they should outlive it for a second");
+    let deadline = std::time::Instant::now() + support::PATIENCE;
+    while pids.iter().any(|&pid| support::is_stage(pid)) {
+        assert!(std::time::Instant::now() < deadline, "orphans are still running");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn a_second_group_of_the_same_name_is_refused_and_harms_nothing() {
+    let mut group = Group::start("twice", "", &[]);
+    group.wait_until_working();
+    let output = output_of(&group.scratch, &["run", "--instance", "test", "--frames", "10"]);
+    assert!(!output.status.success());
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(text.contains("running already") && text.contains("touchline stop"), "{text}");
+    let status = group.wait_until_working();
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+}
+
+#[test]
+fn what_cannot_work_is_said_before_anything_starts() {
+    let scratch = Scratch::new("refused");
+    let config = scratch.write("bad.toml", "[camera]\nfpz = 80\n");
+    let config = config.to_str().unwrap();
+    let cases: [(&[&str], &str); 5] = [
+        (&["run", "--config", config], "fps"),
+        (&["run", "--config", "/nonexistent.toml"], "/nonexistent.toml"),
+        (&["run", "--source", "images:/nonexistent"], "/nonexistent"),
+        (&["run", "--source", "camera"], "synthetic"),
+        (&["run", "--instance", "../up", "--frames", "1"], "instance name"),
+    ];
+    for (args, hint) in cases {
+        let output = output_of(&scratch, args);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{args:?} was accepted");
+        assert!(text.contains(hint), "{args:?} says {text:?}, which does not help");
+        assert!(!scratch.path.join("run").exists(), "{args:?} made a runtime directory");
+    }
+}

@@ -1,0 +1,219 @@
+//! Starting the real program and looking at it from outside.
+//!
+//! Every group has a runtime directory of its own, so groups never meet and leftovers are found;
+//! and only one group runs at a time, because two of them on a small machine would measure each
+//! other. Whatever happens in a test, dropping the [`Group`] ends every process it started.
+#![allow(dead_code)] // each test program uses its own part of this
+
+use common::instance::Instance;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Generous: a busy machine is slow, but not stuck.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// A directory that disappears with the test.
+pub struct Scratch {
+    pub path: PathBuf,
+}
+
+impl Scratch {
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("tl-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(&path).unwrap();
+        Self { path }
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path.join(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.path);
+    }
+}
+
+/// The program, with its runtime directory below `scratch`.
+pub fn touchline(scratch: &Scratch, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_touchline"));
+    command.args(args).env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"));
+    command.stdin(Stdio::null());
+    command
+}
+
+/// Runs the program to its end.
+pub fn output_of(scratch: &Scratch, args: &[&str]) -> Output {
+    touchline(scratch, args).output().unwrap()
+}
+
+/// A group started by a test.
+pub struct Group {
+    pub scratch: Scratch,
+    pub instance: Instance,
+    supervisor: Child,
+    /// Stage processes seen so far, so that they can be ended even when the supervisor cannot.
+    seen: Vec<u32>,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Group {
+    /// Starts `touchline run` with these further arguments. Stages without a supervisor give up
+    /// soon, so that a failing test leaves nothing behind.
+    pub fn start(name: &str, config: &str, args: &[&str]) -> Self {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let scratch = Scratch::new(name);
+        let config = if config.contains("[supervisor]") {
+            config.to_string()
+        } else {
+            format!("{config}\n[supervisor]\norphan_timeout_s = 3\n")
+        };
+        let config = scratch.write("config.toml", &config);
+        let instance = Instance::below(&scratch.path.join("run"), "test").unwrap();
+        let mut all = vec!["run", "--instance", "test", "--config", config.to_str().unwrap()];
+        all.extend(args);
+        let supervisor = touchline(&scratch, &all)
+            .stdout(Stdio::null())
+            .stderr(fs::File::create(scratch.path.join("stderr")).unwrap())
+            .spawn()
+            .unwrap();
+        Self { scratch, instance, supervisor, seen: vec![], _turn: turn }
+    }
+
+    /// The report of the running group; `None` while there is none.
+    pub fn try_status(&mut self) -> Option<Value> {
+        let output = output_of(&self.scratch, &["status", "--instance", "test", "--json"]);
+        let status: Value = serde_json::from_slice(&output.stdout).ok()?;
+        for stage in status["stages"].as_object()?.values() {
+            for process in stage["processes"].as_array()? {
+                let pid = process["pid"].as_u64()? as u32;
+                if !self.seen.contains(&pid) {
+                    self.seen.push(pid);
+                }
+            }
+        }
+        Some(status)
+    }
+
+    /// Waits until the group's report satisfies a condition, and returns it.
+    pub fn wait_for(&mut self, what: &str, condition: impl Fn(&Value) -> bool) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        let mut last = None;
+        while Instant::now() < deadline {
+            if let Some(status) = self.try_status() {
+                if condition(&status) {
+                    return status;
+                }
+                last = Some(status);
+            }
+            if let Ok(Some(end)) = self.supervisor.try_wait() {
+                panic!("waiting for {what}, but the supervisor ended: {end}\n{}", self.stderr());
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        panic!("{what} did not happen; last status {last:#?}\n{}", self.stderr());
+    }
+
+    /// Waits until every stage works and results come out.
+    pub fn wait_until_working(&mut self) -> Value {
+        self.wait_for("a working group", |status| {
+            status["complete"] == true && status["frames"]["world"].as_u64() > Some(5)
+        })
+    }
+
+    /// The number of a stage's active process.
+    pub fn pid_of(status: &Value, stage: &str) -> u32 {
+        status["stages"][stage]["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|process| process["state"] == "active")
+            .unwrap_or_else(|| panic!("no active {stage} in {status:#?}"))["pid"]
+            .as_u64()
+            .unwrap() as u32
+    }
+
+    pub fn signal(&self, pid: u32, signal: Signal) {
+        kill_process(Pid::from_raw(pid as i32).unwrap(), signal).unwrap();
+    }
+
+    pub fn signal_supervisor(&self, signal: Signal) {
+        self.signal(self.supervisor.id(), signal);
+    }
+
+    /// Waits until the supervisor has ended by itself.
+    pub fn wait_until_ended(&mut self) -> std::process::ExitStatus {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if let Some(status) = self.supervisor.try_wait().unwrap() {
+                return status;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        panic!("the group did not end\n{}", self.stderr());
+    }
+
+    pub fn stderr(&self) -> String {
+        fs::read_to_string(self.scratch.path.join("stderr")).unwrap_or_default()
+    }
+
+    /// Asserts that nothing of the group is left: no process, no shared memory, no file.
+    pub fn assert_nothing_left(&self) {
+        for &pid in &self.seen {
+            assert!(!is_stage(pid), "process {pid} is still there");
+        }
+        let prefix = self.instance.shared_memory_prefix();
+        assert_eq!(shared_memory(&prefix), Vec::<String>::new(), "shared memory left behind");
+        let directory = self.instance.directory();
+        assert!(!directory.exists(), "{} is left behind", directory.display());
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        let running = |child: &mut Child| matches!(child.try_wait(), Ok(None));
+        if running(&mut self.supervisor) {
+            self.signal_supervisor(Signal::CONT);
+            self.signal_supervisor(Signal::TERM);
+            let deadline = Instant::now() + Duration::from_secs(10);
+            while running(&mut self.supervisor) && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let _ = self.supervisor.kill();
+        }
+        let _ = self.supervisor.wait();
+        for &pid in self.seen.iter().filter(|&&pid| is_stage(pid)) {
+            let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), Signal::KILL);
+        }
+        for name in shared_memory(&self.instance.shared_memory_prefix()) {
+            let _ = fs::remove_file(Path::new("/dev/shm").join(name));
+        }
+    }
+}
+
+/// Whether a process of that number lives and is one of ours: numbers are used again.
+pub fn is_stage(pid: u32) -> bool {
+    let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    name.starts_with("tl-") && !stat.contains(") Z ")
+}
+
+pub fn shared_memory(prefix: &str) -> Vec<String> {
+    fs::read_dir("/dev/shm")
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| name.starts_with(prefix))
+        .collect()
+}

@@ -1,0 +1,333 @@
+//! The ball: regions of its colour, judged by size and roundness.
+//!
+//! There is one ball, but rarely one region of its colour. Highlights cut it in pieces, red and
+//! yellow patches have orange rims, and people at the pitch wear anything. So every region of about
+//! the right size and shape is a candidate with a confidence, best first, and what is made of it is
+//! up to those who know where the ball was before.
+
+use crate::measure::{Measure, Moments};
+use crate::pattern::{Limits, TrackerError, class_of, positive};
+use crate::pitch::Pitch;
+use crate::pose::robot_from_field;
+use crate::reasons::Rejections;
+use common::config::Config;
+use common::geometry::{CameraModel, FieldPoint, Pose};
+use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
+use std::f64::consts::PI;
+
+/// Below this roundness (see [`roundness`]) it is not a ball. Half a disc has 0.66, a string of
+/// eleven pixels by two 0.18, a ring a tenth of its diameter wide 0.36.
+const MIN_ROUNDNESS: f64 = 0.45;
+/// Fragments are looked for within this many diameters of the largest one.
+const MERGE_DIAMETERS: f64 = 0.75;
+/// Below this fraction of the smallest area that is admitted, a region is neither a fragment nor
+/// worth listing.
+const WORTH_LISTING: f64 = 0.25;
+/// A candidate on a robot's top keeps this fraction of its confidence: the ball could only be seen
+/// there if it lay on top.
+const ON_ROBOT: f64 = 0.2;
+
+/// Finds balls.
+#[derive(Debug, Clone)]
+pub(crate) struct BallFinder {
+    class: u32,
+    radius_mm: f64,
+    limits: Limits,
+    robot_size_mm: f64,
+    robot_height_mm: f64,
+    /// Regions of the ball's colour, largest first, and whether they are part of a candidate.
+    spots: Vec<(u32, Measure, bool)>,
+    found: Vec<DetectedBall>,
+}
+
+impl BallFinder {
+    pub fn new(config: &Config, limits: Limits) -> Result<Self, TrackerError> {
+        positive("ball.diameter_mm", config.ball.diameter_mm)?;
+        if config.ball.diameter_mm >= 2.0 * config.geometry.camera_mm[2] {
+            return Err(TrackerError::Value {
+                key: "ball.diameter_mm",
+                value: config.ball.diameter_mm,
+                must: "below the camera",
+            });
+        }
+        Ok(Self {
+            class: class_of(config, &config.ball.color, || "the ball".into())?,
+            radius_mm: config.ball.diameter_mm / 2.0,
+            limits,
+            robot_size_mm: config.robots.size_mm,
+            robot_height_mm: config.robots.height_mm,
+            spots: Vec::new(),
+            found: Vec::new(),
+        })
+    }
+
+    /// Appends the balls among the regions of `frame`, best first; its robots must be known.
+    pub fn find(
+        &mut self,
+        camera: &CameraModel,
+        pitch: &Pitch,
+        frame: &mut DetectionFrame,
+        rejections: &mut Rejections,
+    ) {
+        self.measure_spots(camera, frame);
+        self.found.clear();
+        for index in 0..self.spots.len() {
+            let (region, measure, is_part) = self.spots[index];
+            if is_part {
+                continue;
+            }
+            let measure = self.with_fragments(index, measure);
+            let fault = self.fault(pitch, &measure);
+            if let Some(reason) = fault {
+                rejections.add(Rejected::BALL, reason, measure.image, measure.area_mm2);
+                continue;
+            }
+            let on_robot =
+                frame.robots().iter().any(|robot| self.is_on_top_of(camera, robot, &measure));
+            let confidence = self.quality(&measure) * if on_robot { ON_ROBOT } else { 1.0 };
+            self.found.push(DetectedBall {
+                x_mm: measure.position.x_mm as f32,
+                y_mm: measure.position.y_mm as f32,
+                x_px: measure.image.x_px as f32,
+                y_px: measure.image.y_px as f32,
+                confidence: confidence as f32,
+                region,
+            });
+        }
+        self.found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        for ball in &self.found {
+            if !frame.push_ball(*ball) {
+                break;
+            }
+        }
+    }
+
+    fn area_mm2(&self) -> f64 {
+        PI * self.radius_mm * self.radius_mm
+    }
+
+    fn measure_spots(&mut self, camera: &CameraModel, frame: &DetectionFrame) {
+        let worth_listing = WORTH_LISTING * self.limits.min_area_ratio * self.area_mm2();
+        self.spots.clear();
+        for (index, region) in (0u32..).zip(frame.regions()) {
+            if region.class != self.class {
+                continue;
+            }
+            let moments = Moments::of_region(region, frame.runs_of(region));
+            // Its outline is that of its widest section, which is as high as its centre.
+            match Measure::new(&moments, camera, self.radius_mm) {
+                Some(measure) if measure.area_mm2 >= worth_listing => {
+                    self.spots.push((index, measure, false));
+                }
+                _ => {}
+            }
+        }
+        self.spots.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    }
+
+    /// The spot together with smaller ones near it, as far as they make it more of a ball.
+    fn with_fragments(&mut self, seed: usize, measure: Measure) -> Measure {
+        let mut merged = measure;
+        let reach = MERGE_DIAMETERS * 2.0 * self.radius_mm;
+        for index in seed + 1..self.spots.len() {
+            let (_, fragment, is_part) = self.spots[index];
+            if is_part || fragment.position.distance(measure.position) > reach {
+                continue;
+            }
+            let together = merged.merged(&fragment);
+            if self.quality(&together) > self.quality(&merged) {
+                merged = together;
+                self.spots[index].2 = true;
+            }
+        }
+        merged
+    }
+
+    /// Why it cannot be the ball, if so.
+    fn fault(&self, pitch: &Pitch, measure: &Measure) -> Option<RejectReason> {
+        let ratio = measure.area_mm2 / self.area_mm2();
+        if !pitch.contains(measure.position, 0.0) {
+            Some(RejectReason::OutsideField)
+        } else if ratio < self.limits.min_area_ratio {
+            Some(RejectReason::TooSmall)
+        } else if ratio > self.limits.max_area_ratio {
+            Some(RejectReason::TooLarge)
+        } else if roundness(measure) < MIN_ROUNDNESS {
+            Some(RejectReason::NotRound)
+        } else {
+            None
+        }
+    }
+
+    /// 1 for a disc of the right size.
+    fn quality(&self, measure: &Measure) -> f64 {
+        let ratio = measure.area_mm2 / self.area_mm2();
+        roundness(measure) * (-self.limits.area_misfit(ratio)).exp()
+    }
+
+    fn is_on_top_of(&self, camera: &CameraModel, robot: &DetectedRobot, ball: &Measure) -> bool {
+        // Where the same point of the picture lies on the plane of the robots' tops.
+        let place = camera.field_from_image(ball.image, self.robot_height_mm);
+        let pose = Pose {
+            position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
+            orientation: f64::from(robot.orientation),
+        };
+        let [x, y] = robot_from_field(&pose, place);
+        x.abs().max(y.abs()) < self.robot_size_mm / 2.0
+    }
+}
+
+/// 1 for a disc: its area in relation to its spread, times how equal the spread is in all
+/// directions.
+fn roundness(measure: &Measure) -> f64 {
+    let [major, minor] = measure.deviations_mm();
+    // A disc of area A has a variance of A/4π each way. Pixels make small discs a little more
+    // compact than that.
+    let compactness =
+        (measure.area_mm2 / (4.0 * PI * major * minor).max(f64::MIN_POSITIVE)).min(1.0);
+    // Blur and slanting views make ellipses of discs; up to a fifth costs nothing.
+    let evenness = (minor / (0.8 * major).max(f64::MIN_POSITIVE)).min(1.0);
+    compactness * evenness
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pattern::Pattern;
+    use crate::regions::RegionFinder;
+    use bytemuck::Zeroable;
+    use common::geometry::ImagePoint;
+    use common::messages::Run;
+
+    struct Picture {
+        config: Config,
+        camera: CameraModel,
+        labels: Vec<bool>,
+    }
+
+    impl Picture {
+        fn new() -> Self {
+            let config = Config::default();
+            let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+            Self { config, camera, labels: vec![false; 640 * 480] }
+        }
+
+        /// Paints (or wipes out) what `shape` says, in millimetres around a place on the field.
+        fn paint(&mut self, place: FieldPoint, ink: bool, shape: impl Fn(f64, f64) -> bool) {
+            let height = self.config.ball.diameter_mm / 2.0;
+            for (index, label) in self.labels.iter_mut().enumerate() {
+                let point = ImagePoint::new((index % 640) as f64, (index / 640) as f64);
+                let here = self.camera.field_from_image(point, height);
+                if shape(here.x_mm - place.x_mm, here.y_mm - place.y_mm) {
+                    *label = ink;
+                }
+            }
+        }
+
+        fn disc(&mut self, place: FieldPoint) {
+            self.paint(place, true, |x, y| x.hypot(y) <= 21.35);
+        }
+
+        fn found(&self, robots: &[DetectedRobot]) -> Box<DetectionFrame> {
+            let class = self.config.colors.iter().position(|c| c.name == "orange").unwrap() as u8;
+            let mut runs = Vec::new();
+            for (row, line) in (0u16..).zip(self.labels.chunks(640)) {
+                let mut begin = 0u16;
+                for stretch in line.chunk_by(|a, b| a == b) {
+                    let end = begin + stretch.len() as u16;
+                    if stretch[0] {
+                        runs.push(Run { row, begin, end, class, reserved: 0 });
+                    }
+                    begin = end;
+                }
+            }
+            let mut frame = Box::new(DetectionFrame::zeroed());
+            RegionFinder::new(640, 480, 8, 8).find(&runs, &mut frame);
+            for robot in robots {
+                frame.push_robot(*robot);
+            }
+            let limits = Pattern::new(&self.config).unwrap().limits;
+            let mut finder = BallFinder::new(&self.config, limits).unwrap();
+            let mut rejections = Rejections::default();
+            finder.find(&self.camera, &Pitch::new(&self.config), &mut frame, &mut rejections);
+            rejections.write(&mut frame);
+            frame
+        }
+    }
+
+    fn reasons(frame: &DetectionFrame) -> Vec<Option<RejectReason>> {
+        frame.rejected().iter().map(|r| RejectReason::from_number(r.reason)).collect()
+    }
+
+    #[test]
+    fn a_disc_is_a_ball() {
+        for place in [FieldPoint::new(0.0, 0.0), FieldPoint::new(-1000.0, 800.0)] {
+            let mut picture = Picture::new();
+            picture.disc(place);
+            let frame = picture.found(&[]);
+            let [ball] = frame.balls() else { panic!("{:?}", frame.balls()) };
+            let found = FieldPoint::new(f64::from(ball.x_mm), f64::from(ball.y_mm));
+            assert!(found.distance(place) < 1.0, "{ball:?}");
+            assert!(ball.confidence > 0.9, "{ball:?}");
+            assert!(frame.rejected().is_empty());
+        }
+    }
+
+    #[test]
+    fn a_ball_cut_by_a_highlight_is_one_ball() {
+        let mut picture = Picture::new();
+        let place = FieldPoint::new(300.0, 200.0);
+        picture.disc(place);
+        picture.paint(place, false, |x, y| (x - y).abs() < 4.0 && x.abs() < 40.0 && y.abs() < 40.0);
+        let frame = picture.found(&[]);
+        assert!(frame.regions().len() >= 2, "the highlight does not cut the ball");
+        let [ball] = frame.balls() else { panic!("{:?}", frame.balls()) };
+        let found = FieldPoint::new(f64::from(ball.x_mm), f64::from(ball.y_mm));
+        assert!(found.distance(place) < 1.5, "{ball:?}");
+    }
+
+    #[test]
+    fn what_is_not_a_ball_is_rejected_with_a_reason() {
+        let place = FieldPoint::new(300.0, 200.0);
+        let rejected = |shape: &dyn Fn(f64, f64) -> bool| {
+            let mut picture = Picture::new();
+            picture.paint(place, true, shape);
+            let frame = picture.found(&[]);
+            assert!(frame.balls().is_empty(), "{:?}", frame.balls());
+            assert!(frame.rejected().iter().all(|rejected| rejected.team == Rejected::BALL));
+            reasons(&frame)
+        };
+        let string = rejected(&|x, y| x.abs() < 60.0 && y.abs() < 4.0);
+        assert_eq!(string, [Some(RejectReason::NotRound)]);
+        let ring = rejected(&|x, y| (25.0..31.0).contains(&x.hypot(y)));
+        assert_eq!(ring, [Some(RejectReason::NotRound)]);
+        let carpet = rejected(&|x, y| x.abs() < 60.0 && y.abs() < 60.0);
+        assert_eq!(carpet, [Some(RejectReason::TooLarge)]);
+        let speck = rejected(&|x, y| x.hypot(y) < 9.0);
+        assert_eq!(speck, [Some(RejectReason::TooSmall)]);
+        let spectator = rejected(&|x, y| (x + 1550.0).hypot(y - 500.0) < 21.0);
+        assert_eq!(spectator, [Some(RejectReason::OutsideField)]);
+    }
+
+    #[test]
+    fn a_speck_on_a_robot_comes_after_the_ball() {
+        let mut picture = Picture::new();
+        let camera = picture.camera.clone();
+        let robot_place = FieldPoint::new(-400.0, 100.0);
+        // A round speck that would be the better ball, if it were not on a robot.
+        let speck = camera.field_from_image(camera.image_from_field(robot_place, 75.0), 21.35);
+        picture.disc(speck);
+        let place = FieldPoint::new(300.0, 200.0);
+        picture.paint(place, true, |x, y| x.hypot(y) <= 21.35 && x < 5.0);
+        let robot = DetectedRobot {
+            x_mm: robot_place.x_mm as f32,
+            y_mm: robot_place.y_mm as f32,
+            ..DetectedRobot::default()
+        };
+        let with_robot = picture.found(&[robot]);
+        let [first, second] = with_robot.balls() else { panic!("{:?}", with_robot.balls()) };
+        assert!((first.x_mm - 293.0).abs() < 5.0 && second.confidence < 0.3);
+        let without = picture.found(&[]);
+        assert!((without.balls()[0].x_mm + 400.0).abs() < 20.0, "{:?}", without.balls());
+    }
+}

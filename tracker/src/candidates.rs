@@ -1,0 +1,369 @@
+//! From regions to candidates: what might be a certain patch in a certain colour.
+//!
+//! Several candidates can be made of one region, and they contradict each other. A region of the
+//! right size is a candidate as it is. Together with smaller regions of its colour close by it may
+//! be one patch that noise or another patch cuts in pieces; the candidate then is their weighted
+//! average (section 6.1). And a region that is too large may be patches of two robots grown
+//! together; its pieces then are candidates. Which of them are real is for the assignment to
+//! decide, when it is known what each explanation is good for; here nothing is ruled out early.
+
+use crate::measure::{Measure, Moments};
+use crate::pattern::{ExpectedPatch, Kind, Pattern};
+use crate::pitch::Pitch;
+use crate::split::{MAX_PIECES, Splitter};
+use common::geometry::CameraModel;
+use common::messages::DetectionFrame;
+use std::ops::Range;
+
+/// Most regions one patch is put together from.
+pub(crate) const MAX_PARTS: usize = 4;
+/// Most candidates of one kind; when there are more, those of the likeliest size are kept. A match
+/// has one for each robot of a colour, and a few more for fragments.
+const MAX_CANDIDATES: usize = 96;
+/// A fragment is worth adding from this fraction of the patch's area.
+const MIN_FRAGMENT_RATIO: f64 = 0.05;
+/// Fragments are put together up to this multiple of the patch's area: they should make one patch.
+const MAX_MERGED_RATIO: f64 = 1.35;
+/// Fragments of one patch lie within this multiple of its reach from the largest of them …
+const MERGE_REACH: f64 = 1.3;
+/// … and do not spread farther than this multiple of the patch's own deviation.
+const MAX_MERGED_SPREAD: f64 = 1.4;
+/// A region is taken apart into n pieces when its area is between these multiples of n patches.
+const SPLIT_RATIO: Range<f64> = 0.65..1.5;
+
+/// A region of a colour that some patch has.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spot {
+    /// Index of the region in the message.
+    pub region: u32,
+    pub class: u32,
+    pub measure: Measure,
+    /// Too far outside the pitch to belong to a robot on it.
+    pub outside: bool,
+}
+
+/// A region, or one of the pieces it was taken apart into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub region: u32,
+    /// Which piece, from 0.
+    pub piece: u8,
+    /// Of how many; 1 for the whole region.
+    pub pieces: u8,
+}
+
+/// What might be a patch.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Candidate {
+    /// Largest first.
+    parts: [Part; MAX_PARTS],
+    part_count: usize,
+    pub measure: Measure,
+    /// How unlikely its size is: 0 to 1 at the limits of what is admitted.
+    pub misfit: f64,
+}
+
+impl Part {
+    fn whole(region: u32) -> Self {
+        Self { region, piece: 0, pieces: 1 }
+    }
+
+    /// Whether both use the same pixels.
+    fn overlaps(&self, other: &Self) -> bool {
+        self.region == other.region && (self.pieces != other.pieces || self.piece == other.piece)
+    }
+}
+
+impl Candidate {
+    /// What it is made of; the largest part first.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts[..self.part_count]
+    }
+
+    /// The largest part.
+    pub fn seed(&self) -> Part {
+        self.parts[0]
+    }
+
+    /// Whether both use the same pixels.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.parts().iter().any(|part| other.parts().iter().any(|theirs| part.overlaps(theirs)))
+    }
+
+    pub fn uses_region(&self, region: u32) -> bool {
+        self.parts().iter().any(|part| part.region == region)
+    }
+}
+
+/// Finds candidates, and keeps them until the next frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct CandidateFinder {
+    /// Regions of the colours of patches, largest first.
+    pub spots: Vec<Spot>,
+    candidates: Vec<Candidate>,
+    /// For each kind of the pattern, its part of `candidates`.
+    ranges: Vec<Range<usize>>,
+    splitter: Splitter,
+    /// Distance and index of spots near the one being looked at.
+    near: Vec<(f64, usize)>,
+}
+
+impl CandidateFinder {
+    /// Candidates of a kind, likeliest size first.
+    pub fn of_kind(&self, kind: usize) -> &[Candidate] {
+        self.ranges.get(kind).map_or(&[], |range| &self.candidates[range.clone()])
+    }
+
+    /// Looks through the regions of `frame`.
+    pub fn find(
+        &mut self,
+        pattern: &Pattern,
+        camera: &CameraModel,
+        pitch: &Pitch,
+        frame: &DetectionFrame,
+    ) {
+        self.splitter.start_frame();
+        self.measure_spots(pattern, camera, pitch, frame);
+        self.candidates.clear();
+        self.ranges.clear();
+        for kind in &pattern.kinds {
+            let begin = self.candidates.len();
+            self.find_kind(pattern, kind, camera, frame);
+            let found = &mut self.candidates[begin..];
+            found.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+            self.candidates.truncate(begin + MAX_CANDIDATES);
+            self.ranges.push(begin..self.candidates.len());
+        }
+    }
+
+    fn measure_spots(
+        &mut self,
+        pattern: &Pattern,
+        camera: &CameraModel,
+        pitch: &Pitch,
+        frame: &DetectionFrame,
+    ) {
+        self.spots.clear();
+        for (index, region) in (0u32..).zip(frame.regions()) {
+            if !pattern.kinds.iter().any(|kind| kind.class == region.class) {
+                continue;
+            }
+            let moments = Moments::of_region(region, frame.runs_of(region));
+            let Some(measure) = Measure::new(&moments, camera, pattern.height_mm) else {
+                continue;
+            };
+            // A patch lies within half a diagonal of the centre of its robot.
+            let outside = !pitch.contains(measure.position, pattern.size_mm * 0.75);
+            self.spots.push(Spot { region: index, class: region.class, measure, outside });
+        }
+        self.spots.sort_by(|a, b| b.measure.area_mm2.total_cmp(&a.measure.area_mm2));
+    }
+
+    fn find_kind(
+        &mut self,
+        pattern: &Pattern,
+        kind: &Kind,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+    ) {
+        let patch = &pattern.patches[kind.patch];
+        for seed in 0..self.spots.len() {
+            let spot = self.spots[seed];
+            if spot.class != kind.class || spot.outside {
+                continue;
+            }
+            let ratio = spot.measure.area_mm2 / patch.area_mm2;
+            self.push(pattern, patch, &[Part::whole(spot.region)], spot.measure);
+            if ratio < MAX_MERGED_RATIO {
+                self.merge(pattern, patch, seed);
+            }
+            for pieces in 2..=MAX_PIECES {
+                if SPLIT_RATIO.contains(&(ratio / pieces as f64)) {
+                    self.split(pattern, patch, &spot, pieces, camera, frame);
+                }
+            }
+        }
+    }
+
+    /// Adds a candidate if it can be the patch at all.
+    fn push(&mut self, pattern: &Pattern, patch: &ExpectedPatch, parts: &[Part], measure: Measure) {
+        let area_ratio = measure.area_mm2 / patch.area_mm2;
+        if !pattern.limits.admit_area(area_ratio) || !measure.is_shaped_like(patch) {
+            return;
+        }
+        let mut candidate = Candidate {
+            parts: [Part::whole(u32::MAX); MAX_PARTS],
+            part_count: parts.len().min(MAX_PARTS),
+            measure,
+            misfit: pattern.limits.area_misfit(area_ratio),
+        };
+        for (slot, part) in candidate.parts.iter_mut().zip(parts) {
+            *slot = *part;
+        }
+        self.candidates.push(candidate);
+    }
+
+    /// Adds the spot together with one, two or three smaller ones of its class, nearest first.
+    fn merge(&mut self, pattern: &Pattern, patch: &ExpectedPatch, seed: usize) {
+        let spot = self.spots[seed];
+        let mut near = std::mem::take(&mut self.near);
+        near.clear();
+        // Largest first: all that follow are smaller.
+        for (index, other) in self.spots.iter().enumerate().skip(seed + 1) {
+            if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
+                break;
+            }
+            let distance = spot.measure.position.distance(other.measure.position);
+            if other.class == spot.class && distance < MERGE_REACH * patch.reach_mm {
+                near.push((distance, index));
+            }
+        }
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+
+        let mut parts = [Part::whole(spot.region); MAX_PARTS];
+        let mut count = 1;
+        let mut merged = spot.measure;
+        for &(_, index) in &near {
+            let fragment = self.spots[index];
+            let together = merged.merged(&fragment.measure);
+            if together.area_mm2 > MAX_MERGED_RATIO * patch.area_mm2
+                || together.deviations_mm()[0] > MAX_MERGED_SPREAD * patch.major_mm
+            {
+                continue;
+            }
+            merged = together;
+            parts[count] = Part::whole(fragment.region);
+            count += 1;
+            self.push(pattern, patch, &parts[..count], merged);
+            if count == MAX_PARTS {
+                break;
+            }
+        }
+        self.near = near;
+    }
+
+    fn split(
+        &mut self,
+        pattern: &Pattern,
+        patch: &ExpectedPatch,
+        spot: &Spot,
+        count: usize,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+    ) {
+        let Some(region) = frame.regions().get(spot.region as usize) else { return };
+        let runs = frame.runs_of(region);
+        let whole = Moments::of_region(region, runs);
+        let Some(pieces) = self.splitter.split(region, &whole, runs, count) else { return };
+        for (piece, moments) in (0u8..).zip(&pieces[..count]) {
+            if let Some(measure) = Measure::new(moments, camera, pattern.height_mm) {
+                let part = Part { region: spot.region, piece, pieces: count as u8 };
+                self.push(pattern, patch, &[part], measure);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regions::RegionFinder;
+    use bytemuck::Zeroable;
+    use common::config::Config;
+    use common::messages::{Run, Team};
+
+    /// Candidates for the yellow team patch among yellow rectangles [left, top, right, bottom), the
+    /// right and bottom ends not included; nine pixels are about a patch.
+    fn yellow_candidates(rectangles: &[[u16; 4]]) -> (CandidateFinder, usize) {
+        let config = Config::default();
+        let pattern = Pattern::new(&config).unwrap();
+        let kind = pattern.team_kind(Team::Yellow);
+        let mut runs = Vec::new();
+        for row in 0..480u16 {
+            let mut columns: Vec<u16> = rectangles
+                .iter()
+                .filter(|[_, top, _, bottom]| (*top..*bottom).contains(&row))
+                .flat_map(|[left, _, right, _]| *left..*right)
+                .collect();
+            columns.sort_unstable();
+            for stretch in columns.chunk_by(|a, b| a + 1 == *b) {
+                let (begin, end) = (stretch[0], stretch[stretch.len() - 1] + 1);
+                let class = pattern.kinds[kind].class as u8;
+                runs.push(Run { row, begin, end, class, reserved: 0 });
+            }
+        }
+        let mut frame = Box::new(DetectionFrame::zeroed());
+        RegionFinder::new(640, 480, 8, 8).find(&runs, &mut frame);
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let mut finder = CandidateFinder::default();
+        finder.find(&pattern, &camera, &Pitch::new(&config), &frame);
+        (finder, kind)
+    }
+
+    #[test]
+    fn a_patch_is_a_candidate() {
+        let (finder, kind) = yellow_candidates(&[[300, 200, 309, 209]]);
+        let [candidate] = finder.of_kind(kind) else { panic!("{:?}", finder.of_kind(kind)) };
+        assert!((900.0..1400.0).contains(&candidate.measure.area_mm2), "{candidate:?}");
+        assert!((candidate.measure.image.x_px - 304.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn rims_around_patches_are_not() {
+        // A rim one pixel wide around a patch, half of one two pixels wide, and a string.
+        for rim in [
+            vec![
+                [300, 200, 311, 201],
+                [300, 201, 301, 210],
+                [310, 201, 311, 210],
+                [300, 210, 311, 211],
+            ],
+            vec![[300, 200, 313, 202], [300, 202, 302, 213]],
+            vec![[300, 200, 330, 201]],
+            vec![[300, 200, 322, 202]],
+        ] {
+            let (finder, kind) = yellow_candidates(&rim);
+            assert_eq!(finder.spots.len(), 1, "{rim:?} is not one region");
+            assert!(finder.of_kind(kind).is_empty(), "{rim:?}: {:?}", finder.of_kind(kind));
+        }
+    }
+
+    #[test]
+    fn fragments_are_averaged_by_weight() {
+        let (finder, kind) = yellow_candidates(&[[300, 200, 304, 209], [305, 200, 309, 209]]);
+        let merged = finder.of_kind(kind)[0];
+        assert_eq!(merged.parts().len(), 2);
+        assert!((merged.measure.image.x_px - 304.0).abs() < 1e-3, "{merged:?}");
+        // The halves alone stay possible, but less likely.
+        assert!(finder.of_kind(kind)[1..].iter().all(|candidate| candidate.parts().len() == 1));
+        assert_eq!(finder.of_kind(kind).len(), 3);
+    }
+
+    #[test]
+    fn two_patches_side_by_side_are_not_averaged() {
+        let (finder, kind) = yellow_candidates(&[[300, 200, 309, 209], [310, 200, 319, 209]]);
+        assert_eq!(finder.of_kind(kind).len(), 2);
+        assert!(finder.of_kind(kind).iter().all(|candidate| candidate.parts().len() == 1));
+    }
+
+    #[test]
+    fn two_patches_grown_together_come_apart() {
+        let (finder, kind) = yellow_candidates(&[[300, 200, 317, 209]]);
+        let pieces: Vec<&Candidate> =
+            finder.of_kind(kind).iter().filter(|candidate| candidate.seed().pieces == 2).collect();
+        let [a, b] = pieces[..] else { panic!("{:?}", finder.of_kind(kind)) };
+        assert!(!a.overlaps(b));
+        let whole = finder.of_kind(kind).iter().find(|c| c.seed().pieces == 1).unwrap();
+        assert!(whole.overlaps(a) && whole.overlaps(b));
+    }
+
+    #[test]
+    fn regions_outside_the_pitch_are_not_candidates() {
+        // Beside a goal, behind the goal line; and a proper one.
+        let (finder, kind) = yellow_candidates(&[[4, 60, 13, 69], [300, 200, 309, 209]]);
+        let outside: Vec<bool> = finder.spots.iter().map(|spot| spot.outside).collect();
+        assert_eq!(outside.iter().filter(|&&outside| outside).count(), 1);
+        let [candidate] = finder.of_kind(kind) else { panic!("{:?}", finder.of_kind(kind)) };
+        assert!((candidate.measure.image.x_px - 304.0).abs() < 1e-9);
+    }
+}

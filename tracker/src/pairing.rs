@@ -1,0 +1,480 @@
+//! From candidates to robots: section 6.1 of the paper, for any layout of patches.
+//!
+//! A *hypothesis* is a complete robot: a team patch, and for each identification patch of one
+//! configured robot a candidate of its colour in its place. The paper's eq. (5) asks for an
+//! identification patch between ¾ patch sizes and a robot's size away from the team patch; with the
+//! layout known, the distance itself is known, and what is asked for is that distance, give or take
+//! the configured tolerance, and likewise between any two patches, and then that each patch lies
+//! within the tolerance of its place once the pose is fitted (which also tells left from right).
+//!
+//! Hypotheses contradict each other when they use the same pixels, are the same robot, have team
+//! patches of one team closer than eq. (4) allows, or when their bodies would overlap. Which to
+//! believe is decided for the whole picture at once: as many as possible, and of those the ones
+//! that fit best. So each team patch gets its own identification patch, as Fig. 7 demands, even
+//! where another robot's lies nearer.
+
+use crate::assignment::{Choice, Solver};
+use crate::candidates::{Candidate, CandidateFinder};
+use crate::measure::{Measure, MomentSums};
+use crate::pattern::Pattern;
+use crate::pitch::Pitch;
+use crate::pose::{fit_pose, image_pose, robot_from_field};
+use crate::prior::Prior;
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
+use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+
+/// Most hypotheses that are weighed against each other; when there are more, the worst are left
+/// out. A match has one or two for each robot.
+const MAX_HYPOTHESES: usize = 512;
+/// Most distances looked at for one team patch, and most hypotheses made of it.
+const MAX_CHECKS: u32 = 5_000;
+const MAX_HYPOTHESES_EACH: u32 = 64;
+/// Weight of a patch's distance from its place: this much when it is off by the whole tolerance.
+/// Areas count 1 at their limits: they depend on light and focus, distances do not.
+const PLACE_WEIGHT: f64 = 8.0;
+/// What each further fragment of a patch costs: of two explanations, the simpler one.
+const FRAGMENT_COST: f64 = 0.05;
+/// What each other patch costs that lies on what would be the robot's top: it must have slipped
+/// between two robots, or be one that the robot should have been explained with.
+const STRANGER_COST: f64 = 2.0;
+/// Bodies shrunk to this fraction of their size must not overlap.
+const BODY_FRACTION: f64 = 0.8;
+
+/// A robot that may be there.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hypothesis {
+    /// Index into the pattern's identities.
+    pub identity: usize,
+    /// For each patch, index among the candidates of its kind.
+    pub candidates: [usize; MAX_PATCHES],
+    /// Where each patch was measured.
+    places: [FieldPoint; MAX_PATCHES],
+    pub pose: Pose,
+    /// How badly the patches fit: sum over the patches of what place and area are off, see
+    /// [`PLACE_WEIGHT`].
+    misfit: f64,
+    /// Misfit, and what else speaks against it.
+    cost: f64,
+}
+
+/// What became of a candidate for a team patch on its way to a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fate {
+    /// No robot of the team has its patches around it.
+    Incomplete,
+    /// A complete robot, but outside the pitch.
+    Outside,
+    /// At least one hypothesis.
+    Complete,
+}
+
+/// Finds the robots of a frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pairing {
+    pub finder: CandidateFinder,
+    hypotheses: Vec<Hypothesis>,
+    /// For each team, what became of the candidates for its team patch.
+    fates: [Vec<Fate>; 2],
+    choices: Vec<Choice>,
+    believed: Vec<usize>,
+    solver: Solver,
+}
+
+/// What the steps below look at.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scene<'a> {
+    pub pattern: &'a Pattern,
+    pub camera: &'a CameraModel,
+    pub pitch: &'a Pitch,
+    pub prior: &'a Prior,
+}
+
+impl Pairing {
+    /// Finds the robots among the regions of `frame` and appends them to it, by team and number.
+    pub fn find(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
+        self.finder.find(scene.pattern, scene.camera, scene.pitch, frame);
+        self.hypothesise(scene);
+        self.believe(scene);
+        self.separate_grown_together(scene, frame);
+        self.write(scene, frame);
+    }
+
+    /// The hypotheses that are believed.
+    pub fn robots(&self) -> impl Iterator<Item = &Hypothesis> {
+        self.believed.iter().map(|&index| &self.hypotheses[index])
+    }
+
+    /// The candidate a robot's patch was found as.
+    pub fn candidate(&self, pattern: &Pattern, robot: &Hypothesis, patch: usize) -> &Candidate {
+        let kind = pattern.identities[robot.identity].kinds[patch];
+        &self.finder.of_kind(kind)[robot.candidates[patch]]
+    }
+
+    /// What became of a candidate for a team patch.
+    pub fn fate(&self, team: Team, candidate: usize) -> Fate {
+        self.fates[team as usize].get(candidate).copied().unwrap_or(Fate::Incomplete)
+    }
+
+    fn hypothesise(&mut self, scene: &Scene) {
+        self.hypotheses.clear();
+        for team in Team::ALL {
+            let fates = &mut self.fates[team as usize];
+            fates.clear();
+            for candidate in 0..self.finder.of_kind(scene.pattern.team_kind(team)).len() {
+                let mut builder = Builder {
+                    scene,
+                    finder: &self.finder,
+                    hypotheses: &mut self.hypotheses,
+                    picked: [0; MAX_PATCHES],
+                    checks_left: MAX_CHECKS,
+                    hypotheses_left: MAX_HYPOTHESES_EACH,
+                    fate: Fate::Incomplete,
+                };
+                builder.picked[scene.pattern.team_patch] = candidate;
+                for (identity, wearer) in scene.pattern.identities.iter().enumerate() {
+                    if wearer.team == team {
+                        builder.add_patch(identity, 0);
+                    }
+                }
+                fates.push(builder.fate);
+            }
+        }
+        self.hypotheses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        self.hypotheses.truncate(MAX_HYPOTHESES);
+    }
+
+    /// Chooses among the hypotheses.
+    fn believe(&mut self, scene: &Scene) {
+        let pattern = scene.pattern;
+        for index in 0..self.hypotheses.len() {
+            let strangers = self.count_strangers(pattern, &self.hypotheses[index]);
+            self.hypotheses[index].cost += STRANGER_COST * f64::from(strangers);
+        }
+        self.choices.clear();
+        self.choices.extend(self.hypotheses.iter().map(|hypothesis| {
+            // All that begin with the same pixels of the team's colour exclude each other.
+            let kind = pattern.identities[hypothesis.identity].kinds[pattern.team_patch];
+            let team_patch = &self.finder.of_kind(kind)[hypothesis.candidates[pattern.team_patch]];
+            let seed = team_patch.seed();
+            Choice {
+                group: u64::from(seed.region) << 8 | u64::from(seed.piece),
+                cost: hypothesis.cost,
+            }
+        }));
+        let (hypotheses, finder) = (&self.hypotheses, &self.finder);
+        let contradict =
+            |a: usize, b: usize| contradict(pattern, finder, &hypotheses[a], &hypotheses[b]);
+        self.solver.solve(&self.choices, contradict, &mut self.believed);
+    }
+
+    /// Other regions of a patch's size and shape on the robot's top.
+    fn count_strangers(&self, pattern: &Pattern, hypothesis: &Hypothesis) -> u32 {
+        let half = pattern.size_mm * BODY_FRACTION / 2.0;
+        let own = &pattern.identities[hypothesis.identity].kinds;
+        let is_own = |region: u32| {
+            own.iter()
+                .zip(&hypothesis.candidates)
+                .any(|(&kind, &candidate)| self.finder.of_kind(kind)[candidate].uses_region(region))
+        };
+        let mut count = 0;
+        for spot in &self.finder.spots {
+            let place = spot.measure.position;
+            if place.distance(hypothesis.pose.position) > 1.5 * half {
+                continue;
+            }
+            let [x, y] = robot_from_field(&hypothesis.pose, place);
+            let could_be_patch = || {
+                pattern.patches.iter().any(|patch| {
+                    spot.measure.area_mm2 >= pattern.limits.min_area_ratio * patch.area_mm2
+                        && spot.measure.is_shaped_like(patch)
+                })
+            };
+            if x.abs() < half && y.abs() < half && !is_own(spot.region) && could_be_patch() {
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// Where believed robots share a region that was taken apart, their poses now tell better
+    /// whose pixels are whose than the distance from two centroids: each pixel goes to the robot
+    /// on whose body it lies deepest. Places and poses are measured again from that.
+    fn separate_grown_together(&mut self, scene: &Scene, frame: &DetectionFrame) {
+        const ROUNDS: usize = 2;
+        let pattern = scene.pattern;
+        for index in 0..self.believed.len() {
+            for patch in 0..pattern.patches.len() {
+                let robot = &self.hypotheses[self.believed[index]];
+                let seed = self.candidate(pattern, robot, patch).seed();
+                // Each region once, with its first piece, and only if all pieces have owners.
+                if seed.pieces < 2 || seed.piece != 0 {
+                    continue;
+                }
+                let owners = self.owners_of(pattern, seed.region);
+                if owners.len() != usize::from(seed.pieces) {
+                    continue;
+                }
+                for _ in 0..ROUNDS {
+                    self.measure_again(scene, frame, seed.region, &owners);
+                }
+            }
+        }
+    }
+
+    /// The believed hypotheses, and their patches, that pieces of a region belong to.
+    fn owners_of(&self, pattern: &Pattern, region: u32) -> Vec<(usize, usize)> {
+        let mut owners = Vec::new();
+        for &index in &self.believed {
+            for patch in 0..pattern.patches.len() {
+                let robot = &self.hypotheses[index];
+                if self.candidate(pattern, robot, patch).uses_region(region) {
+                    owners.push((index, patch));
+                }
+            }
+        }
+        owners
+    }
+
+    fn measure_again(
+        &mut self,
+        scene: &Scene,
+        frame: &DetectionFrame,
+        region: u32,
+        owners: &[(usize, usize)],
+    ) {
+        let Some(region) = frame.regions().get(region as usize) else { return };
+        let origin = (f64::from(region.x_px), f64::from(region.y_px));
+        let mut sums = vec![MomentSums::around(origin); owners.len()];
+        for run in frame.runs_of(region) {
+            for column in run.begin..run.end {
+                let (x_px, y_px) = (f64::from(column), f64::from(run.row));
+                let point = ImagePoint::new(x_px, y_px);
+                let place = scene.camera.field_from_image(point, scene.pattern.height_mm);
+                let remoteness = |&(index, patch): &(usize, usize)| {
+                    let [x, y] = robot_from_field(&self.hypotheses[index].pose, place);
+                    let [px, py] = scene.pattern.patches[patch].centroid_mm;
+                    // Two patches of one robot are equally deep on its body.
+                    (x.abs().max(y.abs()), (x - px).hypot(y - py))
+                };
+                let nearest = (0..owners.len()).min_by(|&a, &b| {
+                    let (a, b) = (remoteness(&owners[a]), remoteness(&owners[b]));
+                    a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+                });
+                if let Some(nearest) = nearest {
+                    sums[nearest].add_pixel(x_px, y_px);
+                }
+            }
+        }
+        for (&(index, patch), sums) in owners.iter().zip(&sums) {
+            let moments = sums.moments();
+            let measure = Measure::new(&moments, scene.camera, scene.pattern.height_mm);
+            let hypothesis = &mut self.hypotheses[index];
+            // Less than half of what k-means gave it would be a worse guess, not a better one.
+            let Some(measure) = measure else { continue };
+            let patch_area = scene.pattern.patches[patch].area_mm2;
+            if measure.area_mm2 < scene.pattern.limits.min_area_ratio * patch_area {
+                continue;
+            }
+            hypothesis.places[patch] = measure.position;
+            if let Some(pose) = fit(scene.pattern, &hypothesis.places) {
+                hypothesis.pose = pose;
+            }
+        }
+    }
+
+    fn write(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
+        let pattern = scene.pattern;
+        let hypotheses = &self.hypotheses;
+        self.believed.sort_by_key(|&index| {
+            let identity = &pattern.identities[hypotheses[index].identity];
+            (identity.team, identity.id)
+        });
+        for robot in self.robots() {
+            let identity = &pattern.identities[robot.identity];
+            let (image, orientation_image) =
+                image_pose(scene.camera, &robot.pose, pattern.height_mm);
+            let mut patch_regions = [u32::MAX; MAX_PATCHES];
+            for (patch, region) in patch_regions.iter_mut().enumerate().take(pattern.patches.len())
+            {
+                *region = self.candidate(pattern, robot, patch).seed().region;
+            }
+            frame.push_robot(DetectedRobot {
+                team: identity.team as u32,
+                robot_id: identity.id,
+                x_mm: robot.pose.position.x_mm as f32,
+                y_mm: robot.pose.position.y_mm as f32,
+                orientation: wrap_angle(robot.pose.orientation) as f32,
+                confidence: (-robot.misfit / pattern.patches.len() as f64).exp() as f32,
+                x_px: image.x_px as f32,
+                y_px: image.y_px as f32,
+                orientation_image: orientation_image as f32,
+                patch_count: pattern.patches.len() as u32,
+                patch_regions,
+            });
+        }
+    }
+}
+
+fn fit(pattern: &Pattern, places: &[FieldPoint; MAX_PATCHES]) -> Option<Pose> {
+    fit_pose(
+        pattern
+            .patches
+            .iter()
+            .zip(places)
+            .map(|(patch, &place)| (patch.centroid_mm, place, patch.area_mm2)),
+    )
+}
+
+fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &Hypothesis) -> bool {
+    let (identity_a, identity_b) =
+        (&pattern.identities[a.identity], &pattern.identities[b.identity]);
+    if a.identity == b.identity || bodies_overlap(pattern.size_mm, &a.pose, &b.pose) {
+        return true;
+    }
+    let team = pattern.team_patch;
+    let too_close = || {
+        a.places[team].distance(b.places[team]) < TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm()
+    };
+    if identity_a.team == identity_b.team && too_close() {
+        return true;
+    }
+    identity_a.kinds.iter().zip(&a.candidates).any(|(&kind_a, &candidate_a)| {
+        let ours = &finder.of_kind(kind_a)[candidate_a];
+        identity_b.kinds.iter().zip(&b.candidates).any(|(&kind_b, &candidate_b)| {
+            pattern.kinds[kind_a].class == pattern.kinds[kind_b].class
+                && ours.overlaps(&finder.of_kind(kind_b)[candidate_b])
+        })
+    })
+}
+
+/// Team patches of one team are farther apart than this many patch sizes (eq. 4).
+pub(crate) const TEAM_PATCH_DISTANCE: f64 = 0.75;
+
+/// Whether two squares, somewhat smaller than robots, share a point: they do unless one of their
+/// four axes separates them.
+fn bodies_overlap(size_mm: f64, a: &Pose, b: &Pose) -> bool {
+    let half = size_mm * BODY_FRACTION / 2.0;
+    if a.position.distance(b.position) > 3.0 * half {
+        return false;
+    }
+    let (sin, cos) = (a.orientation - b.orientation).sin_cos();
+    let reach = half * (1.0 + sin.abs() + cos.abs());
+    let [ax, ay] = robot_from_field(a, b.position);
+    let [bx, by] = robot_from_field(b, a.position);
+    [ax, ay, bx, by].iter().all(|offset| offset.abs() < reach)
+}
+
+/// Puts together all hypotheses of one team patch.
+struct Builder<'a, 's> {
+    scene: &'a Scene<'s>,
+    finder: &'a CandidateFinder,
+    hypotheses: &'a mut Vec<Hypothesis>,
+    /// For each patch before the current one, and the team patch: index among its candidates.
+    picked: [usize; MAX_PATCHES],
+    checks_left: u32,
+    hypotheses_left: u32,
+    fate: Fate,
+}
+
+impl Builder<'_, '_> {
+    /// Tries all candidates for `patch` and everything behind it.
+    fn add_patch(&mut self, identity: usize, patch: usize) {
+        let pattern = self.scene.pattern;
+        if patch == pattern.patches.len() {
+            self.complete(identity);
+            return;
+        }
+        if patch == pattern.team_patch {
+            self.add_patch(identity, patch + 1);
+            return;
+        }
+        let kind = pattern.identities[identity].kinds[patch];
+        for candidate in 0..self.finder.of_kind(kind).len() {
+            if self.checks_left == 0 || self.hypotheses_left == 0 {
+                return;
+            }
+            self.checks_left -= 1;
+            if self.fits_those_picked(identity, patch, candidate) {
+                self.picked[patch] = candidate;
+                self.add_patch(identity, patch + 1);
+            }
+        }
+    }
+
+    fn candidate(&self, identity: usize, patch: usize, index: usize) -> &Candidate {
+        &self.finder.of_kind(self.scene.pattern.identities[identity].kinds[patch])[index]
+    }
+
+    /// Eq. (5), and the same between identification patches.
+    fn fits_those_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
+        let pattern = self.scene.pattern;
+        let candidate = self.candidate(identity, patch, index);
+        let before = (0..patch).filter(|&other| other != pattern.team_patch);
+        std::iter::once(pattern.team_patch).chain(before).all(|other| {
+            let picked = self.candidate(identity, other, self.picked[other]);
+            let distance = candidate.measure.position.distance(picked.measure.position);
+            let expected = pattern.distance_mm(patch, other);
+            (distance - expected).abs() <= pattern.limits.patch_tolerance_mm
+                && !candidate.overlaps(picked)
+        })
+    }
+
+    fn complete(&mut self, identity: usize) {
+        let pattern = self.scene.pattern;
+        let mut places = [FieldPoint::default(); MAX_PATCHES];
+        for (patch, place) in places.iter_mut().enumerate().take(pattern.patches.len()) {
+            *place = self.candidate(identity, patch, self.picked[patch]).measure.position;
+        }
+        let Some(pose) = fit(pattern, &places) else { return };
+        let mut misfit = 0.0;
+        for (patch, expected) in pattern.patches.iter().enumerate() {
+            let off_mm = pose.field_from_robot(expected.centroid_mm).distance(places[patch]);
+            if off_mm > pattern.limits.patch_tolerance_mm {
+                return;
+            }
+            let candidate = self.candidate(identity, patch, self.picked[patch]);
+            misfit += PLACE_WEIGHT * (off_mm / pattern.limits.patch_tolerance_mm).powi(2)
+                + candidate.misfit
+                + FRAGMENT_COST * (candidate.parts().len() - 1) as f64;
+        }
+        if !self.scene.pitch.contains(pose.position, 0.0) {
+            if self.fate == Fate::Incomplete {
+                self.fate = Fate::Outside;
+            }
+            return;
+        }
+        self.fate = Fate::Complete;
+        self.hypotheses_left -= 1;
+        let prior = self.scene.prior.cost(identity, pose.position, pattern.size_mm);
+        self.hypotheses.push(Hypothesis {
+            identity,
+            candidates: self.picked,
+            places,
+            pose,
+            misfit,
+            cost: misfit + prior,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_4;
+
+    fn pose(x: f64, y: f64, orientation: f64) -> Pose {
+        Pose { position: FieldPoint::new(x, y), orientation }
+    }
+
+    #[test]
+    fn bodies_may_touch_and_not_overlap() {
+        let here = pose(0.0, 0.0, 0.0);
+        assert!(!bodies_overlap(75.0, &here, &pose(75.0, 0.0, 0.0)));
+        assert!(!bodies_overlap(75.0, &here, &pose(75.0, 30.0, 0.0)));
+        assert!(!bodies_overlap(75.0, &here, &pose(91.0, 0.0, FRAC_PI_4)));
+        assert!(bodies_overlap(75.0, &here, &pose(55.0, 30.0, 0.0)));
+        // Side by side this far apart they would only touch; a corner reaches farther.
+        assert!(bodies_overlap(75.0, &here, &pose(70.0, 0.0, FRAC_PI_4)));
+        assert!(!bodies_overlap(75.0, &here, &pose(70.0, 0.0, 0.0)));
+    }
+}

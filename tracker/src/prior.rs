@@ -1,0 +1,132 @@
+//! Where the filter expects the robots: used only to choose between explanations that are equally
+//! good.
+
+use crate::pattern::Pattern;
+use common::geometry::FieldPoint;
+use common::messages::{DetectionFrame, FrameHeader, RobotState, TrackStatus, WorldFrame};
+
+/// A `world` older than this says nothing about where anybody is.
+const MAX_AGE_NS: u64 = 500_000_000;
+/// What it costs to be a robot's size away from where the robot is expected. Small against the cost
+/// of patches that do not fit (1 for each at its limits).
+const PRIOR_WEIGHT: f64 = 0.25;
+
+/// Expected places of the robots of a pattern.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Prior {
+    places: Vec<Option<FieldPoint>>,
+}
+
+impl Prior {
+    /// Takes over the tracks of `world`, carried forward to the time of `frame`. Returns the frame
+    /// number of the `world`, or [`DetectionFrame::NO_WORLD`] if there is none or it is of no use:
+    /// not from before the frame, or too old.
+    pub fn update(
+        &mut self,
+        pattern: &Pattern,
+        world: Option<&WorldFrame>,
+        frame: &FrameHeader,
+    ) -> u64 {
+        self.places.clear();
+        self.places.resize(pattern.identities.len(), None);
+        let Some(world) = world else { return DetectionFrame::NO_WORLD };
+        let age_ns = match frame.t_capture_ns.checked_sub(world.frame.t_capture_ns) {
+            Some(age_ns) if age_ns <= MAX_AGE_NS && world.frame.seq < frame.seq => age_ns,
+            _ => return DetectionFrame::NO_WORLD,
+        };
+        for robot in world.robots() {
+            let identity = pattern.identities.iter().position(|identity| {
+                (identity.team as u32, identity.id) == (robot.team, robot.robot_id)
+            });
+            if let Some(identity) = identity {
+                self.places[identity] = expected_place(robot, age_ns as f64 * 1e-9);
+            }
+        }
+        world.frame.seq
+    }
+
+    /// The cost of finding a robot at a place: 0 where it is expected, growing with the distance up
+    /// to a robot's size; in between for a robot that nothing is known about.
+    pub fn cost(&self, identity: usize, place: FieldPoint, robot_size_mm: f64) -> f64 {
+        match self.places.get(identity).copied().flatten() {
+            Some(expected) => {
+                PRIOR_WEIGHT * (expected.distance(place) / robot_size_mm).powi(2).min(1.0)
+            }
+            None => PRIOR_WEIGHT / 2.0,
+        }
+    }
+}
+
+fn expected_place(robot: &RobotState, age_s: f64) -> Option<FieldPoint> {
+    match TrackStatus::from_number(robot.status) {
+        None | Some(TrackStatus::Absent) => return None,
+        Some(_) => {}
+    }
+    // Along the arc that speed and turning rate describe, by its middle heading.
+    let heading = robot.orientation + robot.omega * age_s / 2.0;
+    let way = robot.v_mm_s * age_s;
+    let place = FieldPoint::new(robot.x_mm + way * heading.cos(), robot.y_mm + way * heading.sin());
+    (place.x_mm.is_finite() && place.y_mm.is_finite()).then_some(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use common::config::Config;
+    use common::messages::Team;
+
+    fn world() -> Box<WorldFrame> {
+        let mut world = Box::new(WorldFrame::zeroed());
+        world.frame.seq = 7;
+        world.frame.t_capture_ns = 1_000_000_000;
+        world.robot_count = 2;
+        world.robots[0] = RobotState {
+            team: Team::Blue as u32,
+            robot_id: 1,
+            status: TrackStatus::Measured as u32,
+            x_mm: 100.0,
+            v_mm_s: 1000.0,
+            ..RobotState::zeroed()
+        };
+        world.robots[1] = RobotState {
+            team: Team::Yellow as u32,
+            robot_id: 2,
+            status: TrackStatus::Measured as u32,
+            x_mm: f64::NAN,
+            ..RobotState::zeroed()
+        };
+        world
+    }
+
+    fn frame(seq: u64, t_capture_ns: u64) -> FrameHeader {
+        FrameHeader { seq, t_capture_ns, ..FrameHeader::zeroed() }
+    }
+
+    #[test]
+    fn tracks_are_carried_forward() {
+        let pattern = Pattern::new(&Config::default()).unwrap();
+        let mut prior = Prior::default();
+        let used = prior.update(&pattern, Some(&world()), &frame(8, 1_012_500_000));
+        assert_eq!(used, 7);
+        let blue_1 = pattern.identities.iter().position(|i| (i.team, i.id) == (Team::Blue, 1));
+        let cost = |identity, x| prior.cost(identity, FieldPoint::new(x, 0.0), 75.0);
+        assert!(cost(blue_1.unwrap(), 112.5) < 1e-12);
+        assert!(cost(blue_1.unwrap(), 100.0) > 0.001);
+        assert_eq!(cost(blue_1.unwrap(), 5000.0), PRIOR_WEIGHT);
+        // A track of rubbish counts as none.
+        let yellow_2 = pattern.identities.iter().position(|i| (i.team, i.id) == (Team::Yellow, 2));
+        assert_eq!(cost(yellow_2.unwrap(), 112.5), PRIOR_WEIGHT / 2.0);
+    }
+
+    #[test]
+    fn a_world_that_does_not_precede_the_frame_is_not_used() {
+        let pattern = Pattern::new(&Config::default()).unwrap();
+        let mut prior = Prior::default();
+        for frame in [frame(8, 999_999_999), frame(7, 1_012_500_000), frame(90, 2_000_000_000)] {
+            let used = prior.update(&pattern, Some(&world()), &frame);
+            assert_eq!(used, DetectionFrame::NO_WORLD, "{frame:?}");
+        }
+        assert_eq!(prior.update(&pattern, None, &frame(8, 1)), DetectionFrame::NO_WORLD);
+    }
+}

@@ -1,0 +1,49 @@
+//! The tracker's process: runs in, detections out.
+
+use crate::Tracker;
+use common::bus::Received;
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::messages::ProcessKind;
+use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
+use common::topics;
+
+/// Runs until asked to end.
+pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
+    let mut process = Process::start(ProcessKind::Tracker, options, config)?;
+    let runs = process.bus.subscriber(&topics::RUNS)?;
+    let world = process.bus.subscriber_with_buffer(&topics::WORLD, 1)?;
+    let previous = process.bus.subscriber_with_buffer(&topics::DETECTIONS, 1)?;
+    let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
+    let mut tracker =
+        Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    if !process.activate()? {
+        return Ok(());
+    }
+    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message) {
+        process.resume_after(last.frame.seq);
+    }
+    drop(previous);
+
+    let wake_up = process.bus.wake_up(&topics::RUNS)?;
+    let mut prior = None;
+    while process.keep_running()? {
+        let Some(input) = runs.receive()? else {
+            wake_up.wait(LOOK_AROUND)?;
+            continue;
+        };
+        let header = input.header();
+        if !process.accept(header.frame.seq) {
+            continue;
+        }
+        prior = world.newest()?.or(prior);
+        let mut output = detections.loan(1)?;
+        let detection = &mut output.elements()[0];
+        let prior = prior.as_ref().and_then(Received::message);
+        tracker.step(header, header.valid(input.elements()), prior, detection);
+        detection.t_sent_ns = monotonic_ns();
+        output.send()?;
+        process.sent(header.frame.seq);
+    }
+    Ok(())
+}

@@ -1,0 +1,164 @@
+//! Why candidates became nothing: what a person needs to see to set up colours and lamps.
+
+use crate::candidates::Spot;
+use crate::pairing::{Fate, Pairing, TEAM_PATCH_DISTANCE};
+use crate::pattern::Pattern;
+use common::geometry::ImagePoint;
+use common::messages::{DetectionFrame, RejectReason, Rejected, Team};
+
+/// Below this fraction of the smallest size that is admitted, a region is plain noise and not
+/// worth listing.
+const WORTH_LISTING: f64 = 0.25;
+
+/// Collects rejections; the most telling survive when there are too many.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Rejections {
+    list: Vec<(f64, Rejected)>,
+}
+
+impl Rejections {
+    pub fn clear(&mut self) {
+        self.list.clear();
+    }
+
+    /// Adds a candidate of a team, or of the ball ([`Rejected::BALL`]).
+    pub fn add(&mut self, team: u32, reason: RejectReason, place: ImagePoint, area_mm2: f64) {
+        let (x_px, y_px) = (place.x_px as f32, place.y_px as f32);
+        self.list.push((area_mm2, Rejected { team, reason: reason as u32, x_px, y_px }));
+    }
+
+    /// Appends what was collected to the message, largest first, and the small fry behind all
+    /// others; what does not fit is dropped.
+    pub fn write(&mut self, frame: &mut DetectionFrame) {
+        self.list.sort_by(|(a_area, a), (b_area, b)| {
+            let is_small = |rejected: &Rejected| rejected.reason == RejectReason::TooSmall as u32;
+            is_small(a).cmp(&is_small(b)).then(b_area.total_cmp(a_area))
+        });
+        for (_, rejected) in &self.list {
+            if !frame.push_rejected(*rejected) {
+                break;
+            }
+        }
+    }
+}
+
+/// Lists every region of a team's colour that is in no robot.
+pub(crate) fn explain_team_patches(
+    pattern: &Pattern,
+    pairing: &Pairing,
+    rejections: &mut Rejections,
+) {
+    let worth_listing = WORTH_LISTING
+        * pattern.limits.min_area_ratio
+        * pattern.patches[pattern.team_patch].area_mm2;
+    for team in Team::ALL {
+        let class = pattern.kinds[pattern.team_kind(team)].class;
+        for spot in &pairing.finder.spots {
+            if spot.class != class || spot.measure.area_mm2 < worth_listing {
+                continue;
+            }
+            if let Some(reason) = reason(pattern, pairing, team, spot) {
+                rejections.add(team as u32, reason, spot.measure.image, spot.measure.area_mm2);
+            }
+        }
+    }
+}
+
+/// Why a region of a team's colour is not in a robot; `None` if it is.
+fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Option<RejectReason> {
+    let is_used = |region: u32| {
+        pairing.robots().any(|robot| {
+            (0..pattern.patches.len())
+                .any(|patch| pairing.candidate(pattern, robot, patch).uses_region(region))
+        })
+    };
+    if is_used(spot.region) {
+        return None;
+    }
+    if spot.outside {
+        return Some(RejectReason::OutsideField);
+    }
+    let candidates = pairing.finder.of_kind(pattern.team_kind(team));
+    let mut fate = None;
+    for (index, candidate) in candidates.iter().enumerate() {
+        if candidate.uses_region(spot.region) {
+            let this = pairing.fate(team, index);
+            if this == Fate::Complete || fate.is_none() || fate == Some(Fate::Incomplete) {
+                fate = Some(this);
+            }
+        }
+    }
+    let Some(fate) = fate else {
+        let expected_mm2 = pattern.patches[pattern.team_patch].area_mm2;
+        let too_large = spot.measure.area_mm2 > pattern.limits.max_area_ratio * expected_mm2;
+        // Neither can be a string of many pixels: too narrow is too small.
+        return Some(if too_large { RejectReason::TooLarge } else { RejectReason::TooSmall });
+    };
+
+    let least_distance = TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm();
+    let too_close = candidates.iter().any(|other| {
+        !other.uses_region(spot.region)
+            && other.measure.position.distance(spot.measure.position) < least_distance
+            && (other.measure.area_mm2 > spot.measure.area_mm2 || is_used(other.seed().region))
+    });
+    if too_close {
+        return Some(RejectReason::TooCloseToTeamPatch);
+    }
+    Some(match fate {
+        Fate::Complete => RejectReason::TakenByAnother,
+        Fate::Outside => RejectReason::OutsideField,
+        Fate::Incomplete if unused_identification_near(pattern, pairing, team, spot, &is_used) => {
+            RejectReason::LayoutMismatch
+        }
+        Fate::Incomplete => RejectReason::NoIdentificationPatch,
+    })
+}
+
+/// Whether an identification patch that some robot of the team wears lies within reach of the
+/// region, at whatever distance, and belongs to no robot that was found.
+fn unused_identification_near(
+    pattern: &Pattern,
+    pairing: &Pairing,
+    team: Team,
+    spot: &Spot,
+    is_used: &dyn Fn(u32) -> bool,
+) -> bool {
+    let identities = pattern.identities.iter().filter(|identity| identity.team == team);
+    identities.flat_map(|identity| identity.kinds.iter().enumerate()).any(|(patch, &kind)| {
+        let reach =
+            pattern.distance_mm(patch, pattern.team_patch) + pattern.limits.patch_tolerance_mm;
+        patch != pattern.team_patch
+            && pairing.finder.of_kind(kind).iter().any(|candidate| {
+                candidate.measure.position.distance(spot.measure.position) <= reach
+                    && !is_used(candidate.seed().region)
+            })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use common::messages::MAX_REJECTED;
+
+    #[test]
+    fn the_small_fry_goes_first_when_the_list_is_full() {
+        let mut rejections = Rejections::default();
+        for index in 0..MAX_REJECTED {
+            let place = ImagePoint::new(index as f64, 0.0);
+            rejections.add(0, RejectReason::TooSmall, place, 1e6 + index as f64);
+            rejections.add(1, RejectReason::TakenByAnother, place, index as f64);
+        }
+        let mut frame = Box::new(DetectionFrame::zeroed());
+        rejections.write(&mut frame);
+        assert_eq!(frame.rejected().len(), MAX_REJECTED);
+        assert!(frame.rejected().iter().all(|rejected| rejected.team == 1));
+        assert_eq!(frame.rejected()[0].x_px, (MAX_REJECTED - 1) as f32);
+
+        rejections.clear();
+        rejections.add(0, RejectReason::TooSmall, ImagePoint::new(1.0, 2.0), 5.0);
+        frame.clear();
+        rejections.write(&mut frame);
+        assert_eq!(frame.rejected().len(), 1);
+    }
+}

@@ -1,0 +1,181 @@
+//! Takes apart regions that are two or more patches of one colour grown together.
+//!
+//! When robots touch, patches of one colour can lie a pixel apart, and interpolated colours fill
+//! the gap. Such a region has the area of several patches; k-means over its pixels gives back where
+//! each of them lies. Whether to believe it is decided later, among all explanations of the
+//! picture.
+
+use crate::measure::{MomentSums, Moments};
+use common::messages::{Region, Run};
+
+/// Most pieces a region is taken apart into.
+pub(crate) const MAX_PIECES: usize = 4;
+/// Rounds of k-means; two squares side by side settle in three or four.
+const MAX_ROUNDS: usize = 12;
+/// Pixels a frame may spend on splitting, times rounds and pieces: a few milliseconds, and some
+/// hundred times what touching robots need. Regions beyond it stay whole.
+const WORK_PER_FRAME: usize = 4_000_000;
+
+/// Splits regions; counts its work over a frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Splitter {
+    pixels: Vec<(f64, f64)>,
+    work: usize,
+}
+
+impl Splitter {
+    /// To be called once a frame.
+    pub fn start_frame(&mut self) {
+        self.work = 0;
+    }
+
+    /// Takes a region apart into `count` pieces, if the frame's share of work allows it.
+    pub fn split(
+        &mut self,
+        region: &Region,
+        whole: &Moments,
+        runs: &[Run],
+        count: usize,
+    ) -> Option<[Moments; MAX_PIECES]> {
+        let count = count.clamp(2, MAX_PIECES);
+        let work = region.pixel_count as usize * count * MAX_ROUNDS;
+        if self.work + work > WORK_PER_FRAME {
+            return None;
+        }
+        self.work += work;
+        self.pixels.clear();
+        for run in runs {
+            let row = f64::from(run.row);
+            self.pixels.extend((run.begin..run.end).map(|column| (f64::from(column), row)));
+        }
+
+        let mut centers = self.first_centers(whole, count);
+        let mut pieces = [Moments::default(); MAX_PIECES];
+        for _ in 0..MAX_ROUNDS {
+            let mut sums = centers.map(MomentSums::around);
+            for &(x, y) in &self.pixels {
+                let nearest = (0..count)
+                    .min_by(|&a, &b| {
+                        distance2(centers[a], (x, y)).total_cmp(&distance2(centers[b], (x, y)))
+                    })
+                    .unwrap_or(0);
+                sums[nearest].add_pixel(x, y);
+            }
+            let mut settled = true;
+            for piece in 0..count {
+                pieces[piece] = sums[piece].moments();
+                if pieces[piece].pixels < 1.0 {
+                    return None;
+                }
+                let center = (pieces[piece].x_px, pieces[piece].y_px);
+                settled &= distance2(center, centers[piece]) < 1e-6;
+                centers[piece] = center;
+            }
+            if settled {
+                break;
+            }
+        }
+        Some(pieces)
+    }
+
+    /// Both ends of the longer principal axis for two pieces; for more, the pixel farthest from the
+    /// centroid and then, one by one, the pixel farthest from those chosen.
+    fn first_centers(&self, whole: &Moments, count: usize) -> [(f64, f64); MAX_PIECES] {
+        let middle = (whole.x_px, whole.y_px);
+        let mut centers = [middle; MAX_PIECES];
+        if count == 2 {
+            let [xx, xy, yy] = whole.covariance;
+            let angle = (2.0 * xy).atan2(xx - yy) / 2.0;
+            let length = crate::pattern::principal_deviations(whole.covariance)[0];
+            let (dx, dy) = (length * angle.cos(), length * angle.sin());
+            centers[0] = (middle.0 - dx, middle.1 - dy);
+            centers[1] = (middle.0 + dx, middle.1 + dy);
+            return centers;
+        }
+        for chosen in 0..count {
+            let remoteness = |pixel: (f64, f64)| {
+                let others = &centers[..chosen];
+                others.iter().map(|&other| distance2(other, pixel)).fold(
+                    if chosen == 0 { distance2(middle, pixel) } else { f64::INFINITY },
+                    f64::min,
+                )
+            };
+            let farthest = self
+                .pixels
+                .iter()
+                .copied()
+                .max_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b)));
+            centers[chosen] = farthest.unwrap_or(middle);
+        }
+        centers
+    }
+}
+
+fn distance2(a: (f64, f64), b: (f64, f64)) -> f64 {
+    (a.0 - b.0).powi(2) + (a.1 - b.1).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The runs of squares of nine pixels with their top-left corners at the places given.
+    fn squares(corners: &[(u16, u16)]) -> (Region, Moments, Vec<Run>) {
+        let mut runs = Vec::new();
+        for row in 0..100u16 {
+            let mut columns: Vec<u16> = corners
+                .iter()
+                .filter(|(_, top)| (*top..top + 9).contains(&row))
+                .flat_map(|(left, _)| *left..left + 9)
+                .collect();
+            columns.sort_unstable();
+            columns.dedup();
+            for stretch in columns.chunk_by(|a, b| a + 1 == *b) {
+                let (begin, end) = (stretch[0], stretch[stretch.len() - 1] + 1);
+                runs.push(Run { row, begin, end, class: 0, reserved: 0 });
+            }
+        }
+        let mut sums = MomentSums::around((50.0, 50.0));
+        runs.iter().for_each(|run| sums.add_run(run));
+        let moments = sums.moments();
+        let region = Region { pixel_count: moments.pixels as u32, ..Region::default() };
+        (region, moments, runs)
+    }
+
+    #[test]
+    fn squares_that_touch_come_apart() {
+        for corners in [
+            vec![(20, 20), (29, 20)],
+            vec![(20, 20), (24, 29)],
+            vec![(20, 20), (29, 20), (38, 20)],
+            vec![(20, 20), (29, 20), (22, 29)],
+            vec![(20, 20), (29, 20), (20, 29), (29, 29)],
+        ] {
+            let (region, whole, runs) = squares(&corners);
+            let pieces = Splitter::default().split(&region, &whole, &runs, corners.len()).unwrap();
+            for &(left, top) in &corners {
+                let center = (f64::from(left) + 4.0, f64::from(top) + 4.0);
+                let nearest = pieces[..corners.len()]
+                    .iter()
+                    .map(|piece| distance2(center, (piece.x_px, piece.y_px)).sqrt())
+                    .fold(f64::INFINITY, f64::min);
+                assert!(nearest < 1.0, "{corners:?}: {nearest} px from {center:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn work_is_bounded() {
+        let (mut region, whole, runs) = squares(&[(20, 20), (29, 20)]);
+        let mut splitter = Splitter::default();
+        region.pixel_count = u32::MAX / 64;
+        assert!(splitter.split(&region, &whole, &runs, 2).is_none());
+        region.pixel_count = 162;
+        let split = (0..100_000)
+            .take_while(|_| splitter.split(&region, &whole, &runs, 2).is_some())
+            .count();
+        assert!(split < 100_000 && split > 100, "{split}");
+        splitter.start_frame();
+        assert!(splitter.split(&region, &whole, &runs, 2).is_some());
+    }
+}

@@ -1,0 +1,92 @@
+//! The pure tracker: runs in, everything seen out.
+
+use crate::ball::BallFinder;
+use crate::pairing::{Pairing, Scene};
+use crate::pattern::Pattern;
+use crate::pitch::Pitch;
+use crate::prior::Prior;
+use crate::reasons::{Rejections, explain_team_patches};
+use crate::regions::RegionFinder;
+use common::config::Config;
+use common::geometry::CameraModel;
+use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
+
+pub use crate::pattern::TrackerError;
+
+/// Finds regions, robots and balls in one frame after another. It remembers nothing of a frame but
+/// the memory it used: the same input gives the same output, whatever came before.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    camera: CameraModel,
+    pitch: Pitch,
+    pattern: Pattern,
+    region_finder: RegionFinder,
+    prior: Prior,
+    pairing: Pairing,
+    ball_finder: BallFinder,
+    rejections: Rejections,
+}
+
+impl Tracker {
+    /// A tracker for the configured camera, colours, robots and ball.
+    pub fn new(config: &Config) -> Result<Self, TrackerError> {
+        let (width, height) = (config.camera.width, config.camera.height);
+        let pattern = Pattern::new(config)?;
+        Ok(Self {
+            camera: CameraModel::new(&config.geometry, width, height)?,
+            pitch: Pitch::new(config),
+            region_finder: RegionFinder::new(
+                width,
+                height,
+                config.colors.len() as u32,
+                config.tracker.min_region_px,
+            ),
+            prior: Prior::default(),
+            pairing: Pairing::default(),
+            ball_finder: BallFinder::new(config, pattern.limits)?,
+            rejections: Rejections::default(),
+            pattern,
+        })
+    }
+
+    /// Works on one frame: `runs` is the valid part of the payload that `header` came with, `prior`
+    /// the newest `world` there is. Everything in `out` is replaced, except that arrays keep stale
+    /// elements behind their counts, and `t_sent_ns` is left 0 for the sender to fill in.
+    ///
+    /// Runs that make no sense are skipped (see [`RegionFinder::find`]), runs beyond [`MAX_RUNS`]
+    /// are cut off, which counts as [`DetectionFrame::INPUT_OVERFLOW`], and so is any number of
+    /// candidates beyond what a match can have, so that rubbish takes a bounded time.
+    ///
+    /// `prior` decides between explanations of the picture that are equally good, and nothing else;
+    /// it is ignored if it is not from before the frame.
+    pub fn step(
+        &mut self,
+        header: &RunsHeader,
+        runs: &[Run],
+        prior: Option<&WorldFrame>,
+        out: &mut DetectionFrame,
+    ) {
+        out.clear();
+        out.frame = header.frame;
+        out.t_runs_ns = header.t_sent_ns;
+        out.t_sent_ns = 0;
+        out.class_table_version = header.class_table_version;
+        out.prior_world_seq = self.prior.update(&self.pattern, prior, &header.frame);
+        if header.flags & RunsHeader::OVERFLOW != 0 || runs.len() > MAX_RUNS {
+            out.flags |= DetectionFrame::INPUT_OVERFLOW;
+        }
+
+        self.region_finder.find(runs, out);
+        let scene = Scene {
+            pattern: &self.pattern,
+            camera: &self.camera,
+            pitch: &self.pitch,
+            prior: &self.prior,
+        };
+        self.pairing.find(&scene, out);
+        self.rejections.clear();
+        explain_team_patches(&self.pattern, &self.pairing, &mut self.rejections);
+        self.ball_finder.find(&self.camera, &self.pitch, out, &mut self.rejections);
+        self.rejections.write(out);
+    }
+}
