@@ -15,7 +15,9 @@ fn main() -> ExitCode {
     match commands::execute(cli::Cli::parse()) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("touchline: {error}");
+            // A complaint about a configuration begins with file and line, as editors expect it.
+            let prefix = if error.is::<common::config::ConfigError>() { "" } else { "touchline: " };
+            eprintln!("{prefix}{error}");
             ExitCode::FAILURE
         }
     }

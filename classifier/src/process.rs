@@ -29,6 +29,9 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             wake_up.wait(LOOK_AROUND)?;
             continue;
         };
+        if process.is_done_by_predecessor(frame.header().seq) {
+            continue;
+        }
         let mut output = runs.loan(MAX_RUNS)?;
         let (elements, header) = output.parts();
         if let Err(fault) = classifier.step(frame.header(), frame.elements(), header, elements) {

@@ -70,6 +70,7 @@ pub struct Process {
     spare: bool,
     orphan_timeout: Duration,
     orphaned_since_ns: Option<u64>,
+    done_by_predecessor: Option<u64>,
     beat_ns: u64,
 }
 
@@ -114,6 +115,7 @@ impl Process {
             spare: options.spare,
             orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
             orphaned_since_ns: None,
+            done_by_predecessor: None,
             beat_ns: 0,
         })
     }
@@ -197,6 +199,13 @@ impl Process {
     pub fn resume_after(&mut self, seq: u64) {
         self.counters.seq_in = seq;
         self.counters.seq_out = seq;
+        self.done_by_predecessor = Some(seq);
+    }
+
+    /// Whether an input was dealt with by the predecessor of this process. A spare's buffer is full
+    /// of such when it is promoted; they are skipped without work, and are not drops.
+    pub fn is_done_by_predecessor(&self, seq: u64) -> bool {
+        self.done_by_predecessor >= Some(seq)
     }
 
     /// Counts an output.

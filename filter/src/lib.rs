@@ -1,3 +1,49 @@
+//! The filter: from what one frame shows to what is known (section 6.2 of the paper).
+//!
+//! * Consumes: `detections`, `commands`; at its start also the last `world` of its predecessor.
+//! * Produces: one `world` for each frame of detections.
+//! * Guarantees: any input is survived. Time is that of the frames' capture stamps; the same inputs
+//!   in the same order give the same output, bit for bit, whether or not the filter was replaced in
+//!   between ([`Filter::resume`]): everything it knows is in the `world` it sends. A step allocates
+//!   no memory.
+//!
+//! # From equations to code
+//!
+//! | paper | here |
+//! |---|---|
+//! | differential drive, eq. (7) | [`robot::Drive::Steered`]: v = (v_R + v_L)/2, ω = (v_R − v_L)/b |
+//! | measurement z, eqs. (8), (9) | [`track::Candidate`]; R is [`track::Motion::variances`] |
+//! | state x̂ and P, eq. (10) | [`gaussian::Gaussian`] |
+//! | x̂⁻ = f(x̂, u), eq. (11) | [`robot::RobotMotion::advance`] |
+//! | P⁻ = A P Aᵀ + Q, eq. (12) | [`robot::RobotMotion::predict`] |
+//! | A = ∂f/∂x, eq. (13) | [`robot::RobotMotion::jacobian`] |
+//! | K, x̂, P, eq. (14) | [`gaussian::Gaussian::correct`] |
+//! | x̂(0), P(0) | [`track::Motion::initial`] |
+//! | outliers "simply ignored" | the gate in [`track::Track::observe`] |
+//! | collisions: "initialise the filter" | the struck hypothesis, and starting over after a jump |
+//! | prediction over the delay | [`commands::CommandQueue::segments`] up to `t_predicted_ns` |
+//!
+//! # Beyond the paper
+//!
+//! A robot's commands may be unknown, late, or not obeyed, and robots stand, drive and collide. So
+//! each robot has three filters, one per hypothesis: it does as it is told (or stands, if nobody
+//! tells it anything), it drives freely, it was struck. They are the same filter ([`robot`]) with
+//! different inputs and noises, and are [`blend`]ed by how well they explain what is seen. The ball
+//! ([`ball`]) has two: rolling and struck.
+//!
+//! # The life of a track
+//!
+//! | in this frame | status | what happens |
+//! |---|---|---|
+//! | seen for the first time, with `filter.start_confidence` | `Initialised` | starts at the measurement, speed unknown |
+//! | seen within the gate | `Measured` | predicted and corrected |
+//! | seen outside the gate | `Gated` | predicted only |
+//! | … for the `filter.reinit_after`th time in a row, in places that one robot can reach | `Initialised` | starts over from the measurement |
+//! | not seen | `Coasting` | predicted only; `visibility` falls |
+//! | not used for `filter.forget_after_ms` | – | forgotten |
+//! | frame more than a second after the last, or before it | `Initialised` | everything starts over |
+//! | frame of the same instant as the last | `Measured` | corrected once more, not predicted |
+
 pub mod ball;
 pub mod blend;
 pub mod commands;

@@ -40,7 +40,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             process.drop_input(DropReason::WrongSize);
             continue;
         };
-        if !process.accept(detection.frame.seq) {
+        let seq = detection.frame.seq;
+        if process.is_done_by_predecessor(seq) || !process.accept(seq) {
             continue;
         }
         let mut output = world.loan(1)?;
@@ -48,7 +49,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         filter.step(detection, state);
         state.t_sent_ns = monotonic_ns();
         output.send()?;
-        process.sent(detection.frame.seq);
+        process.sent(seq);
     }
     Ok(())
 }

@@ -93,6 +93,9 @@ pub struct Track<const N: usize, const M: usize, const Z: usize> {
 /// other.
 const MAX_SUSPECT_AGE_S: f64 = 0.1;
 
+/// A doubtful candidate may continue a track that has been unseen for at most so many frames.
+const MAX_DOUBTFUL_GAP_FRAMES: u32 = 2;
+
 impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     /// A track that begins at a measurement.
     pub fn start(measured: &SVector<f64, Z>, t_ns: u64, motion: &impl Motion<N, M, Z>) -> Self {
@@ -164,9 +167,9 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     }
 
     /// The candidate with the greatest product of confidence and likelihood among those within the
-    /// gate of at least one hypothesis. That something was struck takes confidence to believe: a
-    /// candidate that could not start a track must be within the gate of another hypothesis than
-    /// the last.
+    /// gate of at least one hypothesis. A doubtful one, that could not start a track, is good
+    /// enough to go on with but not to find something again: it must be where the track, seen a
+    /// moment ago, leads without being struck.
     fn likeliest(
         &self,
         candidates: impl Iterator<Item = Candidate<Z>>,
@@ -176,8 +179,13 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         let mut best: Option<(f64, Candidate<Z>)> = None;
         for candidate in candidates.filter(|candidate| candidate.confidence > 0.0) {
             let innovations = self.innovations(&candidate.measured, motion);
-            let is_confident = candidate.confidence >= rules.start_confidence;
-            let believable = if is_confident { M } else { M.saturating_sub(1) };
+            let believable = if candidate.confidence >= rules.start_confidence {
+                M
+            } else if self.frames_unseen <= MAX_DOUBTFUL_GAP_FRAMES {
+                M.saturating_sub(1)
+            } else {
+                0
+            };
             let inside = innovations[..believable]
                 .iter()
                 .flatten()

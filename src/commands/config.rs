@@ -77,9 +77,7 @@ pub fn init(
 
 /// Checks a file; for a usable one a summary of what it says, and what in it looks unintended.
 pub fn check(path: &Path) -> Result<String, ConfigCommandError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| ConfigError::Read { path: path.into(), source })?;
-    let (config, warnings) = config::check(&text, &path.display().to_string())?;
+    let (config, warnings) = config::check_file(path)?;
     Ok(report(path, &config, &warnings))
 }
 

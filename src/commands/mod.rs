@@ -33,12 +33,14 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
     }
 }
 
-/// The configuration in a file, or the defaults.
+/// The configuration in a file, or the defaults. What is hardly meant is said, but not refused.
 fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
-    Ok(match file {
-        Some(path) => Config::load(path)?,
-        None => Config::default(),
-    })
+    let Some(path) = file else { return Ok(Config::default()) };
+    let (config, warnings) = common::config::check_file(path)?;
+    if !warnings.list.is_empty() {
+        eprintln!("{warnings}\n");
+    }
+    Ok(config)
 }
 
 fn stage(
@@ -46,7 +48,7 @@ fn stage(
     args: StageArgs,
     run: impl FnOnce(&ProcessOptions, &Config) -> Result<(), ProcessError>,
 ) -> Result<ExitCode, CommandError> {
-    let config = load_config(args.config.as_deref())?;
+    let config = args.config.as_deref().map(Config::load).transpose()?.unwrap_or_default();
     let instance = Instance::new(&args.instance.instance)?;
     instance.create_directory()?;
     name_process(name);

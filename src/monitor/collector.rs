@@ -122,6 +122,11 @@ impl Collector {
     pub fn collect(&mut self) -> Result<(), BusError> {
         while let Some(frame) = self.frames.receive()? {
             let header = frame.header();
+            // Rubbish of other programs; the classifier counts it, with the reason.
+            let Camera { width, height, .. } = self.base.camera;
+            if header.check(width, height, frame.elements().len()).is_err() {
+                continue;
+            }
             self.flow.captured(header.seq);
             record(&mut self.capture_to_frame, header, header.t_sent_ns);
         }
@@ -226,6 +231,7 @@ impl Collector {
         let now = monotonic_ns();
         let (views, restarts) = self.view.processes();
         for process in &views {
+            // What has ended keeps its last figures.
             let record = self.processes.entry(process.pid).or_default();
             record.usage = usage_of(process.pid).unwrap_or(record.usage);
         }
@@ -247,7 +253,8 @@ impl Collector {
         }
         for process in views {
             let stage = stages.entry(process.kind).or_default();
-            stage.rss_bytes += usage_of(process.pid).unwrap_or_default().rss_bytes;
+            stage.rss_bytes +=
+                self.processes.get(&process.pid).map_or(0, |record| record.usage.rss_bytes);
             let state = match process.state {
                 None => "starting",
                 Some(ProcessState::Spare) => "spare",

@@ -24,8 +24,12 @@ pub struct Flow {
 const IN_FLIGHT: usize = 256;
 
 impl Flow {
-    /// A frame was captured.
+    /// A frame was captured. An old number is a frame that some other program has published again;
+    /// the stages drop it, and so does the count.
     pub fn captured(&mut self, seq: u64) {
+        if self.last >= Some(seq) {
+            return;
+        }
         self.first.get_or_insert(seq);
         self.last = self.last.max(Some(seq));
         self.captured += 1;
@@ -100,6 +104,18 @@ mod tests {
         flow.arrived(5);
         flow.captured(5);
         assert_eq!(flow.frames(0, true).missing_in_world, 0);
+    }
+
+    #[test]
+    fn a_frame_published_again_counts_once() {
+        let mut flow = Flow::default();
+        for seq in [0, 1, 0] {
+            flow.captured(seq);
+        }
+        flow.arrived(0);
+        flow.arrived(1);
+        let frames = flow.frames(0, true);
+        assert_eq!((frames.captured, frames.missing_in_world), (2, 0));
     }
 
     #[test]

@@ -141,7 +141,7 @@ pub struct Stage {
     pub cpu_seconds: f64,
     /// Share of one processor over the last second.
     pub cpu_percent: f64,
-    /// Memory in use now, shared memory included.
+    /// Memory in use now (at the end of a run: when last looked at), shared memory included.
     pub rss_bytes: u64,
     /// Its processes.
     pub processes: Vec<Process>,

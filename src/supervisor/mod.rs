@@ -343,7 +343,7 @@ fn settings(config: &Config) -> Settings {
         ready_timeout_ns: ns(supervisor.ready_timeout_ms),
         backoff_ns: ns(supervisor.backoff_ms),
         backoff_max_ns: ns(supervisor.backoff_max_ms),
-        spares: Vec::new(),
+        spares: supervisor.spares.iter().map(|&stage| stage.into()).collect(),
     }
 }
 

@@ -7,7 +7,7 @@
 //! together; its pieces then are candidates. Which of them are real is for the assignment to
 //! decide, when it is known what each explanation is good for; here nothing is ruled out early.
 
-use crate::measure::{Measure, Moments};
+use crate::measure::{Measure, Moments, distance_mm};
 use crate::pattern::{ExpectedPatch, Kind, Pattern};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
@@ -213,7 +213,7 @@ impl CandidateFinder {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
             }
-            let distance = spot.measure.position.distance(other.measure.position);
+            let distance = distance_mm(spot.measure.position, other.measure.position);
             if other.class == spot.class && distance < MERGE_REACH * patch.reach_mm {
                 near.push((distance, index));
             }

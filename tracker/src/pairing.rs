@@ -15,7 +15,7 @@
 
 use crate::assignment::{Choice, Solver};
 use crate::candidates::{Candidate, CandidateFinder};
-use crate::measure::{Measure, MomentSums};
+use crate::measure::{Measure, MomentSums, distance_mm};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::pose::{fit_pose, image_pose, robot_from_field};
@@ -179,7 +179,7 @@ impl Pairing {
         let mut count = 0;
         for spot in &self.finder.spots {
             let place = spot.measure.position;
-            if place.distance(hypothesis.pose.position) > 1.5 * half {
+            if distance_mm(place, hypothesis.pose.position) > 1.5 * half {
                 continue;
             }
             let [x, y] = robot_from_field(&hypothesis.pose, place);
@@ -333,7 +333,8 @@ fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &H
     }
     let team = pattern.team_patch;
     let too_close = || {
-        a.places[team].distance(b.places[team]) < TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm()
+        distance_mm(a.places[team], b.places[team])
+            < TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm()
     };
     if identity_a.team == identity_b.team && too_close() {
         return true;
@@ -354,7 +355,7 @@ pub(crate) const TEAM_PATCH_DISTANCE: f64 = 0.75;
 /// four axes separates them.
 fn bodies_overlap(size_mm: f64, a: &Pose, b: &Pose) -> bool {
     let half = size_mm * BODY_FRACTION / 2.0;
-    if a.position.distance(b.position) > 3.0 * half {
+    if distance_mm(a.position, b.position) > 3.0 * half {
         return false;
     }
     let (sin, cos) = (a.orientation - b.orientation).sin_cos();
@@ -412,7 +413,7 @@ impl Builder<'_, '_> {
         let before = (0..patch).filter(|&other| other != pattern.team_patch);
         std::iter::once(pattern.team_patch).chain(before).all(|other| {
             let picked = self.candidate(identity, other, self.picked[other]);
-            let distance = candidate.measure.position.distance(picked.measure.position);
+            let distance = distance_mm(candidate.measure.position, picked.measure.position);
             let expected = pattern.distance_mm(patch, other);
             (distance - expected).abs() <= pattern.limits.patch_tolerance_mm
                 && !candidate.overlaps(picked)
@@ -428,7 +429,7 @@ impl Builder<'_, '_> {
         let Some(pose) = fit(pattern, &places) else { return };
         let mut misfit = 0.0;
         for (patch, expected) in pattern.patches.iter().enumerate() {
-            let off_mm = pose.field_from_robot(expected.centroid_mm).distance(places[patch]);
+            let off_mm = distance_mm(pose.field_from_robot(expected.centroid_mm), places[patch]);
             if off_mm > pattern.limits.patch_tolerance_mm {
                 return;
             }

@@ -74,6 +74,8 @@ pub enum TrackerError {
 pub(crate) struct Pattern {
     /// The patches of a robot's top, in the configured order.
     pub patches: Vec<ExpectedPatch>,
+    /// Between the visible centroids of any two patches.
+    distances_mm: [[f64; MAX_PATCHES]; MAX_PATCHES],
     /// Which of them is the team patch.
     pub team_patch: usize,
     /// Every combination of colour and patch that some robot wears.
@@ -143,6 +145,13 @@ impl Pattern {
             });
         }
         let patches = expected_patches(robots)?;
+        let mut distances_mm = [[0.0; MAX_PATCHES]; MAX_PATCHES];
+        for (row, a) in distances_mm.iter_mut().zip(&patches) {
+            for (distance, b) in row.iter_mut().zip(&patches) {
+                let ([ax, ay], [bx, by]) = (a.centroid_mm, b.centroid_mm);
+                *distance = (ax - bx).hypot(ay - by);
+            }
+        }
         let team_patch = robots
             .patches
             .iter()
@@ -189,6 +198,7 @@ impl Pattern {
         }
         Ok(Self {
             patches,
+            distances_mm,
             team_patch,
             kinds,
             identities,
@@ -200,8 +210,7 @@ impl Pattern {
 
     /// Distance between the visible centroids of two patches.
     pub fn distance_mm(&self, a: usize, b: usize) -> f64 {
-        let ([ax, ay], [bx, by]) = (self.patches[a].centroid_mm, self.patches[b].centroid_mm);
-        (ax - bx).hypot(ay - by)
+        self.distances_mm[a][b]
     }
 
     /// d₁ of eq. (4): no two robots of a team can have their team patches nearer than ¾ of this.

@@ -33,7 +33,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             continue;
         };
         let header = input.header();
-        if !process.accept(header.frame.seq) {
+        let seq = header.frame.seq;
+        if process.is_done_by_predecessor(seq) || !process.accept(seq) {
             continue;
         }
         prior = world.newest()?.or(prior);
@@ -43,7 +44,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         tracker.step(header, header.valid(input.elements()), prior, detection);
         detection.t_sent_ns = monotonic_ns();
         output.send()?;
-        process.sent(header.frame.seq);
+        process.sent(seq);
     }
     Ok(())
 }

@@ -78,10 +78,7 @@ fn a_picture_of_noise_overflows_and_is_survived() {
     config.tracker.min_region_px = 1;
     let frame = detections(&config, &runs, None);
     check(&frame);
-    assert_eq!(
-        frame.flags,
-        DetectionFrame::INPUT_OVERFLOW | DetectionFrame::REGIONS_OVERFLOW
-    );
+    assert_eq!(frame.flags, DetectionFrame::INPUT_OVERFLOW | DetectionFrame::REGIONS_OVERFLOW);
     assert_eq!(frame.regions().len(), MAX_REGIONS);
 }
 

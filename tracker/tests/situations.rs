@@ -41,9 +41,9 @@ fn misled(config: &Config, robots: &[Robot]) -> usize {
         .iter()
         .filter(|robot| {
             let own = place(robot, 0).distance(place(robot, 1));
-            robots.iter().any(|other| {
-                other != *robot && place(robot, 0).distance(place(other, 1)) < own
-            })
+            robots
+                .iter()
+                .any(|other| other != *robot && place(robot, 0).distance(place(other, 1)) < own)
         })
         .count()
 }
@@ -153,8 +153,7 @@ fn team_patches_grown_together_come_apart() {
     ] {
         let robots = [robot(Yellow, 1, 0.0, 0.0, 0.0), second];
         let mut picture = Picture::of_robots(&config, &robots);
-        let [a, b] =
-            robots.map(|robot| robot.pose.field_from_robot(layout.patches[0].centroid_mm));
+        let [a, b] = robots.map(|robot| robot.pose.field_from_robot(layout.patches[0].centroid_mm));
         let yellow = picture.class("yellow");
         bridge(&mut picture, a, b, yellow);
         let frame = picture.detections();
@@ -184,10 +183,8 @@ fn full_tops_of_one_team_grow_together_and_come_apart() {
     let mut config = full_square_with_corner();
     config.robots.size_mm = 72.0;
     for headings in [[0.0, 0.0], [90.0, 0.0], [180.0, 0.0], [0.0, 270.0]] {
-        let robots = [
-            robot(Yellow, 1, 0.0, 0.0, headings[0]),
-            robot(Yellow, 2, 71.5, 10.0, headings[1]),
-        ];
+        let robots =
+            [robot(Yellow, 1, 0.0, 0.0, headings[0]), robot(Yellow, 2, 71.5, 10.0, headings[1])];
         let frame = Picture::of_robots(&config, &robots).detections();
         assert_eq!(frame.regions().len(), 3, "the tops have not grown together");
         assert_found(&frame, &robots, 3.0, 6.0);
@@ -312,14 +309,7 @@ fn every_reason_has_its_situation() {
     use RejectReason::*;
     assert_eq!(
         found,
-        [
-            OutsideField,
-            TooSmall,
-            TooLarge,
-            NoIdentificationPatch,
-            LayoutMismatch,
-            TakenByAnother
-        ]
+        [OutsideField, TooSmall, TooLarge, NoIdentificationPatch, LayoutMismatch, TakenByAnother]
     );
 }
 

@@ -31,9 +31,7 @@ pub enum ConfigError {
 impl Config {
     /// Reads and checks a configuration file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ConfigError::Read { path: path.into(), source })?;
-        Self::parse(&text, &path.display().to_string())
+        Self::parse(&read(path)?, &path.display().to_string())
     }
 
     /// Checks the text of a configuration; `origin` is its name in complaints.
@@ -41,6 +39,16 @@ impl Config {
         let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
         document.config().map_err(ConfigError::Invalid)
     }
+}
+
+/// As [`Config::load`], and tells what is possible but hardly meant.
+pub fn check_file(path: &Path) -> Result<(Config, Complaints), ConfigError> {
+    check(&read(path)?, &path.display().to_string())
+}
+
+fn read(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path)
+        .map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
 /// As [`Config::parse`], and tells what is possible but hardly meant.

@@ -13,12 +13,12 @@ mod problem;
 mod schema;
 mod validate;
 
-use crate::messages::{BayerOrder, MAX_PATCHES, MAX_ROBOTS, Team};
+use crate::messages::{BayerOrder, MAX_PATCHES, MAX_ROBOTS, ProcessKind, Team};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use document::{commented_toml, schema_json};
-pub use load::{Complaint, Complaints, ConfigError, Place, check};
+pub use load::{Complaint, Complaints, ConfigError, Place, check, check_file};
 pub use presets::Preset;
 pub use problem::Problem;
 
@@ -305,7 +305,7 @@ pub struct FilterConfig {
     /// How far a commanded robot's turning rate may stray from its command, 1σ.
     #[schemars(range(min = 0.001, max = 100_000))]
     pub command_noise_deg_s: f64,
-    /// How fast a robot may slide or be pushed sideways, 1σ.
+    /// How fast a robot may slide sideways, 1σ.
     #[schemars(range(min = 0.001, max = 100_000))]
     pub lateral_noise_mm_s: f64,
     /// In a collision a robot's accelerations and slides are so many times as strong.
@@ -320,16 +320,17 @@ pub struct FilterConfig {
     /// Time from sending a command until the robot acts on it; poses are predicted to now plus this.
     #[schemars(range(min = 0, max = 1000))]
     pub actuation_delay_ms: f64,
-    /// A measurement whose squared Mahalanobis distance from the prediction exceeds this is an
-    /// outlier and ignored; 16.27 is the 99.9 % point for three dimensions.
+    /// A measurement whose squared Mahalanobis distance from the prediction exceeds this, even if
+    /// there was a collision or a kick, is an outlier and ignored; 16.27 is the 99.9 % point for
+    /// three dimensions.
     #[schemars(range(min = 0.001, max = 1_000_000))]
     pub gate_chi2: f64,
     /// After so many outliers in a row that agree with each other the filter believes them and
     /// starts over.
     #[schemars(range(min = 1, max = 10_000))]
     pub reinit_after: u32,
-    /// A robot or ball must be seen with at least this confidence, 0–1, for a track to start, or
-    /// to start over; a track that is within its gate is corrected by less.
+    /// A robot or ball must be seen with at least this confidence, 0–1, for a track to start, or to
+    /// start over; less is enough to correct a track that has just been seen nearby.
     #[schemars(range(min = 0, max = 1))]
     pub start_confidence: f64,
     /// A robot or ball unseen for longer is forgotten.
@@ -347,6 +348,28 @@ pub struct FilterConfig {
     /// Fraction of its speed that a rolling ball loses in a second.
     #[schemars(range(min = 0, max = 1))]
     pub ball_friction_per_s: f64,
+}
+
+/// A stage that can have a spare. The grabber cannot: a camera belongs to one process at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SpareStage {
+    /// Frames to runs.
+    Classifier,
+    /// Runs to detections.
+    Tracker,
+    /// Detections to world.
+    Filter,
+}
+
+impl From<SpareStage> for ProcessKind {
+    fn from(stage: SpareStage) -> Self {
+        match stage {
+            SpareStage::Classifier => Self::Classifier,
+            SpareStage::Tracker => Self::Tracker,
+            SpareStage::Filter => Self::Filter,
+        }
+    }
 }
 
 /// The process group.
@@ -368,6 +391,10 @@ pub struct SupervisorConfig {
     /// Longest pause.
     #[schemars(range(min = 0, max = 600_000))]
     pub backoff_max_ms: f64,
+    /// Stages that keep a spare: a second process, connected but idle, that takes over the moment
+    /// the first is gone, without losing a frame. Any of "classifier", "tracker" and "filter".
+    #[schemars(length(max = 3))]
+    pub spares: Vec<SpareStage>,
     /// Stages whose supervisor is gone keep the match running for so long and then end themselves.
     #[schemars(range(min = 0, max = 604_800))]
     pub orphan_timeout_s: f64,

@@ -175,8 +175,8 @@ impl Default for FilterConfig {
             start_confidence: 0.2,
             forget_after_ms: 1000.0,
             ball_noise_mm: 1.0,
-            ball_acceleration_noise_mm_s2: 1000.0,
-            ball_kick_factor: 100.0,
+            ball_acceleration_noise_mm_s2: 700.0,
+            ball_kick_factor: 200.0,
             ball_friction_per_s: 0.3,
         }
     }
@@ -190,6 +190,7 @@ impl Default for SupervisorConfig {
             ready_timeout_ms: 10_000.0,
             backoff_ms: 100.0,
             backoff_max_ms: 5_000.0,
+            spares: vec![SpareStage::Classifier, SpareStage::Tracker, SpareStage::Filter],
             orphan_timeout_s: 600.0,
         }
     }
@@ -322,7 +323,7 @@ fn standard_colors() -> Vec<ColorConfig> {
         color("green", [45, 185, 65]),
         color("cyan", [50, 200, 215]),
         color("pink", [235, 110, 185]),
-        color("violet", [130, 60, 180]),
+        color("violet", [130, 30, 180]),
         color("red", [205, 35, 50]),
     ]
 }

@@ -201,11 +201,11 @@ impl Outline {
     /// corners.
     pub fn depth(&self, x: f32, y: f32) -> f32 {
         let across = (x * self.normal[0] + y * self.normal[1]).abs();
-        (x - self.low[0])
-            .min(self.high[0] - x)
-            .min(y - self.low[1])
-            .min(self.high[1] - y)
-            .min(self.half_width - across)
+        // One machine instruction, where `f32::min` spends four on NaN.
+        let lesser = |a: f32, b: f32| if a < b { a } else { b };
+        let along_x = lesser(x - self.low[0], self.high[0] - x);
+        let along_y = lesser(y - self.low[1], self.high[1] - y);
+        lesser(lesser(along_x, along_y), self.half_width - across)
     }
 }
 

@@ -223,6 +223,9 @@ impl Palette {
     }
 }
 
+/// A spot that lies on the top but for less than a grey level.
+const NEARLY_WHOLE: u32 = WHOLE - WHOLE / 128;
+
 /// Draws a robot: its top, and as much of its sides as the camera sees.
 pub fn draw_robot(
     optics: &Optics,
@@ -293,8 +296,10 @@ pub fn draw_robot(
                     *sum += u32::from(weight);
                     top += u32::from(weight);
                 }
-                let all = optics.edge.part(outline.depth(x, y) * per_sigma) * WHOLE as f32;
-                sums[SIDE] += (all as u32).saturating_sub(top);
+                if top < NEARLY_WHOLE {
+                    let all = optics.edge.part(outline.depth(x, y) * per_sigma) * WHOLE as f32;
+                    sums[SIDE] += (all as u32).saturating_sub(top);
+                }
             }
             let colors = &palette.0[optics.order.channel_at(column, row)];
             let cover: u32 = sums.iter().sum();

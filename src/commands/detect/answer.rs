@@ -193,7 +193,9 @@ mod tests {
     #[test]
     fn json_has_the_documented_keys() {
         let mut seen = seen();
-        let answer = |seen: &DetectionFrame| serde_json::to_value(Answer::new("a.png".into(), seen)).unwrap();
+        let answer = |seen: &DetectionFrame| {
+            serde_json::to_value(Answer::new("a.png".into(), seen)).unwrap()
+        };
         let rejected = json!([
             {"team": "yellow", "x_px": 1.0, "y_px": 2.0,
              "reason": "identification patches do not fit the layout"},

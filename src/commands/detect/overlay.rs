@@ -29,6 +29,8 @@ const BLACK: Color = [0, 0, 0];
 const WHITE: Color = [255, 255, 255];
 const GREY: Color = [130, 130, 130];
 const ALARM: Color = [255, 70, 70];
+/// Nobody wears it.
+const JOINED: Color = [255, 60, 255];
 
 /// Draws overlays for one configuration.
 pub struct Overlay<'a> {
@@ -192,7 +194,7 @@ impl Drawing<'_> {
         };
         let half = config.size_mm / 2.0;
         let body = [[half, half], [-half, half], [-half, -half], [half, -half]].map(at);
-        self.canvas.polygon(&body, 1.0, WHITE);
+        self.canvas.polygon(&body, 1.0, overlay.team_color(robot.team));
 
         let patches = robot.patch_regions.iter().take(robot.patch_count as usize);
         let patches: Vec<Spot> = patches
@@ -201,7 +203,7 @@ impl Drawing<'_> {
             .collect();
         if patches.len() > 1 {
             self.canvas.polygon(&patches, 3.0, BLACK);
-            self.canvas.polygon(&patches, 1.5, WHITE);
+            self.canvas.polygon(&patches, 1.5, JOINED);
         }
         for &patch in &patches {
             self.canvas.disc(patch, 3.5, BLACK);
@@ -210,7 +212,7 @@ impl Drawing<'_> {
 
         let (center, ahead) = (at([0.0, 0.0]), at([config.size_mm * 1.1, 0.0]));
         self.canvas.arrow(center, ahead, 4.0, BLACK);
-        self.canvas.arrow(center, ahead, 2.0, overlay.team_color(robot.team));
+        self.canvas.arrow(center, ahead, 2.0, WHITE);
         self.taken.push(Area::around(&body, 0.0));
         self.taken.push(Area::around(&[center, ahead], 6.0));
     }
@@ -230,14 +232,17 @@ impl Drawing<'_> {
     }
 
     fn cross_out(&mut self, rejected: &Rejected) {
-        let center = self.overlay.spot(f64::from(rejected.x_px), f64::from(rejected.y_px));
-        let arm = CROSS_PX;
+        let (x, y) = (f64::from(rejected.x_px), f64::from(rejected.y_px));
+        let center = self.overlay.spot(x, y);
+        let arm = if is_noise(rejected) { 0.5 * CROSS_PX } else { CROSS_PX };
         let corner = |x: f32, y: f32| Spot { x: center.x + x * arm, y: center.y + y * arm };
         for (width, color) in [(5.0, BLACK), (2.5, self.overlay.team_color(rejected.team))] {
             self.canvas.line(corner(-1.0, -1.0), corner(1.0, 1.0), width, color);
             self.canvas.line(corner(-1.0, 1.0), corner(1.0, -1.0), width, color);
         }
-        self.taken.push(Area::around(&[center], 2.0 * arm));
+        // A rejected robot is a robot: words must not hide why it was rejected.
+        let size = if is_noise(rejected) { 2.0 * arm } else { self.overlay.robot_size(x, y) };
+        self.taken.push(Area::around(&[center], size));
     }
 
     fn name_everything(&mut self, seen: &DetectionFrame) {
@@ -255,11 +260,16 @@ impl Drawing<'_> {
             self.label(self.overlay.spot(x, y), radius, "ball", LETTER, color, true);
         }
         for rejected in seen.rejected() {
-            let center = self.overlay.spot(f64::from(rejected.x_px), f64::from(rejected.y_px));
+            let (x, y) = (f64::from(rejected.x_px), f64::from(rejected.y_px));
             let reason = RejectReason::from_number(rejected.reason);
             let text = reason.map_or("unknown reason", RejectReason::text);
             let color = self.overlay.team_color(rejected.team);
-            self.label(center, 1.5 * CROSS_PX, text, LETTER, color, false);
+            let (letter, radius) = if is_noise(rejected) {
+                (LETTER - 1, CROSS_PX)
+            } else {
+                (LETTER, 0.6 * self.overlay.robot_size(x, y))
+            };
+            self.label(self.overlay.spot(x, y), radius, text, letter, color, false);
         }
     }
 
@@ -275,7 +285,8 @@ impl Drawing<'_> {
         must: bool,
     ) {
         let (width, height) = text_size(letter, text);
-        let (width, height) = (width + 2 * PADDING, height + 2 * PADDING);
+        let padding = PADDING * letter / LETTER;
+        let (width, height) = (width + 2 * padding, height + 2 * padding);
         let beside = |step: u8, distance: f32| {
             // Above first, then around.
             let (sin, cos) = (TAU * (0.25 + f32::from(step) / 12.0)).sin_cos();
@@ -301,7 +312,7 @@ impl Drawing<'_> {
         let Some(area) = places.find(free).or_else(anyway) else { return };
         self.canvas.rectangle(area.grown(1), BLACK);
         self.canvas.rectangle(area, color);
-        let (left, top) = (area.left + PADDING, area.top + PADDING);
+        let (left, top) = (area.left + padding, area.top + padding);
         self.canvas.text(left, top, letter, ink_on(color), text);
         self.taken.push(area);
     }
@@ -324,18 +335,26 @@ impl Drawing<'_> {
             seen.regions().len(),
             seen.rejected().len(),
         );
+        let left = PADDING;
         let mut top = self.picture.bottom + PADDING;
-        self.canvas.text(PADDING, top, LETTER, WHITE, &found);
+        self.canvas.text(left, top, LETTER, WHITE, &found);
         top += line_height;
         if !missing.is_empty() {
             let text = format!("not found: {}", missing.join(" "));
-            self.canvas.text(PADDING, top, LETTER, ALARM, &text);
+            self.canvas.text(left, top, LETTER, ALARM, &text);
         }
     }
 }
 
 /// Half the width of the cross over a rejected candidate.
 const CROSS_PX: f32 = 10.0;
+
+/// Rejected for what a busy surrounding has plenty of; drawn small.
+fn is_noise(rejected: &Rejected) -> bool {
+    [RejectReason::TooSmall, RejectReason::OutsideField]
+        .iter()
+        .any(|&reason| rejected.reason == reason as u32)
+}
 
 /// "Y3": team and number.
 fn short_name(team: u32, id: u32) -> String {

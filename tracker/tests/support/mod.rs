@@ -113,8 +113,7 @@ impl Picture {
         let half = robots.size_mm / 2.0;
         self.paint(pose.position, robots.size_mm * 0.75, robots.height_mm, |point| {
             let (sin, cos) = pose.orientation.sin_cos();
-            let (dx, dy) =
-                (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
+            let (dx, dy) = (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
             let own = [cos * dx + sin * dy, cos * dy - sin * dx];
             if own[0].abs() > half || own[1].abs() > half {
                 return None;

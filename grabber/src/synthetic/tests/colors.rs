@@ -1,0 +1,203 @@
+//! The standard colours on the synthetic pitch: each is found, and hardly any other is seen by
+//! mistake.
+
+use super::*;
+use common::config::{ColorConfig, PatchRole, Preset};
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use common::layout::topmost_patch;
+
+/// The first colour whose box holds a value.
+fn class_of(colors: &[ColorConfig], rgb: [f64; 3]) -> Option<usize> {
+    let within = |value: f64, [low, high]: [u8; 2]| f64::from(low) <= value && value <= f64::from(high);
+    colors.iter().position(|color| {
+        within(rgb[0], color.red) && within(rgb[1], color.green) && within(rgb[2], color.blue)
+    })
+}
+
+/// What a pixel truly shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Shows {
+    /// Nothing coloured, and nothing coloured near.
+    Nothing,
+    /// Near a patch or the ball.
+    Edge,
+    /// Well inside a patch or the ball of this colour.
+    Color(usize),
+}
+
+fn truth_map(config: &Config, scene: &SyntheticMatch) -> Vec<Shows> {
+    let camera = &config.camera;
+    let model = CameraModel::new(&config.geometry, camera.width, camera.height).unwrap();
+    let index_of = |name: &str| config.colors.iter().position(|color| color.name == name).unwrap();
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut map = vec![Shows::Nothing; width * height];
+    let mut mark = |center: ImagePoint, radius: i64, look: &dyn Fn(ImagePoint) -> Option<usize>| {
+        let (cx, cy) = (center.x_px.round() as i64, center.y_px.round() as i64);
+        for y in (cy - radius).max(0)..(cy + radius).min(height as i64) {
+            for x in (cx - radius).max(0)..(cx + radius).min(width as i64) {
+                // All that lies within 1.25 pixels must be alike for a pixel to be inside, and
+                // nothing coloured may lie within 2 pixels of one that is not near an edge.
+                let around = |reach: f64| {
+                    (0..16).map(move |step| {
+                        let angle = f64::from(step) * std::f64::consts::TAU / 16.0;
+                        ImagePoint::new(x as f64 + reach * angle.cos(), y as f64 + reach * angle.sin())
+                    })
+                };
+                let here = look(ImagePoint::new(x as f64, y as f64));
+                let cell = &mut map[y as usize * width + x as usize];
+                match here {
+                    Some(color) if around(1.25).all(|point| look(point) == here) => {
+                        *cell = Shows::Color(color);
+                    }
+                    Some(_) => *cell = Shows::Edge,
+                    None if around(2.0).any(|point| look(point).is_some()) => *cell = Shows::Edge,
+                    None => {}
+                }
+            }
+        }
+    };
+    let truth = scene.truth();
+    let ball = FieldPoint::new(truth.ball_x_mm, truth.ball_y_mm);
+    let radius = config.ball.diameter_mm / 2.0;
+    let ball_color = index_of(&config.ball.color);
+    mark(model.image_from_field(ball, radius), 12, &|point| {
+        (model.field_from_image(point, radius).distance(ball) < radius).then_some(ball_color)
+    });
+    for robot in truth.robots() {
+        let identity = config
+            .robots
+            .identities
+            .iter()
+            .find(|identity| identity.team as u32 == robot.team && identity.id == robot.robot_id)
+            .unwrap();
+        let mut names = identity.colors.iter();
+        let colors: Vec<usize> = config
+            .robots
+            .patches
+            .iter()
+            .map(|patch| match patch.role {
+                PatchRole::Team => index_of(config.teams.color(identity.team)),
+                PatchRole::Identification => index_of(names.next().unwrap()),
+            })
+            .collect();
+        let pose = Pose {
+            position: FieldPoint::new(robot.x_mm, robot.y_mm),
+            orientation: robot.orientation,
+        };
+        let (sin, cos) = pose.orientation.sin_cos();
+        mark(model.image_from_field(pose.position, config.robots.height_mm), 24, &|point| {
+            let seen = model.field_from_image(point, config.robots.height_mm);
+            let (dx, dy) = (seen.x_mm - robot.x_mm, seen.y_mm - robot.y_mm);
+            topmost_patch(&config.robots, [dx * cos + dy * sin, dy * cos - dx * sin])
+                .map(|patch| colors[patch])
+        });
+    }
+    map
+}
+
+/// Sizes of the 4-connected sets of pixels of the same class for which `wrong` holds.
+fn clusters(classes: &[Option<usize>], wrong: &[bool], width: usize) -> Vec<(usize, usize, usize)> {
+    let mut seen = vec![false; classes.len()];
+    let mut found = Vec::new();
+    for start in 0..classes.len() {
+        if seen[start] || !wrong[start] {
+            continue;
+        }
+        let (mut stack, mut size) = (vec![start], 0);
+        seen[start] = true;
+        while let Some(index) = stack.pop() {
+            size += 1;
+            let column = index % width;
+            let neighbours = [
+                (column > 0).then(|| index - 1),
+                (column + 1 < width).then_some(index + 1),
+                index.checked_sub(width),
+                Some(index + width).filter(|&index| index < classes.len()),
+            ];
+            for next in neighbours.into_iter().flatten() {
+                if !seen[next] && wrong[next] && classes[next] == classes[start] {
+                    seen[next] = true;
+                    stack.push(next);
+                }
+            }
+        }
+        found.push((classes[start].unwrap(), size, start));
+    }
+    found
+}
+
+/// Plays a match and compares every pixel's class with what it truly shows.
+fn check(config: &Config, frames: u64) {
+    let (width, height) = (config.camera.width as usize, config.camera.height as usize);
+    let count = config.colors.len();
+    // By true colour: pixels inside, found, given another class.
+    let mut inside = vec![[0u32; 3]; count];
+    let (mut far, mut edge_specks, mut largest) = (0, 0, 0);
+    let mut confusion = vec![vec![0u32; count]; count];
+    let mut scene = SyntheticMatch::new(config).unwrap();
+    let mut still_largest = (0, 0, 0);
+    for _ in 0..frames {
+        for _ in 0..50 {
+            scene.advance();
+        }
+        let raw = render(&mut scene, config);
+        let picture = demosaic(&raw, width, height, config.camera.bayer_order);
+        let truth = truth_map(config, &scene);
+        let classes: Vec<_> =
+            picture.pixels.iter().map(|&rgb| class_of(&config.colors, rgb)).collect();
+        let mut wrong = vec![false; classes.len()];
+        for (index, (shows, class)) in truth.iter().zip(&classes).enumerate() {
+            match (shows, class) {
+                (Shows::Color(color), class) => {
+                    inside[*color][0] += 1;
+                    inside[*color][1] += u32::from(*class == Some(*color));
+                    if let Some(class) = class && class != color {
+                        inside[*color][2] += 1;
+                        confusion[*color][*class] += 1;
+                    }
+                }
+                (Shows::Nothing, Some(_)) => far += 1,
+                _ => {}
+            }
+            // Wrong: no pixel of that colour within three pixels.
+            if let Some(class) = class {
+                let (x, y) = (index % width, index / width);
+                let near = (y.saturating_sub(4)..(y + 5).min(height)).any(|row| {
+                    (x.saturating_sub(4)..(x + 5).min(width))
+                        .any(|column| truth[row * width + column] == Shows::Color(*class))
+                });
+                wrong[index] = !near;
+            }
+        }
+        edge_specks += wrong.iter().filter(|&&wrong| wrong).count();
+        for (class, size, start) in clusters(&classes, &wrong, width) {
+            if size > largest {
+                largest = size;
+                still_largest = (class, start % width, start / width);
+            }
+        }
+    }
+    for (color, [inside, found, other]) in config.colors.iter().zip(&inside) {
+        eprintln!("{:>8}: {inside} px inside, {found} found, {other} wrong", color.name);
+    }
+    for (from, row) in confusion.iter().enumerate() {
+        for (to, &n) in row.iter().enumerate() {
+            if n > 0 { eprintln!("  {} as {}: {n}", config.colors[from].name, config.colors[to].name); }
+        }
+    }
+    eprintln!(
+        "in {frames} frames: {far} coloured pixels away from all colour, {edge_specks} in wrong places, largest {largest} {still_largest:?}"
+    );
+}
+
+#[test]
+fn every_colour_is_found_and_little_else() {
+    check(&Config::default(), 20);
+    check(&Preset::MirosotLarge.config(), 4);
+    let mut dark = Config::default();
+    dark.synthetic.brightness = 0.85;
+    check(&dark, 10);
+    dark.synthetic.brightness = 1.1;
+    check(&dark, 10);
+    panic!("look");
+}
