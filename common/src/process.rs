@@ -23,6 +23,8 @@ use std::time::Duration;
 pub const NO_SEQ: u64 = u64::MAX;
 /// Time between heartbeats.
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
+/// Time between heartbeats of a process that drops its input: well below the stall deadline.
+const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 /// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
@@ -72,6 +74,7 @@ pub struct Process {
     orphaned_since_ns: Option<u64>,
     done_by_predecessor: Option<u64>,
     beat_ns: u64,
+    beat_dropped: [u64; DropReason::ALL.len()],
 }
 
 impl Process {
@@ -117,6 +120,7 @@ impl Process {
             orphaned_since_ns: None,
             done_by_predecessor: None,
             beat_ns: 0,
+            beat_dropped: [0; DropReason::ALL.len()],
         })
     }
 
@@ -143,7 +147,10 @@ impl Process {
             self.publish_heartbeat(now)?;
             return Ok(false);
         }
-        if now.saturating_sub(self.beat_ns) < HEARTBEAT.as_nanos() as u64 {
+        // A drop is progress that shows in no output, so it is reported without delay.
+        let since_beat = Duration::from_nanos(now.saturating_sub(self.beat_ns));
+        let has_dropped = self.counters.dropped != self.beat_dropped;
+        if since_beat < if has_dropped { HEARTBEAT_AFTER_DROP } else { HEARTBEAT } {
             return Ok(true);
         }
         self.publish_heartbeat(now)?;
@@ -163,6 +170,7 @@ impl Process {
 
     fn publish_heartbeat(&mut self, now: u64) -> Result<(), ProcessError> {
         self.beat_ns = now;
+        self.beat_dropped = self.counters.dropped;
         self.counters.t_sent_ns = now;
         Ok(self.health.publish(&self.counters)?)
     }

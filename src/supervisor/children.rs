@@ -34,6 +34,7 @@ pub struct Process {
     pub pidfd: OwnedFd,
     child: Child,
     log: PathBuf,
+    waited_ns: u64,
 }
 
 /// How a process ended.
@@ -86,13 +87,21 @@ impl Process {
         let child = command.spawn()?;
         let pid = child.id();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
-        Ok(Self { kind, pid, pidfd, child, log })
+        Ok(Self { kind, pid, pidfd, child, log, waited_ns: 0 })
     }
 
     /// Sends a signal. That the process has ended in the meantime is not an error: its end is
     /// noticed by itself.
     pub fn signal(&self, signal: Signal) {
         let _ = pidfd_send_signal(&self.pidfd, signal);
+    }
+
+    /// How long it has been ready to run without getting a processor since the last call.
+    pub fn newly_waited_ns(&mut self) -> u64 {
+        let total = scheduler_wait_ns(self.pid).unwrap_or(self.waited_ns);
+        let new = total.saturating_sub(self.waited_ns);
+        self.waited_ns = total;
+        new
     }
 
     /// How it ended, if it has.
@@ -104,6 +113,12 @@ impl Process {
         let _ = fs::remove_file(&self.log);
         Some(End { how: describe(status), last_words })
     }
+}
+
+/// The second figure of `schedstat`: nanoseconds spent on a run queue. Stages have one thread.
+fn scheduler_wait_ns(pid: u32) -> Option<u64> {
+    let text = fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
+    text.split_whitespace().nth(1)?.parse().ok()
 }
 
 fn describe(status: ExitStatus) -> String {

@@ -44,6 +44,8 @@ pub enum Event {
     Output(ProcessKind, u64),
     /// A stage has dealt with input without giving output: it dropped something.
     Dropped(ProcessKind),
+    /// A stage was ready to run for so long (nanoseconds), but got no processor.
+    Waited(ProcessKind, u64),
     /// The grabber has captured all it was asked to.
     Finished,
 }
@@ -94,9 +96,9 @@ const GOOD_START_NS: u64 = 5_000_000_000;
 /// Pause between a death and the slow work after it (next spare, clean-up), so that it does not
 /// compete with the successor for the processor.
 const SETTLE_NS: u64 = 100_000_000;
-/// Between two looks of the supervisor itself; if it was away for longer, the whole machine was
-/// busy or asleep, and nobody is to blame for having made no progress.
-const OWN_LAG_NS: u64 = 100_000_000;
+/// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
+/// busy or asleep, and that time is nobody's fault.
+const OWN_LAG_NS: u64 = 15_000_000;
 /// The camera does not wait longer than this for stages that do not get ready.
 const GRABBER_WAIT_NS: u64 = 5_000_000_000;
 
@@ -105,6 +107,8 @@ struct Member {
     id: MemberId,
     started_ns: u64,
     ready: bool,
+    /// Newest input at the moment it got ready; what came before never reached it.
+    input_at_ready: Option<u64>,
     dying: bool,
 }
 
@@ -117,6 +121,8 @@ struct Stage {
     spare_failures: u32,
     spare_after_ns: u64,
     output: Option<u64>,
+    /// Newest input at the moment it reported a drop; that much it has dealt with.
+    dropped_up_to: Option<u64>,
     /// Last time at which the stage did something, or had nothing to do.
     progress_ns: u64,
 }
@@ -159,16 +165,33 @@ impl Policy {
                     stage.progress_ns = now_ns;
                 }
             }
-            Event::Dropped(kind) => self.stages[kind as usize].progress_ns = now_ns,
+            Event::Dropped(kind) => {
+                let input = self.input(kind);
+                let stage = &mut self.stages[kind as usize];
+                stage.dropped_up_to = input;
+                stage.progress_ns = now_ns;
+            }
+            Event::Waited(kind, waited_ns) => {
+                let stage = &mut self.stages[kind as usize];
+                stage.progress_ns = stage.progress_ns.saturating_add(waited_ns).min(now_ns);
+            }
             Event::Finished => self.finished = true,
         }
     }
 
+    /// The active process of a stage that has input it has not dealt with: the one whose waiting
+    /// for a processor matters.
+    pub fn behind(&self, kind: ProcessKind) -> Option<MemberId> {
+        let stage = &self.stages[kind as usize];
+        stage.active.as_ref().filter(|_| self.has_input(kind)).map(|active| active.id)
+    }
+
     /// Everything that is to be done now. Call after events, and every few milliseconds.
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
-        if now_ns.saturating_sub(self.last_tick_ns) > OWN_LAG_NS {
-            for stage in &mut self.stages {
-                stage.progress_ns = now_ns;
+        let away_ns = now_ns.saturating_sub(self.last_tick_ns);
+        if away_ns > OWN_LAG_NS {
+            for kind in ProcessKind::ALL {
+                self.note(Event::Waited(kind, away_ns), now_ns);
             }
         }
         self.last_tick_ns = now_ns;
@@ -194,10 +217,13 @@ impl Policy {
     }
 
     fn ready(&mut self, id: MemberId, now_ns: u64) {
-        for stage in &mut self.stages {
+        for kind in ProcessKind::ALL {
+            let input = self.input(kind);
+            let stage = &mut self.stages[kind as usize];
             for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
                 if member.id == id && !member.ready {
                     member.ready = true;
+                    member.input_at_ready = input;
                     stage.progress_ns = now_ns;
                 }
             }
@@ -279,18 +305,32 @@ impl Policy {
     /// Whether the active process has input it should have dealt with by now. "No input" is no
     /// stall, and counts as progress so that the deadline starts when input comes.
     fn has_stalled(&mut self, kind: ProcessKind, now_ns: u64) -> bool {
-        let (has_input, deadline_ns) = match kind {
-            ProcessKind::Grabber => (!self.finished, self.settings.grabber_stall_ns),
-            _ => {
-                let input = self.stages[kind as usize - 1].output;
-                (input > self.stages[kind as usize].output, self.settings.stall_ns)
-            }
+        let has_input = self.has_input(kind);
+        let deadline_ns = match kind {
+            ProcessKind::Grabber => self.settings.grabber_stall_ns,
+            _ => self.settings.stall_ns,
         };
         let stage = &mut self.stages[kind as usize];
         if !has_input || !stage.is_working() {
             stage.progress_ns = now_ns;
         }
         now_ns - stage.progress_ns > deadline_ns
+    }
+
+    /// Newest number on the topic a stage reads; the grabber reads none.
+    fn input(&self, kind: ProcessKind) -> Option<u64> {
+        (kind as usize).checked_sub(1).and_then(|before| self.stages[before].output)
+    }
+
+    /// Whether a stage's active process has input that it has neither answered nor dropped. A
+    /// camera always has.
+    fn has_input(&self, kind: ProcessKind) -> bool {
+        if kind == ProcessKind::Grabber {
+            return !self.finished;
+        }
+        let stage = &self.stages[kind as usize];
+        let at_ready = stage.active.as_ref().and_then(|active| active.input_at_ready);
+        self.input(kind) > stage.output.max(stage.dropped_up_to).max(at_ready)
     }
 
     fn may_start(&self, kind: ProcessKind, now_ns: u64) -> bool {
@@ -312,7 +352,7 @@ impl Stage {
 
 impl Member {
     fn new(id: MemberId, now_ns: u64) -> Self {
-        Self { id, started_ns: now_ns, ready: false, dying: false }
+        Self { id, started_ns: now_ns, ready: false, input_at_ready: None, dying: false }
     }
 }
 
@@ -477,6 +517,34 @@ mod tests {
             play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
             let actions = play.run(10);
             assert!(actions.is_empty(), "{actions:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
+        let mut play = Play::new(&[]);
+        play.output(ProcessKind::Grabber, 5);
+        play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+        assert!(play.run(500).is_empty(), "the last frame was dropped");
+        play.output(ProcessKind::Grabber, 6);
+        play.exit(ProcessKind::Classifier);
+        let actions = play.run(50);
+        assert_eq!(started(&actions), [(ProcessKind::Classifier, false)]);
+        assert!(play.run(500).iter().all(|action| *action == Action::CleanUp), "6 was before it");
+        play.output(ProcessKind::Grabber, 7);
+        let actions = play.run(60);
+        assert!(actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+    }
+
+    #[test]
+    fn time_without_a_processor_does_not_count() {
+        let mut play = Play::new(&[]);
+        play.output(ProcessKind::Grabber, 1);
+        for _ in 0..35 {
+            let actions = play.run(10);
+            assert!(actions.is_empty(), "{actions:?}");
+            assert!(play.policy.behind(ProcessKind::Classifier).is_some());
+            play.policy.note(Event::Waited(ProcessKind::Classifier, 9 * MS), play.now_ns);
         }
     }
 

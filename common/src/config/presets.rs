@@ -186,7 +186,7 @@ impl Default for SupervisorConfig {
     fn default() -> Self {
         Self {
             stall_frames: 3.0,
-            stall_min_ms: 250.0,
+            stall_min_ms: 40.0,
             ready_timeout_ms: 10_000.0,
             backoff_ms: 100.0,
             backoff_max_ms: 5_000.0,
@@ -299,31 +299,29 @@ fn identities(count: u32, colors: impl Fn(u32) -> Vec<String>) -> Vec<IdentityCo
 }
 
 /// Colours of the synthetic pitch, and boxes that hold them from its bright middle to its corners.
+///
+/// At the edge of a patch a pixel shows part patch, part dark robot: the same colour, but darker. So
+/// no colour, however dark, may fall into the box of another, which is why each box begins about
+/// where half the patch's brightness is left and is narrow where a neighbour is near. Grey (lines,
+/// walls) lies in no box.
 fn standard_colors() -> Vec<ColorConfig> {
-    let color = |name: &str, looks: [u8; 3]| {
-        // From 55 % to 112 % of the painted value, and a little more for noise.
-        let bound = |value: u8| {
-            let value = f64::from(value);
-            [(value * 0.55 - 12.0).max(0.0) as u8, (value * 1.12 + 12.0).min(255.0) as u8]
-        };
-        ColorConfig {
-            name: name.into(),
-            red: bound(looks[0]),
-            green: bound(looks[1]),
-            blue: bound(looks[2]),
-            hue_deg: None,
-            saturation: None,
-            looks,
-        }
+    let color = |name: &str, looks, red, green, blue| ColorConfig {
+        name: name.into(),
+        red,
+        green,
+        blue,
+        hue_deg: None,
+        saturation: None,
+        looks,
     };
     vec![
-        color("orange", [235, 110, 25]),
-        color("yellow", [225, 210, 40]),
-        color("blue", [35, 75, 215]),
-        color("green", [45, 185, 65]),
-        color("cyan", [50, 200, 215]),
-        color("pink", [235, 110, 185]),
-        color("violet", [130, 30, 180]),
-        color("red", [205, 35, 50]),
+        color("orange", [235, 90, 25], [138, 255], [43, 112], [0, 55]),
+        color("yellow", [225, 205, 40], [115, 255], [113, 255], [0, 75]),
+        color("blue", [35, 70, 215], [0, 56], [20, 94], [115, 255]),
+        color("green", [40, 180, 60], [0, 70], [98, 230], [0, 85]),
+        color("cyan", [45, 190, 210], [0, 75], [95, 240], [105, 255]),
+        color("pink", [240, 105, 180], [145, 255], [52, 122], [90, 225]),
+        color("violet", [115, 45, 205], [59, 140], [0, 70], [116, 255]),
+        color("red", [210, 25, 45], [122, 255], [0, 41], [0, 72]),
     ]
 }
