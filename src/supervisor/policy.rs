@@ -540,7 +540,7 @@ mod tests {
     fn time_without_a_processor_does_not_count() {
         let mut play = Play::new(&[]);
         play.output(ProcessKind::Grabber, 1);
-        for _ in 0..35 {
+        for _ in 0..25 {
             let actions = play.run(10);
             assert!(actions.is_empty(), "{actions:?}");
             assert!(play.policy.behind(ProcessKind::Classifier).is_some());

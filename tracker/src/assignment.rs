@@ -8,7 +8,7 @@
 //! spent counts. The search starts from the greedy solution, so that is the worst there can be.
 
 /// Search steps a frame may take; a few milliseconds. A crowded match takes some dozens.
-const STEPS_PER_FRAME: u32 = 10_000;
+const STEPS_PER_FRAME: u32 = 4_000;
 
 /// Something that can be believed.
 #[derive(Debug, Clone, Copy, PartialEq)]

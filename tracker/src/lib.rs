@@ -13,7 +13,7 @@
 //! 4. `pose`: the places of the patches become a pose.
 //! 5. `ball`, and `reasons`: what became of everything else.
 //!
-//! The core, [`Tracker`](stage::Tracker), is a pure function of its input and survives any.
+//! The core, [`Tracker`], is a pure function of its input and survives any.
 
 mod assignment;
 mod ball;

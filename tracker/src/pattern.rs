@@ -310,7 +310,8 @@ fn expected_patches(robots: &RobotsConfig) -> Result<Vec<ExpectedPatch>, Tracker
     }
     for (index, patch) in robots.patches.iter().enumerate() {
         // Also keeps the sampling below within bounds.
-        if patch.outline_mm.iter().flatten().any(|value| !(value.abs() <= robots.size_mm)) {
+        let is_absurd = |value: &f64| value.is_nan() || value.abs() > robots.size_mm;
+        if patch.outline_mm.iter().flatten().any(is_absurd) {
             return Err(TrackerError::InvisiblePatch(index));
         }
     }
