@@ -1,8 +1,10 @@
 //! The command line.
 
+use crate::commands::chaos::Disturbance;
 use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
+use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use std::path::PathBuf;
@@ -35,6 +37,16 @@ pub enum Command {
     Status(StatusArgs),
     /// Ends a running group.
     Stop(InstanceArgs),
+    /// Disturbs a match of its own at random, and checks that nothing is lost.
+    ///
+    /// Starts a synthetic match that no other group notices, kills, freezes and otherwise troubles
+    /// its processes, and watches with subscribers of its own: does every captured frame reach
+    /// `world`, once and in order? How long is each disturbance felt? Do shared memory, files,
+    /// processes or memory pile up? Run it on the match computer before a tournament, with nothing
+    /// else running. The exit status is 0 when every promise was kept; times are reported beside
+    /// what they should be, but break no promise, since they depend on the machine.
+    #[command(after_long_help = CHAOS_EXAMPLES)]
+    Chaos(ChaosArgs),
     /// Writes, checks and describes configurations.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -113,6 +125,43 @@ pub struct StatusArgs {
     pub json: bool,
 }
 
+/// Arguments of `chaos`.
+#[derive(Debug, Args)]
+pub struct ChaosArgs {
+    /// Disturb for so many seconds; warming up and settling come on top
+    #[arg(long, value_name = "S", default_value = "60", value_parser = parse_seconds)]
+    pub seconds: f64,
+    /// Time between two disturbances; a stage without a spare is given the time to start one
+    #[arg(long, value_name = "MS", default_value = "500", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    pub every: u64,
+    /// What to do, separated by commas
+    #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "kill,stop,pause")]
+    pub signals: Vec<Disturbance>,
+    /// To whom, separated by commas: any of grabber, classifier, tracker, filter
+    #[arg(long, value_name = "STAGES", value_delimiter = ',', default_value = "classifier,tracker,filter", value_parser = parse_stage)]
+    pub stages: Vec<ProcessKind>,
+    /// Frames a second [default: as configured]
+    #[arg(long, value_name = "N", value_parser = parse_fps)]
+    pub fps: Option<f64>,
+    /// Repeat the sequence of an earlier run, which prints its seed [default: a new one]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration file [default: MiroSot middle league on a synthetic pitch]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Write everything that was done and seen to this file (JSON)
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+}
+
+const CHAOS_EXAMPLES: &str = "\
+Examples:
+  touchline chaos                                    a minute of kills, freezes and pauses
+  touchline chaos --signals kill --every 200         kills only, as fast as spares can be started
+  touchline chaos --signals double --every 3000      stage and spare at once: losses are counted
+  touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
+  touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON";
+
 /// What to do with configurations.
 #[derive(Debug, Subcommand)]
 pub enum ConfigCommand {
@@ -150,6 +199,9 @@ pub struct StageArgs {
     /// Connect, then wait for SIGUSR1 before working
     #[arg(long)]
     pub spare: bool,
+    /// End some time (`supervisor.orphan_timeout_s`) after the group's supervisor is gone
+    #[arg(long)]
+    pub supervised: bool,
 }
 
 /// Arguments of the grabber stage.
@@ -197,6 +249,13 @@ fn parse_preset(text: &str) -> Result<Preset, String> {
         .into_iter()
         .find(|preset| preset.name() == text)
         .ok_or_else(|| format!("use one of {}", names.join(", ")))
+}
+
+fn parse_stage(text: &str) -> Result<ProcessKind, String> {
+    ProcessKind::ALL
+        .into_iter()
+        .find(|kind| kind.name() == text)
+        .ok_or_else(|| format!("use {}", ProcessKind::ALL.map(ProcessKind::name).join(", ")))
 }
 
 fn parse_last_frame(text: &str) -> Result<LastFrame, String> {

@@ -98,6 +98,83 @@ fn a_stalled_stage_is_replaced() {
 }
 
 #[test]
+fn a_kill_costs_no_frame_because_a_spare_takes_over() {
+    let mut group = Group::start("spares", "", &[]);
+    let has_spares = |status: &Value| {
+        ["classifier", "tracker", "filter"].iter().all(|stage| {
+            let processes = status["stages"][stage]["processes"].as_array().unwrap();
+            processes.iter().any(|process| process["state"] == "spare")
+        })
+    };
+    for stage in ["filter", "tracker", "classifier"] {
+        let status = group.wait_for("spares", has_spares);
+        group.signal(Group::pid_of(&status, stage), Signal::KILL);
+        let world = status["frames"]["world"].as_u64().unwrap();
+        let status = group.wait_for("further frames", |status| {
+            status["frames"]["world"].as_u64() > Some(world + 40)
+        });
+        assert_eq!(status["frames"]["missing_in_world"], 0, "{stage}: {status:#}");
+        assert_eq!(status["frames"]["duplicates_in_world"], 0, "{stage}: {status:#}");
+    }
+}
+
+#[test]
+fn a_frame_that_kills_two_processes_is_skipped_and_kept() {
+    for stage in ["classifier", "tracker", "filter"] {
+        let mut group =
+            Group::start_with("poison", "", &[], &[("TOUCHLINE_FAULT", &format!("{stage}@150"))]);
+        let status = group.wait_for("the group to get over it", |status| {
+            status["frames"]["world"].as_u64() > Some(200)
+        });
+        assert_eq!(status["stages"][stage]["dropped"]["poisonous"], 1, "{status:#}");
+        assert_eq!(status["stages"][stage]["restarts"], 2, "{status:#}");
+        assert_eq!(status["frames"]["missing_in_world"], 1, "only that one: {status:#}");
+        let events = status["events"].to_string();
+        assert!(events.contains("asked to panic at 150"), "the last words are kept: {events}");
+        let kept = group.scratch.path.join("state/touchline/test-frame-150.png");
+        let deadline = std::time::Instant::now() + support::PATIENCE;
+        while image::open(&kept).is_err() {
+            assert!(std::time::Instant::now() < deadline, "{} is not there: {events}", kept.display());
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+    }
+}
+
+#[test]
+fn a_new_supervisor_takes_over_what_the_old_one_has_left() {
+    let mut group = Group::start("takeover", "", &[]);
+    let before = group.wait_for("spares", |status| {
+        status["stages"]["filter"]["processes"].as_array().unwrap().len() == 2
+            && status["complete"] == true
+            && status["frames"]["world"].as_u64() > Some(40)
+    });
+    group.replace_supervisor();
+    let after = group.wait_for("a group under the new supervisor", |status| {
+        status["complete"] == true
+            && status["supervisor_pid"] != before["supervisor_pid"]
+            && status["frames"]["world"].as_u64() > Some(40)
+    });
+    for stage in STAGES {
+        let (before, after) = (Group::pid_of(&before, stage), Group::pid_of(&after, stage));
+        assert_eq!(before, after, "the {stage} was replaced\n{}", group.stderr());
+    }
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+    // What it took over it also looks after.
+    let pid = Group::pid_of(&after, "tracker");
+    group.signal(pid, Signal::KILL);
+    let world = after["frames"]["world"].as_u64().unwrap();
+    let after = group.wait_for("a replacement", |status| {
+        status["complete"] == true
+            && Group::pid_of(status, "tracker") != pid
+            && status["frames"]["world"].as_u64() > Some(world + 40)
+    });
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+#[test]
 fn bad_frames_are_dropped_and_counted_with_a_reason() {
     let mut group = Group::start("bad-frames", "", &[]);
     let status = group.wait_until_working();

@@ -10,18 +10,13 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Classifier, options, config)?;
-    let frames = process.bus.subscriber(&topics::FRAMES)?;
-    let previous = process.bus.subscriber_with_buffer(&topics::RUNS, 1)?;
+    let frames = process.bus.subscriber_with_history(&topics::FRAMES)?;
     let mut runs = process.bus.publisher(&topics::RUNS, MAX_RUNS)?;
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     if !process.activate()? {
         return Ok(());
     }
-    if let Some(last) = previous.newest()? {
-        process.resume_after(last.header().frame.seq);
-    }
-    drop(previous);
 
     let wake_up = process.bus.wake_up(&topics::FRAMES)?;
     while process.keep_running()? {
@@ -29,7 +24,16 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             wake_up.wait(LOOK_AROUND)?;
             continue;
         };
-        if process.is_done_by_predecessor(frame.header().seq) {
+        let seq = frame.header().seq;
+        if process.is_done_by_predecessor(seq) {
+            continue;
+        }
+        // Not even the number of an unsound header means anything.
+        if let Err(fault) = classifier.check(frame.header(), frame.elements().len()) {
+            process.drop_input(DropReason::from(&fault));
+            continue;
+        }
+        if !process.accept(seq) {
             continue;
         }
         let mut output = runs.loan(MAX_RUNS)?;
@@ -38,13 +42,9 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             process.drop_input(DropReason::from(&fault));
             continue;
         }
-        // Only now is the header known to be sound.
-        if !process.accept(frame.header().seq) {
-            continue;
-        }
         header.t_sent_ns = monotonic_ns();
         output.send()?;
-        process.sent(frame.header().seq);
+        process.sent(seq);
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use crate::kernels::{BayerImage, scalar};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
-use common::messages::{FrameFault, FrameHeader, Run, RunsHeader};
+use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
 
 /// Turns frames into runs. Frames are independent of each other: there is nothing to remember and
 /// nothing to hand over.
@@ -27,9 +27,14 @@ impl Classifier {
         Ok(Self { width, height, tables: ClassTables::new(&config.colors)? })
     }
 
+    /// Whether a frame with this header and so many bytes can be classified.
+    pub fn check(&self, header: &FrameHeader, bytes: usize) -> Result<BayerOrder, FrameFault> {
+        header.check(self.width, self.height, bytes)
+    }
+
     /// Classifies a frame. On success `out` begins with [`RunsHeader::run_count`] runs and
     /// `out_header` is complete except for [`RunsHeader::t_sent_ns`], which is 0 until the runs
-    /// are handed on. A frame that fails [`FrameHeader::check`] leaves both untouched.
+    /// are handed on. A frame that fails [`check`](Self::check) leaves both untouched.
     pub fn step(
         &mut self,
         header: &FrameHeader,
@@ -37,7 +42,7 @@ impl Classifier {
         out_header: &mut RunsHeader,
         out: &mut [Run],
     ) -> Result<(), FrameFault> {
-        let order = header.check(self.width, self.height, pixels.len())?;
+        let order = self.check(header, pixels.len())?;
         let image = BayerImage::new(pixels, header.width, header.height, header.stride, order)
             .expect("the header agrees with a size that Classifier::new has accepted");
         let written = scalar::classify(&image, &self.tables, out);

@@ -148,19 +148,36 @@ impl Bus {
         &self,
         topic: &Topic<E, H>,
     ) -> Result<Subscriber<E, H>, BusError> {
-        self.subscriber_with_buffer(topic, topic.buffer)
+        self.subscribe(topic, topic.buffer, 0)
     }
 
-    /// A reader that only ever wants the newest `buffer` messages.
-    pub fn subscriber_with_buffer<E: Message, H: Header>(
+    /// A reader that only ever wants the newest message.
+    pub fn newest_only<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<Subscriber<E, H>, BusError> {
+        self.subscribe(topic, 1, 0)
+    }
+
+    /// A reader that also wants what was published before it came ([`Topic::history`]).
+    pub fn subscriber_with_history<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<Subscriber<E, H>, BusError> {
+        self.subscribe(topic, topic.buffer, topic.history)
+    }
+
+    fn subscribe<E: Message, H: Header>(
         &self,
         topic: &Topic<E, H>,
         buffer: usize,
+        history: usize,
     ) -> Result<Subscriber<E, H>, BusError> {
         let port = self
             .open(topic)?
             .subscriber_builder()
             .buffer_size(buffer)
+            .history_request(history)
             .create()
             .map_err(failed(topic.name, "create a subscriber"))?;
         Ok(Subscriber { port, topic: topic.name })
@@ -184,7 +201,7 @@ impl Bus {
             .service_builder(&service_name(topic.name)?)
             .publish_subscribe::<[E]>()
             .user_header::<H>()
-            .history_size(0)
+            .history_size(topic.history)
             .subscriber_max_buffer_size(topic.buffer)
             .subscriber_max_borrowed_samples(topic.borrowed)
             .enable_safe_overflow(true)

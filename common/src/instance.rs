@@ -83,6 +83,11 @@ impl Instance {
         self.directory.join("config.toml")
     }
 
+    /// Where the supervisor leaves, for the next process of a stage, how far the last one came.
+    pub fn handover_path(&self, stage: &str) -> PathBuf {
+        self.directory.join(format!("{stage}.handover"))
+    }
+
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {

@@ -6,6 +6,7 @@
 //! to know which shapes the patches have.
 
 use crate::config::{Pair, PatchRole, RobotsConfig};
+use std::f64::consts::FRAC_PI_2;
 
 /// A patch as it shows.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,6 +78,30 @@ pub fn topmost_patch(robots: &RobotsConfig, point: Pair) -> Option<usize> {
     robots.patches.iter().rposition(|patch| contains(&patch.outline_mm, point))
 }
 
+/// By how much the robot's body, a square, is turned against the frame of its layout, in radians
+/// from 0 to π/2.
+///
+/// Heading is where the layout has its x axis, and a layout may well say that a corner goes ahead.
+/// That shows when its patches do not fit on a body that looks straight ahead; then the body is
+/// turned so that they fit best.
+pub fn body_turn(robots: &RobotsConfig) -> f64 {
+    /// Patches may be drawn a little large.
+    const SLACK_MM: f64 = 1.0;
+    const STEPS: u32 = 180;
+    let reach = |angle: f64| {
+        let (sin, cos) = angle.sin_cos();
+        let points = robots.patches.iter().flat_map(|patch| &patch.outline_mm);
+        points.fold(0.0f64, |reach, &[x, y]| {
+            reach.max((cos * x + sin * y).abs()).max((cos * y - sin * x).abs())
+        })
+    };
+    if reach(0.0) <= robots.size_mm / 2.0 + SLACK_MM {
+        return 0.0;
+    }
+    let angle = |step: u32| f64::from(step) / f64::from(STEPS) * FRAC_PI_2;
+    (0..STEPS).map(angle).min_by(|&a, &b| reach(a).total_cmp(&reach(b))).unwrap_or(0.0)
+}
+
 /// Even-odd rule: counts the edges to the right of the point.
 fn contains(outline: &[Pair], [x, y]: Pair) -> bool {
     let mut inside = false;
@@ -92,7 +117,9 @@ fn contains(outline: &[Pair], [x, y]: Pair) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Config, PatchConfig};
+    use crate::config::{Config, PatchConfig, Preset};
+    use crate::geometry::{FieldPoint, Pose};
+    use std::f64::consts::FRAC_PI_4;
 
     #[test]
     fn separate_squares_show_whole() {
@@ -103,6 +130,24 @@ mod tests {
         assert!(
             (team.centroid_mm[0] - 18.0).abs() < 1e-9 && (team.centroid_mm[1] - 18.0).abs() < 1e-9
         );
+    }
+
+    #[test]
+    fn a_body_is_turned_as_its_patches_need() {
+        for preset in Preset::ALL {
+            assert_eq!(body_turn(&preset.config().robots), 0.0, "{}", preset.name());
+        }
+        let mut robots = Config::default().robots;
+        let corner_ahead = vec![[46.0, 0.0], [0.0, 46.0], [-46.0, 0.0], [0.0, -46.0]];
+        robots.patches =
+            vec![PatchConfig { role: PatchRole::Team, outline_mm: corner_ahead.clone() }];
+        assert!((body_turn(&robots) - FRAC_PI_4).abs() < 1e-9);
+        let turned = Pose { position: FieldPoint::default(), orientation: 0.2 };
+        for point in &mut robots.patches[0].outline_mm {
+            let point_turned = turned.field_from_robot(*point);
+            *point = [point_turned.x_mm, point_turned.y_mm];
+        }
+        assert!((body_turn(&robots) - FRAC_PI_4 - 0.2).abs() < 0.01);
     }
 
     #[test]

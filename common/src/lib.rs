@@ -16,6 +16,7 @@ pub mod bus;
 pub mod clock;
 pub mod config;
 pub mod geometry;
+pub mod handover;
 pub mod instance;
 pub mod layout;
 pub mod messages;

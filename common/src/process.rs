@@ -3,13 +3,14 @@
 //!
 //! A process connects to all its topics first and reports itself as a spare. Started as a spare, it
 //! then sleeps until SIGUSR1 promotes it; otherwise it goes on at once. SIGTERM asks any process to
-//! end after the message it is working on. A process without a supervisor keeps working for the
+//! end after the message it is working on; SIGUSR2 makes it panic, for rehearsals. A process whose supervisor is gone keeps working for the
 //! configured time, so that a match outlives a crash of the supervisor, and then ends by itself, so
 //! that nothing is left running for ever.
 
 use crate::bus::{Bus, BusError, Publisher};
 use crate::clock::monotonic_ns;
 use crate::config::Config;
+use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
 use crate::messages::{DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState};
 use crate::topics;
@@ -28,6 +29,9 @@ const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 /// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
+/// For tests and rehearsals: `STAGE@NUMBER` makes that stage panic when it takes that frame.
+pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
+
 /// How a process is started.
 #[derive(Debug, Clone)]
 pub struct ProcessOptions {
@@ -35,6 +39,8 @@ pub struct ProcessOptions {
     pub instance: Instance,
     /// Starts as a spare and waits to be promoted.
     pub spare: bool,
+    /// Belongs to a supervisor, and ends some time after that is gone.
+    pub supervised: bool,
 }
 
 /// Why a process cannot go on.
@@ -67,9 +73,14 @@ pub struct Process {
     pub counters: Heartbeat,
     instance: Instance,
     health: Publisher<Heartbeat, ()>,
+    kind: ProcessKind,
     stop: Arc<AtomicBool>,
+    panic: Arc<AtomicBool>,
     promotion: UnixStream,
     spare: bool,
+    supervised: bool,
+    fault: Option<u64>,
+    skip_next: bool,
     orphan_timeout: Duration,
     orphaned_since_ns: Option<u64>,
     done_by_predecessor: Option<u64>,
@@ -89,6 +100,9 @@ impl Process {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(system("handle signals"))?;
         }
+        let panic = Arc::new(AtomicBool::new(false));
+        signal_hook::flag::register(signal_hook::consts::SIGUSR2, Arc::clone(&panic))
+            .map_err(system("handle signals"))?;
         let (promotion, promoter) = UnixStream::pair().map_err(system("make a socket pair"))?;
         signal_hook::low_level::pipe::register(signal_hook::consts::SIGUSR1, promoter)
             .map_err(system("handle signals"))?;
@@ -113,9 +127,14 @@ impl Process {
             counters,
             instance: options.instance.clone(),
             health,
+            kind,
             stop,
+            panic,
             promotion,
+            fault: fault_from_environment(kind),
+            skip_next: false,
             spare: options.spare,
+            supervised: options.supervised,
             orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
             orphaned_since_ns: None,
             done_by_predecessor: None,
@@ -131,11 +150,19 @@ impl Process {
         if self.spare {
             while self.keep_running()? && !self.promoted_within(LOOK_AROUND)? {}
         }
-        let go_on = self.keep_running()?;
-        if go_on {
-            self.beat(ProcessState::Active)?;
+        if !self.keep_running()? {
+            return Ok(false);
         }
-        Ok(go_on)
+        if self.supervised
+            && let Some(handover) = Handover::read(&self.instance, self.kind)
+        {
+            self.counters.seq_in = handover.resume_after;
+            self.counters.seq_out = handover.resume_after;
+            self.done_by_predecessor = Some(handover.resume_after);
+            self.skip_next = handover.skip_next;
+        }
+        self.beat(ProcessState::Active)?;
+        Ok(true)
     }
 
     /// Looks around: sends the heartbeat when it is due, and says whether to go on. Call at least
@@ -147,6 +174,9 @@ impl Process {
             self.publish_heartbeat(now)?;
             return Ok(false);
         }
+        if self.panic.load(Ordering::Relaxed) {
+            panic!("asked to panic by SIGUSR2");
+        }
         // A drop is progress that shows in no output, so it is reported without delay.
         let since_beat = Duration::from_nanos(now.saturating_sub(self.beat_ns));
         let has_dropped = self.counters.dropped != self.beat_dropped;
@@ -154,7 +184,7 @@ impl Process {
             return Ok(true);
         }
         self.publish_heartbeat(now)?;
-        if self.instance.is_supervised() {
+        if !self.supervised || self.instance.is_supervised() {
             self.orphaned_since_ns = None;
             return Ok(true);
         }
@@ -188,7 +218,7 @@ impl Process {
 /// Counting what goes in and out of a stage.
 impl Process {
     /// Decides whether to work on an input: `false`, and counted, when its number is not above the
-    /// last one's. Gaps are counted too.
+    /// last one's, or when two predecessors have died of it. Gaps are counted too.
     pub fn accept(&mut self, seq: u64) -> bool {
         let counters = &mut self.counters;
         if counters.seq_in != NO_SEQ {
@@ -200,17 +230,22 @@ impl Process {
         }
         counters.seq_in = seq;
         counters.frames_in += 1;
+        if std::mem::take(&mut self.skip_next) {
+            self.drop_input(DropReason::Poisonous);
+            return false;
+        }
+        if self.fault == Some(seq) {
+            panic!("asked to panic at {seq} by {FAULT_VARIABLE}");
+        }
         true
     }
 
-    /// Continues after a predecessor's last output: everything up to it counts as done.
-    pub fn resume_after(&mut self, seq: u64) {
-        self.counters.seq_in = seq;
-        self.counters.seq_out = seq;
-        self.done_by_predecessor = Some(seq);
+    /// The last output of this process's predecessors; `None` when there were none.
+    pub fn resumes_after(&self) -> Option<u64> {
+        self.done_by_predecessor
     }
 
-    /// Whether an input was dealt with by the predecessor of this process. A spare's buffer is full
+    /// Whether an input was dealt with by a predecessor of this process. A spare's buffer is full
     /// of such when it is promoted; they are skipped without work, and are not drops.
     pub fn is_done_by_predecessor(&self, seq: u64) -> bool {
         self.done_by_predecessor >= Some(seq)
@@ -235,6 +270,12 @@ impl From<&FrameFault> for DropReason {
             FrameFault::Size { .. } | FrameFault::Truncated { .. } => Self::WrongSize,
         }
     }
+}
+
+fn fault_from_environment(kind: ProcessKind) -> Option<u64> {
+    let fault = std::env::var(FAULT_VARIABLE).ok()?;
+    let (stage, seq) = fault.split_once('@')?;
+    if stage == kind.name() { seq.parse().ok() } else { None }
 }
 
 fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {

@@ -18,6 +18,10 @@ pub struct Topic<Element, Header = ()> {
     pub readers: &'static str,
     /// Unread messages kept for each subscriber.
     pub buffer: usize,
+    /// Messages that a reader which comes later still gets, when the next one is published: a stage
+    /// that had to be started from scratch finds what came while it was not there. They live as
+    /// long as their writer.
+    pub history: usize,
     /// Messages a subscriber may hold at the same time.
     pub borrowed: usize,
     /// Publishers at the same time: the active process, its spare, and predecessors that are dead
@@ -39,6 +43,7 @@ const fn topic<Element, Header>(
         writer,
         readers,
         buffer,
+        history: 0,
         borrowed: 4,
         publishers: 4,
         subscribers: 12,
@@ -46,21 +51,33 @@ const fn topic<Element, Header>(
     }
 }
 
+/// A topic that a stage works through, message by message.
+const fn work<Element, Header>(
+    name: &'static str,
+    writer: &'static str,
+    readers: &'static str,
+) -> Topic<Element, Header> {
+    Topic { history: 64, ..topic(name, writer, readers, 64) }
+}
+
 /// Raw frames; the payload is the pixels, `stride` bytes a row.
-pub const FRAMES: Topic<u8, FrameHeader> = topic("frames", "grabber", "classifier", 64);
+///
+/// The supervisor holds on to the newest ones, as evidence should one of them kill a stage.
+pub const FRAMES: Topic<u8, FrameHeader> =
+    Topic { borrowed: 36, ..work("frames", "grabber", "classifier") };
 /// Runs of classified pixels.
-pub const RUNS: Topic<Run, RunsHeader> = topic("runs", "classifier", "tracker", 64);
+pub const RUNS: Topic<Run, RunsHeader> = work("runs", "classifier", "tracker");
 /// Regions, robots and balls of one frame.
-pub const DETECTIONS: Topic<DetectionFrame> = topic("detections", "tracker", "filter, scorer", 64);
+pub const DETECTIONS: Topic<DetectionFrame> = work("detections", "tracker", "filter, monitor");
 /// Filtered robots and ball.
-pub const WORLD: Topic<WorldFrame> = topic("world", "filter", "tracker, scorer, strategies", 64);
+pub const WORLD: Topic<WorldFrame> = topic("world", "filter", "tracker, monitor, strategies", 64);
 /// Wheel speeds that strategies have sent to the robots.
 pub const COMMANDS: Topic<Commands> =
     Topic { publishers: 8, ..topic("commands", "strategies, synthetic match", "filter", 64) };
 /// Signs of life of every process.
 pub const HEALTH: Topic<Heartbeat> =
-    Topic { publishers: 24, ..topic("health", "every process", "supervisor", 64) };
+    Topic { publishers: 24, ..topic("health", "every process", "supervisor, monitor", 64) };
 /// The synthetic match's own knowledge.
-pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic)", "scorer", 64);
+pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
 /// The report of the running group, as JSON text.
-pub const STATUS: Topic<u8, StatusHeader> = topic("status", "supervisor", "touchline status", 1);
+pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);

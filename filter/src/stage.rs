@@ -8,8 +8,8 @@ use crate::track::{Candidate, Motion, Track, TrackRules};
 use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
 use common::messages::{
-    Commands, DetectedBall, DetectedRobot, DetectionFrame, MAX_ROBOTS, QueuedCommand, Team,
-    WorldFrame,
+    BALL_HYPOTHESES, Commands, DetectedBall, DetectedRobot, DetectionFrame, MAX_ROBOTS,
+    QueuedCommand, Team, WorldFrame,
 };
 use nalgebra::{Vector2, Vector3, Vector4, Vector5};
 
@@ -126,55 +126,38 @@ impl Filter {
     /// is set to 0, and list elements behind their count, which are left as they are.
     pub fn step(&mut self, detections: &DetectionFrame, out: &mut WorldFrame) {
         let t_ns = detections.frame.t_capture_ns;
-        self.predict(t_ns);
+        let from_ns = self.start_over_unless_continuous(t_ns);
         self.t_ns = Some(t_ns);
-        self.correct_robots(detections.robots(), t_ns);
-        self.correct_ball(detections.balls(), t_ns);
-        for robot in &mut self.robots {
-            robot.commands.prune(t_ns, &self.timing);
-        }
+        self.follow_robots(detections.robots(), from_ns, t_ns);
+        self.follow_ball(detections.balls(), from_ns, t_ns);
         self.write(detections, t_ns, out);
     }
 
-    /// Moves all tracks on to the capture time of a new frame.
-    fn predict(&mut self, t_ns: u64) {
-        let dt_ns = self.t_ns.and_then(|before| t_ns.checked_sub(before));
-        let Some(dt_ns) = dt_ns.filter(|&dt_ns| dt_ns <= MAX_PAUSE_NS) else {
+    /// The capture time of the frame that the tracks, if there are any, come from.
+    fn start_over_unless_continuous(&mut self, t_ns: u64) -> u64 {
+        let before_ns = self.t_ns.unwrap_or(t_ns);
+        if t_ns < before_ns || t_ns - before_ns > MAX_PAUSE_NS {
             self.robots.clear();
             self.ball = None;
-            return;
-        };
-        // The same instant twice (two pictures of one moment): nothing has moved.
-        if dt_ns == 0 {
-            return;
+            return t_ns;
         }
-        for RobotTrack { track, commands, .. } in &mut self.robots {
-            track.blend.mix(&RobotMotion::ODDS, RobotMotion::WRAP);
-            for (dt_s, command) in commands.segments(t_ns - dt_ns, t_ns, &self.timing) {
-                let drives = Drive::hypotheses(command);
-                for (hypothesis, drive) in track.blend.hypotheses.iter_mut().zip(drives) {
-                    self.robot_motion.predict(&mut hypothesis.belief, drive, dt_s);
-                }
-            }
-        }
-        if let Some(track) = &mut self.ball {
-            track.blend.mix(&BallMotion::ODDS, BallMotion::WRAP);
-            for (index, hypothesis) in track.blend.hypotheses.iter_mut().enumerate() {
-                self.ball_motion.predict(&mut hypothesis.belief, index, dt_ns as f64 * 1e-9);
-            }
-        }
+        before_ns
     }
 
-    fn correct_robots(&mut self, detected: &[DetectedRobot], t_ns: u64) {
-        let Self { robots, robot_motion, rules, .. } = self;
+    fn follow_robots(&mut self, detected: &[DetectedRobot], from_ns: u64, t_ns: u64) {
+        let Self { robots, robot_motion, rules, timing, .. } = self;
         let candidates = |team: Team, robot_id: u32| {
             detected
                 .iter()
                 .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
                 .filter_map(robot_candidate)
         };
-        robots.retain_mut(|RobotTrack { team, robot_id, track, .. }| {
-            track.observe(candidates(*team, *robot_id), t_ns, robot_motion, rules);
+        robots.retain_mut(|robot| {
+            let seen = candidates(robot.team, robot.robot_id);
+            let path_mm = predict_robot(robot, from_ns, t_ns, robot_motion, timing);
+            robot.commands.prune(t_ns, timing);
+            let track = &mut robot.track;
+            track.observe(seen, &robot_motion.repeats(path_mm), t_ns, robot_motion, rules);
             track.blend.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
         });
         for &(team, robot_id) in &self.identities {
@@ -190,11 +173,12 @@ impl Filter {
         }
     }
 
-    fn correct_ball(&mut self, detected: &[DetectedBall], t_ns: u64) {
+    fn follow_ball(&mut self, detected: &[DetectedBall], from_ns: u64, t_ns: u64) {
         let Self { ball, ball_motion, rules, .. } = self;
         let candidates = detected.iter().filter_map(ball_candidate);
         if let Some(track) = ball {
-            track.observe(candidates.clone(), t_ns, ball_motion, rules);
+            predict_ball(track, from_ns, t_ns, ball_motion);
+            track.observe(candidates.clone(), &[1.0; BALL_HYPOTHESES], t_ns, ball_motion, rules);
         }
         *ball = ball
             .filter(|track| {
@@ -256,6 +240,41 @@ impl Filter {
     }
 }
 
+/// Moves a track on in time; how far its wheels have rolled if it did as it was told. Between two
+/// pictures of the same instant nothing moves.
+fn predict_robot(
+    robot: &mut RobotTrack,
+    from_ns: u64,
+    to_ns: u64,
+    motion: &RobotMotion,
+    timing: &CommandTiming,
+) -> f64 {
+    let RobotTrack { track, commands, .. } = robot;
+    if from_ns < to_ns {
+        track.blend.mix(&RobotMotion::ODDS, RobotMotion::WRAP);
+    }
+    let mut path_mm = 0.0;
+    for (dt_s, command) in commands.segments(from_ns, to_ns, timing) {
+        let drives = Drive::hypotheses(command);
+        let steered = &track.blend.hypotheses[0].belief.mean;
+        path_mm += motion.path_mm(steered, drives[0], dt_s);
+        for (hypothesis, drive) in track.blend.hypotheses.iter_mut().zip(drives) {
+            motion.predict(&mut hypothesis.belief, drive, dt_s);
+        }
+    }
+    path_mm
+}
+
+fn predict_ball(track: &mut BallTrack, from_ns: u64, to_ns: u64, motion: &BallMotion) {
+    if from_ns < to_ns {
+        track.blend.mix(&BallMotion::ODDS, BallMotion::WRAP);
+        let dt_s = (to_ns - from_ns) as f64 * 1e-9;
+        for (index, hypothesis) in track.blend.hypotheses.iter_mut().enumerate() {
+            motion.predict(&mut hypothesis.belief, index, dt_s);
+        }
+    }
+}
+
 /// The most confident candidate, if it is good enough to start a track.
 fn best<const Z: usize>(
     candidates: impl Iterator<Item = Candidate<Z>>,
@@ -301,6 +320,7 @@ fn check(config: &Config) -> Result<(), FilterError> {
         command_noise_deg_s,
         lateral_noise_mm_s,
         collision_factor,
+        repeat_distance_mm,
         command_lag_ms,
         command_timeout_ms,
         actuation_delay_ms,
@@ -329,6 +349,7 @@ fn check(config: &Config) -> Result<(), FilterError> {
         ("filter.command_noise_mm_s", command_noise_mm_s),
         ("filter.command_noise_deg_s", command_noise_deg_s),
         ("filter.lateral_noise_mm_s", lateral_noise_mm_s),
+        ("filter.repeat_distance_mm", repeat_distance_mm),
         ("filter.command_lag_ms", command_lag_ms),
         ("filter.command_timeout_ms", command_timeout_ms),
         ("filter.actuation_delay_ms", actuation_delay_ms),

@@ -110,7 +110,9 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     }
 
     /// Corrects the prediction (already made) by what was seen in the frame captured at `t_ns`, and
-    /// decides what that was:
+    /// decides what that was. `repeats` says, by hypothesis, how many measurements in a row have
+    /// the same error (1: each has its own), and so how little a single one is worth.
+    ///
     ///
     /// * the likeliest candidate within the gate corrects the track (`Measured`);
     /// * failing that, a confident one outside the gate is an outlier and ignored (`Gated`), unless
@@ -119,6 +121,7 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     pub fn observe<I>(
         &mut self,
         candidates: I,
+        repeats: &[f64; M],
         t_ns: u64,
         motion: &impl Motion<N, M, Z>,
         rules: &TrackRules,
@@ -126,7 +129,7 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         I: Iterator<Item = Candidate<Z>> + Clone,
     {
         if let Some(best) = self.likeliest(candidates.clone(), motion, rules) {
-            self.correct(&best, motion);
+            self.correct(&best, repeats, motion);
             self.status = TrackStatus::Measured;
             self.frames_unseen = 0;
             self.frames_gated = 0;
@@ -203,12 +206,22 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         best.map(|(_, candidate)| candidate)
     }
 
-    fn correct<T: Motion<N, M, Z>>(&mut self, candidate: &Candidate<Z>, motion: &T) {
+    fn correct<T: Motion<N, M, Z>>(
+        &mut self,
+        candidate: &Candidate<Z>,
+        repeats: &[f64; M],
+        motion: &T,
+    ) {
         let innovations = self.innovations(&candidate.measured, motion);
         self.blend.weigh(&innovations.map(|innovation| innovation.map(|i| i.ln_density)));
-        for (hypothesis, innovation) in self.blend.hypotheses.iter_mut().zip(&innovations) {
-            if let Some(innovation) = innovation {
-                hypothesis.belief.correct(innovation, motion.variances());
+        for ((hypothesis, innovation), repeats) in
+            self.blend.hypotheses.iter_mut().zip(innovations).zip(repeats)
+        {
+            let variances = motion.variances() * *repeats;
+            let shared =
+                innovation.and_then(|i| hypothesis.belief.innovation(i.difference, &variances));
+            if let Some(innovation) = shared {
+                hypothesis.belief.correct(&innovation, &variances);
                 T::WRAP(&mut hypothesis.belief.mean);
             }
         }

@@ -152,6 +152,25 @@ fn standing_robots_are_within_a_millimetre_and_a_degree() {
     }
 }
 
+/// With errors that stay as long as a robot stands, what it was known from on its way there is worth
+/// more than what is seen now.
+#[test]
+fn errors_that_stay_are_not_believed_again_and_again() {
+    let outcome = |repeat_distance_mm: f64| {
+        let mut config = Config::default();
+        config.filter.repeat_distance_mm = repeat_distance_mm;
+        let mut game = Match::new(Wheels::Exact, true, NOISES[1], 13);
+        game.errors_stay = true;
+        play_and_show(&format!("errors stay, {repeat_distance_mm} mm"), game, &config)
+    };
+    let (naive, wise) = (outcome(0.0), outcome(0.8));
+    assert!(wise.still.rms().0 < 0.85 * naive.still.rms().0);
+    assert!(wise.still.rms().1 < 0.7 * naive.still.rms().1);
+    assert!(wise.filtered.rms().0 < naive.filtered.rms().0);
+    assert!(wise.filtered.rms().1 < naive.filtered.rms().1);
+    assert!(wise.normalised_error < naive.normalised_error);
+}
+
 /// Where robots will be when the next command acts; a filter that only smooths is 55 ms late.
 #[test]
 fn predictions_reach_the_time_of_action() {

@@ -1,5 +1,6 @@
 //! What each subcommand does.
 
+pub mod chaos;
 mod config;
 mod detect;
 mod group;
@@ -25,6 +26,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Detect(args)) => detect::detect(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),
+        Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
         Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),
@@ -52,7 +54,7 @@ fn stage(
     let instance = Instance::new(&args.instance.instance)?;
     instance.create_directory()?;
     name_process(name);
-    run(&ProcessOptions { instance, spare: args.spare }, &config)
+    run(&ProcessOptions { instance, spare: args.spare, supervised: args.supervised }, &config)
         .map_err(|error| format!("{name}: {error}"))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -94,9 +94,10 @@ impl Collector {
             ..Report::default()
         };
         let collector = Self {
-            frames: bus.subscriber(&topics::FRAMES)?,
-            detections: bus.subscriber(&topics::DETECTIONS)?,
+            // Against the stream: no frame is seen whose results are not.
             world: bus.subscriber(&topics::WORLD)?,
+            detections: bus.subscriber(&topics::DETECTIONS)?,
+            frames: bus.subscriber(&topics::FRAMES)?,
             truth: bus.subscriber(&topics::TRUTH)?,
             health: bus.subscriber(&topics::HEALTH)?,
             view,

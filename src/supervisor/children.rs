@@ -5,6 +5,7 @@ use common::instance::Instance;
 use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::fs::{self, File};
@@ -32,7 +33,8 @@ pub struct Process {
     pub pid: u32,
     /// Becomes readable when it ends.
     pub pidfd: OwnedFd,
-    child: Child,
+    /// `None` for a process that another supervisor has started.
+    child: Option<Child>,
     log: PathBuf,
     waited_ns: u64,
 }
@@ -42,6 +44,8 @@ pub struct Process {
 pub struct End {
     /// Exit status or signal, in words.
     pub how: String,
+    /// It fell by itself: it was not killed from outside and did not end in order.
+    pub crashed: bool,
     /// The last lines it wrote.
     pub last_words: String,
 }
@@ -59,14 +63,19 @@ impl Process {
         spare: bool,
         last_frame: Option<LastFrame>,
     ) -> io::Result<Self> {
-        let log = launch.instance.directory().join(format!("{}-{id}.log", kind.name()));
+        // With the supervisor's number: a later one counts its processes anew.
+        let log = format!("{}-{}-{id}.log", kind.name(), std::process::id());
+        let log = launch.instance.directory().join(log);
         let mut command = Command::new("/proc/self/exe");
         command
             .arg0("touchline")
             .arg(kind.name())
+            .arg("--supervised")
             .args(["--instance", launch.instance.name()])
             .arg("--config")
             .arg(launch.instance.config_path())
+            // Looking up names for a back trace takes longer than a stall; message and place are kept.
+            .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(File::create(&log)?)
@@ -87,7 +96,15 @@ impl Process {
         let child = command.spawn()?;
         let pid = child.id();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
-        Ok(Self { kind, pid, pidfd, child, log, waited_ns: 0 })
+        Ok(Self { kind, pid, pidfd, child: Some(child), log, waited_ns: 0 })
+    }
+
+    /// Takes in a process that another supervisor has started.
+    pub fn adopt(kind: ProcessKind, pid: u32) -> io::Result<Self> {
+        let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
+        let pidfd = pidfd_open(id, PidfdFlags::empty())?;
+        let log = fs::read_link(format!("/proc/{pid}/fd/2")).unwrap_or_default();
+        Ok(Self { kind, pid, pidfd, child: None, log, waited_ns: 0 })
     }
 
     /// Sends a signal. That the process has ended in the meantime is not an error: its end is
@@ -106,12 +123,17 @@ impl Process {
 
     /// How it ended, if it has.
     pub fn reap(&mut self) -> Option<End> {
-        let status = self.child.try_wait().ok().flatten()?;
+        let (how, crashed) = match &mut self.child {
+            Some(child) => describe(child.try_wait().ok().flatten()?),
+            // Its exit status went to whoever is its parent now.
+            None if has_ended(&self.pidfd) => ("ended".to_string(), false),
+            None => return None,
+        };
         let text = fs::read(&self.log).unwrap_or_default();
         let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
         let last_words = String::from_utf8_lossy(tail).trim().to_string();
         let _ = fs::remove_file(&self.log);
-        Some(End { how: describe(status), last_words })
+        Some(End { how, crashed, last_words })
     }
 }
 
@@ -121,13 +143,21 @@ fn scheduler_wait_ns(pid: u32) -> Option<u64> {
     text.split_whitespace().nth(1)?.parse().ok()
 }
 
-fn describe(status: ExitStatus) -> String {
+fn has_ended(pidfd: &OwnedFd) -> bool {
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&at_once)).is_ok_and(|ready| ready > 0)
+}
+
+/// How a process ended, in words, and whether that was its own doing.
+fn describe(status: ExitStatus) -> (String, bool) {
+    use signal_hook::consts::{SIGKILL, SIGTERM};
     match (status.code(), status.signal()) {
-        (Some(code), _) => format!("exit status {code}"),
-        (None, Some(signal)) => match signal_hook::low_level::signal_name(signal) {
-            Some(name) => format!("killed by {name}"),
-            None => format!("killed by signal {signal}"),
-        },
-        (None, None) => "ended".into(),
+        (Some(code), _) => (format!("exit status {code}"), code != 0),
+        (None, Some(signal)) => {
+            let name = signal_hook::low_level::signal_name(signal);
+            let name = name.map_or_else(|| format!("signal {signal}"), str::to_string);
+            (format!("killed by {name}"), signal != SIGKILL && signal != SIGTERM)
+        }
+        (None, None) => ("ended".into(), false),
     }
 }

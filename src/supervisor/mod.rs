@@ -1,10 +1,13 @@
 //! The supervisor: starts the group, watches it, replaces what fails, and cleans up at the end.
 //!
-//! [`policy`] decides, [`children`] does, [`progress`] looks; this file ties them together.
+//! [`policy`] decides, [`children`] does, [`progress`] looks, [`takeover`] deals with what an earlier
+//! supervisor has left, [`evidence`] keeps what a bug report needs; this file ties them together.
 
 mod children;
+mod evidence;
 mod policy;
 mod progress;
+mod takeover;
 
 pub use children::Launch;
 
@@ -13,10 +16,12 @@ use children::Process;
 use common::bus::{Bus, BusError};
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::instance::{Instance, InstanceError};
+use common::handover::Handover;
+use common::instance::InstanceError;
 use common::messages::{ProcessKind, ProcessState};
 use policy::{Action, Cause, Event, MemberId, Policy, Settings};
 use progress::Progress;
+use takeover::Inherited;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, HashMap};
@@ -66,6 +71,8 @@ const TICK: Duration = Duration::from_millis(5);
 const GRACE: Duration = Duration::from_secs(2);
 /// How long after the camera's last frame results are waited for.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
+/// Processes give a sign of life ten times a second.
+const FIRST_WORD: Duration = Duration::from_millis(600);
 /// So many failures before anything ever worked mean that it never will.
 const HOPELESS_STARTS: u32 = 3;
 
@@ -85,6 +92,7 @@ pub struct Supervisor {
     processes: HashMap<MemberId, Process>,
     progress: Progress,
     outputs: [Option<u64>; ProcessKind::ALL.len()],
+    skip_after: HashMap<ProcessKind, u64>,
     dropped: HashMap<u32, u64>,
     states: HashMap<u32, ProcessState>,
     restarts: BTreeMap<ProcessKind, u64>,
@@ -110,17 +118,14 @@ pub fn run(
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
     let stop = stop_signals()?;
-    end_orphans(&instance)?;
-    clean_slate(&instance)?;
-    std::fs::write(instance.config_path(), common::config::commented_toml(config)).map_err(
-        |source| SupervisorError::System { action: "write the configuration".into(), source },
-    )?;
+    let inherited = takeover::prepare(&launch, config)?;
 
     let view = Arc::new(GroupView::new(std::process::id()));
-    let outcome = supervise(launch, config, until, Arc::clone(&view), stop, start_monitor);
+    let outcome =
+        supervise(launch, config, until, Arc::clone(&view), stop, &inherited, start_monitor);
 
     // Also after an error: nothing is left behind.
-    clean_slate(&instance)?;
+    takeover::clean_slate(&instance)?;
     instance.remove_directory()?;
     drop(lock);
     outcome
@@ -132,6 +137,7 @@ fn supervise(
     until: Until,
     view: Arc<GroupView>,
     stop: UnixStream,
+    inherited: &[Inherited],
     start_monitor: impl FnOnce(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<crate::monitor::Report, SupervisorError> {
     let progress = Progress::new(&launch.instance)?;
@@ -142,6 +148,7 @@ fn supervise(
         processes: HashMap::new(),
         progress,
         outputs: [None; ProcessKind::ALL.len()],
+        skip_after: HashMap::new(),
         dropped: HashMap::new(),
         states: HashMap::new(),
         restarts: BTreeMap::new(),
@@ -152,7 +159,7 @@ fn supervise(
         view,
         stop,
     };
-    let outcome = supervisor.watch(until);
+    let outcome = supervisor.adopt(inherited).and_then(|()| supervisor.watch(until));
     supervisor.end_all();
     // The monitor ends last, when every counter has its final value.
     let report = monitor.finish();
@@ -160,6 +167,51 @@ fn supervise(
 }
 
 impl Supervisor {
+    /// Takes over processes of an earlier supervisor. They say themselves what they are, several
+    /// times a second; one that says nothing is stuck.
+    fn adopt(&mut self, inherited: &[Inherited]) -> Result<(), SupervisorError> {
+        let mut silent: BTreeMap<u32, ProcessKind> =
+            inherited.iter().map(|process| (process.pid, process.kind)).collect();
+        let deadline = Instant::now() + FIRST_WORD;
+        while !silent.is_empty() && Instant::now() < deadline {
+            let mut signs = Vec::new();
+            self.progress.heartbeats(|sign| signs.push(sign))?;
+            for sign in signs {
+                if silent.remove(&sign.pid).is_none() {
+                    continue;
+                }
+                let is_spare = sign.state == ProcessState::Spare;
+                self.take_in(sign.kind, sign.pid, is_spare)?;
+                self.states.insert(sign.pid, sign.state);
+            }
+            std::thread::sleep(TICK);
+        }
+        for (pid, kind) in silent {
+            self.log(kind, pid, "killed: it did not answer the new supervisor", "");
+            takeover::kill(pid);
+        }
+        if !inherited.is_empty() {
+            self.act(Action::CleanUp)?;
+        }
+        Ok(())
+    }
+
+    fn take_in(&mut self, kind: ProcessKind, pid: u32, spare: bool) -> Result<(), SupervisorError> {
+        // It may just have ended.
+        let Ok(process) = Process::adopt(kind, pid) else { return Ok(()) };
+        match self.policy.adopt(kind, spare, false, monotonic_ns()) {
+            Some(id) => {
+                self.log(kind, pid, "taken over", "");
+                self.processes.insert(id, process);
+            }
+            None => {
+                self.log(kind, pid, "killed: there is another one", "");
+                process.signal(Signal::KILL);
+            }
+        }
+        Ok(())
+    }
+
     fn watch(&mut self, until: Until) -> Result<(), SupervisorError> {
         loop {
             if self.wait()? {
@@ -203,7 +255,7 @@ impl Supervisor {
             .collect();
         for (id, end) in ended {
             let Some(process) = self.processes.remove(&id) else { continue };
-            self.policy.note(Event::Exited(id), now);
+            self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
             self.states.remove(&process.pid);
             self.dropped.remove(&process.pid);
             *self.restarts.entry(process.kind).or_default() += 1;
@@ -264,6 +316,9 @@ impl Supervisor {
     fn act(&mut self, action: Action) -> Result<(), SupervisorError> {
         match action {
             Action::Start { id, kind, spare } => {
+                if !spare {
+                    self.hand_over(kind)?;
+                }
                 let last_frame = self.progress.last_frame();
                 let process = Process::start(&self.launch, id, kind, spare, last_frame).map_err(
                     |source| SupervisorError::System {
@@ -274,6 +329,7 @@ impl Supervisor {
                 self.processes.insert(id, process);
             }
             Action::Promote { id, kind } => {
+                self.hand_over(kind)?;
                 if let Some(process) = self.processes.get(&id) {
                     process.signal(Signal::USR1);
                     self.log(kind, process.pid, "promoted from spare", "");
@@ -284,11 +340,19 @@ impl Supervisor {
                     let what = match cause {
                         Cause::Stalled => "killed: it has input but gives no output",
                         Cause::NotReady => "killed: it did not get ready in time",
+                        Cause::DoesNotEnd => "killed: it did not end when asked to",
                     };
                     self.log(kind, process.pid, what, "");
                     process.signal(Signal::KILL);
                 }
             }
+            Action::Retire { id, kind } => {
+                if let Some(process) = self.processes.get(&id) {
+                    self.log(kind, process.pid, "asked to end: its successor is ready", "");
+                    process.signal(Signal::TERM);
+                }
+            }
+            Action::Skip { kind, after } => self.skip(kind, after),
             Action::CleanUp => {
                 // Takes tens of milliseconds; meanwhile deaths must be noticed.
                 let instance = self.launch.instance.clone();
@@ -300,6 +364,30 @@ impl Supervisor {
             }
         }
         Ok(())
+    }
+
+    /// Tells the process of a stage that is about to work how far the last one came. That one is
+    /// confirmed dead, and all it has published was looked at since.
+    fn hand_over(&mut self, kind: ProcessKind) -> Result<(), SupervisorError> {
+        let Some(resume_after) = self.outputs[kind as usize] else { return Ok(()) };
+        let skip_next = self.skip_after.remove(&kind) == Some(resume_after);
+        Handover { resume_after, skip_next }.write(&self.launch.instance, kind).map_err(|source| {
+            SupervisorError::System { action: "write how far a stage came".into(), source }
+        })
+    }
+
+    /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
+    fn skip(&mut self, kind: ProcessKind, after: u64) {
+        self.skip_after.insert(kind, after);
+        let what = match self.progress.first_frame_after(after) {
+            Some(frame) => {
+                let path = evidence::save_frame(&self.launch.instance, frame);
+                let seq = frame.header().seq;
+                format!("frame {seq} has killed two processes and is skipped; kept in {}", path.display())
+            }
+            None => format!("the frame after {after} has killed two processes and is skipped"),
+        };
+        self.log(kind, 0, &what, "");
     }
 
     fn results_are_out(&self) -> bool {
@@ -372,50 +460,4 @@ fn stop_signals() -> Result<UnixStream, SupervisorError> {
         signal_hook::low_level::pipe::register(signal, sender).map_err(system)?;
     }
     Ok(stop)
-}
-
-/// Ends stages that an earlier supervisor has left behind. Programs of others that have attached
-/// to the group are left alone.
-fn end_orphans(instance: &Instance) -> Result<(), SupervisorError> {
-    let stages = || -> Result<Vec<u32>, BusError> {
-        let mut pids: Vec<u32> = Bus::living_processes(instance)?
-            .into_iter()
-            .filter(|process| ProcessKind::ALL.iter().any(|kind| kind.name() == process.name))
-            .map(|process| process.pid)
-            .collect();
-        pids.sort();
-        pids.dedup();
-        Ok(pids)
-    };
-    for (signal, patience) in [(Signal::TERM, GRACE), (Signal::KILL, GRACE)] {
-        let orphans = stages()?;
-        if orphans.is_empty() {
-            return Ok(());
-        }
-        eprintln!("touchline: ending processes {orphans:?} that an earlier supervisor left behind");
-        for &pid in &orphans {
-            if let Some(pid) = rustix::process::Pid::from_raw(pid as i32) {
-                let _ = rustix::process::kill_process(pid, signal);
-                let _ = rustix::process::kill_process(pid, Signal::CONT);
-            }
-        }
-        let deadline = Instant::now() + patience;
-        while Instant::now() < deadline && !stages()?.is_empty() {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-    match stages()? {
-        orphans if orphans.is_empty() => Ok(()),
-        orphans => Err(SupervisorError::Undead(orphans, instance.name().into())),
-    }
-}
-
-/// Removes everything dead processes have left; if none is alive, without asking what it was.
-fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
-    if Bus::living_processes(instance)?.is_empty() {
-        instance.wipe()?;
-    } else {
-        Bus::clean_up_dead(instance)?;
-    }
-    Ok(())
 }

@@ -8,7 +8,9 @@
 //! * A process that ends, does not get ready, or has input and gives no output within the stall
 //!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
 //!   first, and its successor speaks only when it is confirmed dead.
+//! * Two deaths in a row on the same input make the next process skip that input.
 //! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on.
+//! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
 //! * The camera starts last, when everybody downstream is ready to see its first frame.
 
 use common::messages::ProcessKind;
@@ -39,7 +41,12 @@ pub enum Event {
     /// A process is connected to all its topics.
     Ready(MemberId),
     /// A process is gone for certain.
-    Exited(MemberId),
+    Exited {
+        /// Which.
+        id: MemberId,
+        /// Whether it fell by itself (a panic, a fault), rather than being ended from outside.
+        crashed: bool,
+    },
     /// The newest number on a stage's output topic.
     Output(ProcessKind, u64),
     /// A stage has dealt with input without giving output: it dropped something.
@@ -57,6 +64,8 @@ pub enum Cause {
     Stalled,
     /// Started, but never ready.
     NotReady,
+    /// Asked to end, but did not.
+    DoesNotEnd,
 }
 
 /// Something to be done.
@@ -87,11 +96,26 @@ pub enum Action {
         /// Why.
         cause: Cause,
     },
+    /// Ask a process to end, so that its spare takes over.
+    Retire {
+        /// The process.
+        id: MemberId,
+        /// Its stage.
+        kind: ProcessKind,
+    },
+    /// Make the next process of a stage skip the first input after this output: two have died of it.
+    Skip {
+        /// The stage.
+        kind: ProcessKind,
+        /// Its last output.
+        after: u64,
+    },
     /// Remove from shared memory what dead processes have left.
     CleanUp,
 }
 
-/// A process that lived for so long had a good start: the next failure counts as the first.
+/// A process that gave output, or lived for so long, had a good start: the next failure counts as
+/// the first.
 const GOOD_START_NS: u64 = 5_000_000_000;
 /// Pause between a death and the slow work after it (next spare, clean-up), so that it does not
 /// compete with the successor for the processor.
@@ -99,6 +123,10 @@ const SETTLE_NS: u64 = 100_000_000;
 /// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
 /// busy or asleep, and that time is nobody's fault.
 const OWN_LAG_NS: u64 = 15_000_000;
+/// A process that was asked to end and did not within this time is killed.
+const RETIREMENT_NS: u64 = 1_000_000_000;
+/// So many deaths in a row on the same input are not chance.
+const POISONOUS: u32 = 2;
 /// The camera does not wait longer than this for stages that do not get ready.
 const GRABBER_WAIT_NS: u64 = 5_000_000_000;
 
@@ -109,7 +137,13 @@ struct Member {
     ready: bool,
     /// Newest input at the moment it got ready; what came before never reached it.
     input_at_ready: Option<u64>,
-    dying: bool,
+    /// The stage's newest output at its start.
+    output_at_start: Option<u64>,
+    /// Runs a program that has been replaced.
+    outdated: bool,
+    /// Since when it is to end.
+    dying_ns: Option<u64>,
+    stalled: bool,
 }
 
 #[derive(Debug, Default)]
@@ -123,6 +157,11 @@ struct Stage {
     output: Option<u64>,
     /// Newest input at the moment it reported a drop; that much it has dealt with.
     dropped_up_to: Option<u64>,
+    /// How many processes in a row have died after the same output, and after which.
+    deaths: u32,
+    output_at_death: Option<u64>,
+    /// To be skipped: the input after this output.
+    skip_after: Option<u64>,
     /// Last time at which the stage did something, or had nothing to do.
     progress_ns: u64,
 }
@@ -157,7 +196,7 @@ impl Policy {
     pub fn note(&mut self, event: Event, now_ns: u64) {
         match event {
             Event::Ready(id) => self.ready(id, now_ns),
-            Event::Exited(id) => self.exited(id, now_ns),
+            Event::Exited { id, crashed } => self.exited(id, crashed, now_ns),
             Event::Output(kind, seq) => {
                 let stage = &mut self.stages[kind as usize];
                 if stage.output != Some(seq) {
@@ -177,6 +216,27 @@ impl Policy {
             }
             Event::Finished => self.finished = true,
         }
+    }
+
+    /// Takes in a process that an earlier supervisor has started. Returns the name it is known by
+    /// from now on; `None` when the stage has no place for it.
+    pub fn adopt(
+        &mut self,
+        kind: ProcessKind,
+        spare: bool,
+        outdated: bool,
+        now_ns: u64,
+    ) -> Option<MemberId> {
+        let stage = &mut self.stages[kind as usize];
+        let slot = if spare { &mut stage.spare } else { &mut stage.active };
+        if slot.is_some() {
+            return None;
+        }
+        let id = self.next_id;
+        self.next_id += 1;
+        *slot = Some(Member { ready: true, outdated, ..Member::new(id, stage.output, now_ns) });
+        stage.progress_ns = now_ns;
+        Some(id)
     }
 
     /// The active process of a stage that has input it has not dealt with: the one whose waiting
@@ -203,6 +263,7 @@ impl Policy {
             self.fill_active(kind, now_ns, &mut actions);
             self.fill_spare(kind, now_ns, &mut actions);
             self.kill_the_stuck(kind, now_ns, &mut actions);
+            self.renew(kind, now_ns, &mut actions);
         }
         if self.clean_up_at_ns.is_some_and(|at| now_ns >= at) {
             self.clean_up_at_ns = None;
@@ -230,21 +291,27 @@ impl Policy {
         }
     }
 
-    fn exited(&mut self, id: MemberId, now_ns: u64) {
+    fn exited(&mut self, id: MemberId, crashed: bool, now_ns: u64) {
         self.clean_up_at_ns = Some(now_ns + SETTLE_NS);
         let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
         let settings = &self.settings;
         for stage in &mut self.stages {
-            let (slot, failures, start_after_ns) = if is_it(&stage.active) {
+            let was_active = is_it(&stage.active);
+            let (slot, failures, start_after_ns) = if was_active {
                 (&mut stage.active, &mut stage.failures, &mut stage.start_after_ns)
             } else if is_it(&stage.spare) {
                 (&mut stage.spare, &mut stage.spare_failures, &mut stage.spare_after_ns)
             } else {
                 continue;
             };
-            let lived_ns = slot.take().map_or(0, |member| now_ns - member.started_ns);
-            *failures = if lived_ns >= GOOD_START_NS { 1 } else { *failures + 1 };
+            let Some(member) = slot.take() else { continue };
+            let good_start = now_ns - member.started_ns >= GOOD_START_NS
+                || was_active && stage.output > member.output_at_start;
+            *failures = if good_start { 1 } else { *failures + 1 };
             *start_after_ns = now_ns + settings.backoff(*failures);
+            if was_active && (crashed || member.stalled) {
+                stage.died_on_input();
+            }
         }
     }
 
@@ -254,8 +321,11 @@ impl Policy {
         if stage.active.is_some() {
             return;
         }
+        if let Some(after) = stage.skip_after.take() {
+            actions.push(Action::Skip { kind, after });
+        }
         match stage.spare.take() {
-            Some(spare) if spare.ready && !spare.dying => {
+            Some(spare) if spare.ready && spare.dying_ns.is_none() => {
                 actions.push(Action::Promote { id: spare.id, kind });
                 stage.active = Some(spare);
                 stage.progress_ns = now_ns;
@@ -265,7 +335,7 @@ impl Policy {
             Some(spare) => stage.spare = Some(spare),
             None if may_start && now_ns >= stage.start_after_ns => {
                 let id = start(&mut self.next_id, kind, false, actions);
-                stage.active = Some(Member::new(id, now_ns));
+                stage.active = Some(Member::new(id, stage.output, now_ns));
             }
             None => {}
         }
@@ -279,7 +349,7 @@ impl Policy {
             && now_ns >= stage.spare_after_ns
         {
             let id = start(&mut self.next_id, kind, true, actions);
-            stage.spare = Some(Member::new(id, now_ns));
+            stage.spare = Some(Member::new(id, stage.output, now_ns));
         }
     }
 
@@ -291,14 +361,43 @@ impl Policy {
         };
         let candidates = [(&mut stage.active, stalled), (&mut stage.spare, false)];
         for (member, stalled) in candidates {
-            let Some(member) = member.as_mut().filter(|member| !member.dying) else { continue };
-            let cause = match (late(member), stalled) {
-                (true, _) => Cause::NotReady,
-                (_, true) => Cause::Stalled,
-                _ => continue,
+            let Some(member) = member else { continue };
+            let cause = match member.dying_ns {
+                Some(since) if now_ns - since > RETIREMENT_NS => Cause::DoesNotEnd,
+                Some(_) => continue,
+                None if late(member) => Cause::NotReady,
+                None if stalled => Cause::Stalled,
+                None => continue,
             };
-            member.dying = true;
+            member.dying_ns = Some(now_ns);
+            member.stalled |= cause == Cause::Stalled;
             actions.push(Action::Kill { id: member.id, kind, cause });
+        }
+    }
+
+    /// Replaces an outdated spare, then, when its successor is ready, the outdated active process;
+    /// one stage at a time, and the grabber, whose replacement costs frames, last.
+    fn renew(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
+        let is_outdated = |kind: ProcessKind| {
+            let stage = &self.stages[kind as usize];
+            [&stage.active, &stage.spare].into_iter().flatten().any(|member| member.outdated)
+        };
+        let others_first = kind == ProcessKind::Grabber
+            && ProcessKind::ALL[1..].iter().any(|&other| is_outdated(other));
+        if !is_outdated(kind) || others_first || !self.is_complete() {
+            return;
+        }
+        let keeps_spare = self.settings.spares.contains(&kind);
+        let stage = &mut self.stages[kind as usize];
+        let retiring = match (&mut stage.active, &mut stage.spare) {
+            (_, Some(spare)) if spare.outdated => spare,
+            (Some(active), Some(spare)) if active.outdated && spare.ready => active,
+            (Some(active), None) if active.outdated && !keeps_spare => active,
+            _ => return,
+        };
+        if retiring.dying_ns.is_none() {
+            retiring.dying_ns = Some(now_ns);
+            actions.push(Action::Retire { id: retiring.id, kind });
         }
     }
 
@@ -346,13 +445,33 @@ impl Policy {
 
 impl Stage {
     fn is_working(&self) -> bool {
-        self.active.as_ref().is_some_and(|active| active.ready && !active.dying)
+        self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
+    }
+
+    /// A process of this stage has died by the fault of its input, as far as one can tell.
+    fn died_on_input(&mut self) {
+        let Some(output) = self.output else { return };
+        self.deaths = if self.output_at_death == Some(output) { self.deaths + 1 } else { 1 };
+        self.output_at_death = Some(output);
+        if self.deaths >= POISONOUS {
+            self.deaths = 0;
+            self.skip_after = Some(output);
+        }
     }
 }
 
 impl Member {
-    fn new(id: MemberId, now_ns: u64) -> Self {
-        Self { id, started_ns: now_ns, ready: false, input_at_ready: None, dying: false }
+    fn new(id: MemberId, output_at_start: Option<u64>, now_ns: u64) -> Self {
+        Self {
+            id,
+            started_ns: now_ns,
+            ready: false,
+            input_at_ready: None,
+            output_at_start,
+            outdated: false,
+            dying_ns: None,
+            stalled: false,
+        }
     }
 }
 
@@ -421,7 +540,10 @@ mod tests {
                 for action in self.policy.tick(self.now_ns) {
                     match action {
                         Action::Start { id, .. } => self.policy.note(Event::Ready(id), self.now_ns),
-                        Action::Kill { id, .. } => self.policy.note(Event::Exited(id), self.now_ns),
+                        Action::Kill { id, .. } | Action::Retire { id, .. } => {
+                            let ended = Event::Exited { id, crashed: false };
+                            self.policy.note(ended, self.now_ns);
+                        }
                         _ => {}
                     }
                     new.push(action);
@@ -436,8 +558,12 @@ mod tests {
         }
 
         fn exit(&mut self, kind: ProcessKind) {
+            self.end(kind, false);
+        }
+
+        fn end(&mut self, kind: ProcessKind, crashed: bool) {
             let id = self.policy.stages[kind as usize].active.as_ref().unwrap().id;
-            self.policy.note(Event::Exited(id), self.now_ns);
+            self.policy.note(Event::Exited { id, crashed }, self.now_ns);
         }
     }
 
@@ -534,6 +660,69 @@ mod tests {
         play.output(ProcessKind::Grabber, 7);
         let actions = play.run(60);
         assert!(actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+    }
+
+    #[test]
+    fn what_has_killed_twice_is_skipped() {
+        let mut play = Play::new(&[ProcessKind::Tracker]);
+        play.output(ProcessKind::Tracker, 41);
+        play.output(ProcessKind::Classifier, 42);
+        let skips = |actions: &[Action]| {
+            actions.contains(&Action::Skip { kind: ProcessKind::Tracker, after: 41 })
+        };
+        play.end(ProcessKind::Tracker, true);
+        assert!(!skips(&play.run(20)), "once is chance");
+        play.end(ProcessKind::Tracker, true);
+        let actions = play.run(20);
+        assert!(
+            matches!(actions[..], [Action::Skip { after: 41, .. }, Action::Start { .. }, ..]),
+            "the successor must find it before it works: {actions:?}"
+        );
+    }
+
+    #[test]
+    fn kills_from_outside_are_not_blamed_on_the_input() {
+        let mut play = Play::new(&[ProcessKind::Tracker]);
+        play.output(ProcessKind::Tracker, 41);
+        play.output(ProcessKind::Classifier, 42);
+        for _ in 0..3 {
+            play.exit(ProcessKind::Tracker);
+            let actions = play.run(20);
+            assert!(!actions.iter().any(|action| matches!(action, Action::Skip { .. })));
+        }
+    }
+
+    #[test]
+    fn outdated_processes_are_renewed_stage_by_stage() {
+        use ProcessKind::*;
+        let spares = [Classifier, Tracker, Filter];
+        let mut play =
+            Play { policy: Policy::new(settings(&spares)), now_ns: 1000 * MS, actions: vec![] };
+        for kind in ProcessKind::ALL {
+            assert!(play.policy.adopt(kind, false, true, play.now_ns).is_some());
+            assert!(play.policy.adopt(kind, false, true, play.now_ns).is_none(), "one is enough");
+            if spares.contains(&kind) {
+                play.policy.adopt(kind, true, true, play.now_ns);
+            }
+        }
+        let actions = play.run(3000);
+        let retired: Vec<ProcessKind> = actions
+            .iter()
+            .filter_map(|action| match *action {
+                Action::Retire { kind, .. } => Some(kind),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(retired.len(), 7, "{retired:?}");
+        assert_eq!(retired.last(), Some(&Grabber));
+        assert!(play.policy.is_complete());
+        assert!(
+            !actions.iter().any(|action| matches!(
+                action,
+                Action::Start { kind: Classifier | Tracker | Filter, spare: false, .. }
+            )),
+            "each was handed over to a spare: {actions:?}"
+        );
     }
 
     #[test]

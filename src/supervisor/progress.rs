@@ -7,16 +7,20 @@ use common::messages::{
 };
 use common::topics;
 use grabber::camera::LastFrame;
+use std::collections::VecDeque;
 
-/// Connected to every topic with a buffer of one: always holds the newest message of each, and
-/// goes on doing so when the writer is dead.
+/// Frames held in shared memory: a frame that has stalled two processes in a row is some ten frames
+/// old by then. They cost no memory, since the topic keeps more of them for late readers.
+const KEPT_FRAMES: usize = 32;
+
+/// Connected to the topics: always has the newest message of each, also when the writer is dead.
 pub struct Progress {
     frames: Subscriber<u8, FrameHeader>,
     runs: Subscriber<Run, RunsHeader>,
     detections: Subscriber<DetectionFrame, ()>,
     world: Subscriber<WorldFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
-    last_frame: Option<LastFrame>,
+    recent_frames: VecDeque<Received<u8, FrameHeader>>,
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
@@ -39,21 +43,28 @@ impl Progress {
     pub fn new(instance: &Instance) -> Result<Self, BusError> {
         let bus = Bus::join(instance, "supervisor")?;
         Ok(Self {
-            frames: bus.subscriber_with_buffer(&topics::FRAMES, 1)?,
-            runs: bus.subscriber_with_buffer(&topics::RUNS, 1)?,
-            detections: bus.subscriber_with_buffer(&topics::DETECTIONS, 1)?,
-            world: bus.subscriber_with_buffer(&topics::WORLD, 1)?,
+            frames: bus.subscriber(&topics::FRAMES)?,
+            runs: bus.newest_only(&topics::RUNS)?,
+            detections: bus.newest_only(&topics::DETECTIONS)?,
+            world: bus.newest_only(&topics::WORLD)?,
             health: bus.subscriber(&topics::HEALTH)?,
-            last_frame: None,
+            recent_frames: VecDeque::with_capacity(KEPT_FRAMES),
             _bus: bus,
         })
     }
 
     /// Calls `report` with each stage's newest output number that is new since the last call.
     pub fn outputs(&mut self, mut report: impl FnMut(ProcessKind, u64)) -> Result<(), BusError> {
-        if let Some(frame) = self.frames.newest()? {
-            let &FrameHeader { seq, t_capture_ns, .. } = frame.header();
-            self.last_frame = Some(LastFrame { seq, t_capture_ns });
+        while let Some(frame) = self.frames.receive()? {
+            let seq = frame.header().seq;
+            // An old number is somebody's rubbish.
+            if self.last_frame().is_some_and(|last| seq <= last.seq) {
+                continue;
+            }
+            if self.recent_frames.len() == KEPT_FRAMES {
+                self.recent_frames.pop_front();
+            }
+            self.recent_frames.push_back(frame);
             report(ProcessKind::Grabber, seq);
         }
         if let Some(runs) = self.runs.newest()? {
@@ -84,6 +95,16 @@ impl Progress {
 
     /// The newest frame seen, from which a new grabber continues the numbers.
     pub fn last_frame(&self) -> Option<LastFrame> {
-        self.last_frame
+        let &FrameHeader { seq, t_capture_ns, .. } = self.recent_frames.back()?.header();
+        Some(LastFrame { seq, t_capture_ns })
+    }
+
+    /// The first frame after this number, if it is still at hand.
+    pub fn first_frame_after(&self, seq: u64) -> Option<&Received<u8, FrameHeader>> {
+        let oldest = self.recent_frames.front()?.header().seq;
+        if oldest > seq + 1 {
+            return None;
+        }
+        self.recent_frames.iter().find(|frame| frame.header().seq > seq)
     }
 }

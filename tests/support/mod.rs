@@ -63,6 +63,7 @@ pub struct Group {
     pub scratch: Scratch,
     pub instance: Instance,
     supervisor: Child,
+    arguments: Vec<String>,
     /// Stage processes seen so far, so that they can be ended even when the supervisor cannot.
     seen: Vec<u32>,
     _turn: MutexGuard<'static, ()>,
@@ -72,6 +73,16 @@ impl Group {
     /// Starts `touchline run` with these further arguments. Stages without a supervisor give up
     /// soon, so that a failing test leaves nothing behind.
     pub fn start(name: &str, config: &str, args: &[&str]) -> Self {
+        Self::start_with(name, config, args, &[])
+    }
+
+    /// As [`start`](Self::start), with variables in the environment of all its processes.
+    pub fn start_with(
+        name: &str,
+        config: &str,
+        args: &[&str],
+        variables: &[(&str, &str)],
+    ) -> Self {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let scratch = Scratch::new(name);
         let config = if config.contains("[supervisor]") {
@@ -81,14 +92,29 @@ impl Group {
         };
         let config = scratch.write("config.toml", &config);
         let instance = Instance::below(&scratch.path.join("run"), "test").unwrap();
-        let mut all = vec!["run", "--instance", "test", "--config", config.to_str().unwrap()];
-        all.extend(args);
-        let supervisor = touchline(&scratch, &all)
+        let base = ["run", "--instance", "test", "--config", config.to_str().unwrap()];
+        let arguments: Vec<String> =
+            base.iter().chain(args).map(|argument| argument.to_string()).collect();
+        let supervisor = Self::spawn(&scratch, &arguments, variables);
+        Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
+    }
+
+    fn spawn(scratch: &Scratch, arguments: &[String], variables: &[(&str, &str)]) -> Child {
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        touchline(scratch, &arguments)
+            .envs(variables.iter().copied())
+            .env("XDG_STATE_HOME", scratch.path.join("state"))
             .stdout(Stdio::null())
             .stderr(fs::File::create(scratch.path.join("stderr")).unwrap())
             .spawn()
-            .unwrap();
-        Self { scratch, instance, supervisor, seen: vec![], _turn: turn }
+            .unwrap()
+    }
+
+    /// Kills the supervisor, and nobody else, and starts another one with the same arguments.
+    pub fn replace_supervisor(&mut self) {
+        self.signal_supervisor(Signal::KILL);
+        self.supervisor.wait().unwrap();
+        self.supervisor = Self::spawn(&self.scratch, &self.arguments, &[]);
     }
 
     /// The report of the running group; `None` while there is none.

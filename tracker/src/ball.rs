@@ -12,6 +12,7 @@ use crate::pose::robot_from_field;
 use crate::reasons::Rejections;
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, Pose};
+use common::layout::body_turn;
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
 use std::f64::consts::PI;
 
@@ -34,6 +35,8 @@ pub(crate) struct BallFinder {
     radius_mm: f64,
     limits: Limits,
     robot_size_mm: f64,
+    /// How a robot's body is turned against the frame of its layout.
+    body_turn: f64,
     robot_height_mm: f64,
     /// Regions of the ball's colour, largest first, and whether they are part of a candidate.
     spots: Vec<(u32, Measure, bool)>,
@@ -55,6 +58,7 @@ impl BallFinder {
             radius_mm: config.ball.diameter_mm / 2.0,
             limits,
             robot_size_mm: config.robots.size_mm,
+            body_turn: body_turn(&config.robots),
             robot_height_mm: config.robots.height_mm,
             spots: Vec::new(),
             found: Vec::new(),
@@ -170,7 +174,7 @@ impl BallFinder {
         let place = camera.field_from_image(ball.image, self.robot_height_mm);
         let pose = Pose {
             position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
-            orientation: f64::from(robot.orientation),
+            orientation: f64::from(robot.orientation) + self.body_turn,
         };
         let [x, y] = robot_from_field(&pose, place);
         x.abs().max(y.abs()) < self.robot_size_mm / 2.0

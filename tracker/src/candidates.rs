@@ -4,15 +4,17 @@
 //! right size is a candidate as it is. Together with smaller regions of its colour close by it may
 //! be one patch that noise or another patch cuts in pieces; the candidate then is their weighted
 //! average (section 6.1). And a region that is too large may be patches of two robots grown
-//! together; its pieces then are candidates. Which of them are real is for the assignment to
+//! together; its pieces then are candidates. And what of a region lies just where a team patch says
+//! the patch must be is one, whatever else the region is part of. Which of them are real is for the assignment to
 //! decide, when it is known what each explanation is good for; here nothing is ruled out early.
 
+use crate::footprint::{self, Footprint};
 use crate::measure::{Measure, Moments, distance_mm};
 use crate::pattern::{ExpectedPatch, Kind, Pattern};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
-use common::geometry::CameraModel;
-use common::messages::DetectionFrame;
+use common::geometry::{CameraModel, Pose};
+use common::messages::{DetectionFrame, Region, Team};
 use std::ops::Range;
 
 /// Most regions one patch is put together from.
@@ -31,6 +33,14 @@ const MAX_MERGED_SPREAD: f64 = 1.4;
 /// A region is taken apart into n pieces when its area is between these multiples of n patches.
 const SPLIT_RATIO: Range<f64> = 0.65..1.5;
 
+/// In the place of a number of pieces: cut out where a team patch says the patch must be.
+const CUT_OUT: u16 = u16::MAX;
+/// Candidates for team patches beside which patches are cut out, for each team; the likeliest.
+const MAX_GUESSES: usize = 48;
+/// Runs and pixels a frame may look at in footprints: a few milliseconds. Ten robots take some
+/// ten thousand.
+const CUT_WORK_PER_FRAME: usize = 2_000_000;
+
 /// A region of a colour that some patch has.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Spot {
@@ -42,14 +52,14 @@ pub(crate) struct Spot {
     pub outside: bool,
 }
 
-/// A region, or one of the pieces it was taken apart into.
+/// A region, or one of the pieces it was taken apart into, or a part cut out of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Part {
     pub region: u32,
-    /// Which piece, from 0.
-    pub piece: u8,
-    /// Of how many; 1 for the whole region.
-    pub pieces: u8,
+    /// Which piece, from 0; which cut of the frame, from 1.
+    pub piece: u16,
+    /// Of how many; 1 for the whole region, [`CUT_OUT`] for what lies in a footprint.
+    pub pieces: u16,
 }
 
 /// What might be a patch.
@@ -61,6 +71,9 @@ pub(crate) struct Candidate {
     pub measure: Measure,
     /// How unlikely its size is: 0 to 1 at the limits of what is admitted.
     pub misfit: f64,
+    /// When it was cut out beside a team patch, the first part of that: it is a patch of that robot
+    /// or of none.
+    pub beside: Option<Part>,
 }
 
 impl Part {
@@ -106,6 +119,9 @@ pub(crate) struct CandidateFinder {
     splitter: Splitter,
     /// Distance and index of spots near the one being looked at.
     near: Vec<(f64, usize)>,
+    /// Parts cut out in this frame.
+    cuts: u16,
+    cut_work: usize,
 }
 
 impl CandidateFinder {
@@ -126,12 +142,18 @@ impl CandidateFinder {
         self.measure_spots(pattern, camera, pitch, frame);
         self.candidates.clear();
         self.ranges.clear();
+        (self.cuts, self.cut_work) = (0, 0);
         for kind in &pattern.kinds {
             let begin = self.candidates.len();
             self.find_kind(pattern, kind, camera, frame);
-            let found = &mut self.candidates[begin..];
-            found.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+            let by_misfit = |a: &Candidate, b: &Candidate| a.misfit.total_cmp(&b.misfit);
+            self.candidates[begin..].sort_by(by_misfit);
             self.candidates.truncate(begin + MAX_CANDIDATES);
+            // Kinds of team patches come first.
+            if kind.team.is_none() {
+                self.look_beside_team_patches(pattern, kind, camera, frame);
+                self.candidates[begin..].sort_by(by_misfit);
+            }
             self.ranges.push(begin..self.candidates.len());
         }
     }
@@ -185,6 +207,65 @@ impl CandidateFinder {
         }
     }
 
+    /// Adds what lies where the team patches that were found say the patch must be.
+    fn look_beside_team_patches(
+        &mut self,
+        pattern: &Pattern,
+        kind: &Kind,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+    ) {
+        let expected = &pattern.patches[pattern.team_patch];
+        for team in Team::ALL {
+            for index in 0..self.of_kind(pattern.team_kind(team)).len().min(MAX_GUESSES) {
+                let team_patch = self.of_kind(pattern.team_kind(team))[index];
+                let poses = footprint::poses(expected, &team_patch.measure);
+                for pose in poses.into_iter().flatten() {
+                    let before = self.candidates.len();
+                    self.cut_out(pattern, kind, camera, frame, pose);
+                    for candidate in &mut self.candidates[before..] {
+                        candidate.beside = Some(team_patch.seed());
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds what lies in the patch's footprint on a robot at `pose`.
+    fn cut_out(
+        &mut self,
+        pattern: &Pattern,
+        kind: &Kind,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+        pose: Pose,
+    ) {
+        let Some(footprint) = Footprint::new(pattern, camera, pose, kind.patch) else { return };
+        let mut sums = footprint.sums();
+        // Pixels of the region that most of them are of, and which one it is.
+        let mut most = (0, 0);
+        for spot in self.spots.iter().filter(|spot| spot.class == kind.class) {
+            let Some(region) = frame.regions().get(spot.region as usize) else { continue };
+            if !footprint.touches(region) {
+                continue;
+            }
+            self.cut_work += cut_work(region);
+            if self.cut_work > CUT_WORK_PER_FRAME {
+                return;
+            }
+            let pixels = footprint.add(region, frame, &mut sums);
+            if pixels > most.0 {
+                most = (pixels, spot.region);
+            }
+        }
+        let Some(cut) = self.cuts.checked_add(1).filter(|_| most.0 > 0) else { return };
+        if let Some(measure) = Measure::new(&sums.moments(), camera, pattern.height_mm) {
+            self.cuts = cut;
+            let part = Part { region: most.1, piece: cut, pieces: CUT_OUT };
+            self.push(pattern, &pattern.patches[kind.patch], &[part], measure);
+        }
+    }
+
     /// Adds a candidate if it can be the patch at all.
     fn push(&mut self, pattern: &Pattern, patch: &ExpectedPatch, parts: &[Part], measure: Measure) {
         let area_ratio = measure.area_mm2 / patch.area_mm2;
@@ -196,6 +277,7 @@ impl CandidateFinder {
             part_count: parts.len().min(MAX_PARTS),
             measure,
             misfit: pattern.limits.area_misfit(area_ratio),
+            beside: None,
         };
         for (slot, part) in candidate.parts.iter_mut().zip(parts) {
             *slot = *part;
@@ -255,13 +337,19 @@ impl CandidateFinder {
         let runs = frame.runs_of(region);
         let whole = Moments::of_region(region, runs);
         let Some(pieces) = self.splitter.split(region, &whole, runs, count) else { return };
-        for (piece, moments) in (0u8..).zip(&pieces[..count]) {
+        for (piece, moments) in (0u16..).zip(&pieces[..count]) {
             if let Some(measure) = Measure::new(moments, camera, pattern.height_mm) {
-                let part = Part { region: spot.region, piece, pieces: count as u8 };
+                let part = Part { region: spot.region, piece, pieces: count as u16 };
                 self.push(pattern, patch, &[part], measure);
             }
         }
     }
+}
+
+/// Runs and pixels that have to be looked at for what of a region lies in a footprint.
+fn cut_work(region: &Region) -> usize {
+    const FOOTPRINT_PX: u32 = 400;
+    region.run_count as usize + region.pixel_count.min(FOOTPRINT_PX) as usize
 }
 
 #[cfg(test)]

@@ -7,7 +7,8 @@
 //!
 //! 1. [`regions`]: runs that touch and have one colour become a region.
 //! 2. `candidates`: regions, groups of fragments, and pieces of regions grown together become
-//!    candidates for patches, measured in millimetres on the plane of the robots' tops.
+//!    candidates for patches, measured in millimetres on the plane of the robots' tops; and so
+//!    does, by `footprint`, what lies where a team patch's own shape says another patch must be.
 //! 3. `pairing`: candidates that stand to each other as the layout says become hypotheses of robots,
 //!    and `assignment` picks the set of hypotheses that explains most of the picture best.
 //! 4. `pose`: the places of the patches become a pose.
@@ -18,6 +19,7 @@
 mod assignment;
 mod ball;
 mod candidates;
+mod footprint;
 mod measure;
 mod pairing;
 mod pattern;

@@ -157,7 +157,7 @@ impl Pairing {
             let team_patch = &self.finder.of_kind(kind)[hypothesis.candidates[pattern.team_patch]];
             let seed = team_patch.seed();
             Choice {
-                group: u64::from(seed.region) << 8 | u64::from(seed.piece),
+                group: u64::from(seed.region) << 16 | u64::from(seed.piece),
                 cost: hypothesis.cost,
             }
         }));
@@ -182,7 +182,7 @@ impl Pairing {
             if distance_mm(place, hypothesis.pose.position) > 1.5 * half {
                 continue;
             }
-            let [x, y] = robot_from_field(&hypothesis.pose, place);
+            let [x, y] = robot_from_field(&pattern.body(&hypothesis.pose), place);
             let could_be_patch = || {
                 pattern.patches.iter().any(|patch| {
                     spot.measure.area_mm2 >= pattern.limits.min_area_ratio * patch.area_mm2
@@ -251,10 +251,12 @@ impl Pairing {
                 let point = ImagePoint::new(x_px, y_px);
                 let place = scene.camera.field_from_image(point, scene.pattern.height_mm);
                 let remoteness = |&(index, patch): &(usize, usize)| {
-                    let [x, y] = robot_from_field(&self.hypotheses[index].pose, place);
+                    let pose = &self.hypotheses[index].pose;
+                    let [body_x, body_y] = robot_from_field(&scene.pattern.body(pose), place);
+                    let [x, y] = robot_from_field(pose, place);
                     let [px, py] = scene.pattern.patches[patch].centroid_mm;
                     // Two patches of one robot are equally deep on its body.
-                    (x.abs().max(y.abs()), (x - px).hypot(y - py))
+                    (body_x.abs().max(body_y.abs()), (x - px).hypot(y - py))
                 };
                 let nearest = (0..owners.len()).min_by(|&a, &b| {
                     let (a, b) = (remoteness(&owners[a]), remoteness(&owners[b]));
@@ -269,7 +271,7 @@ impl Pairing {
             let moments = sums.moments();
             let measure = Measure::new(&moments, scene.camera, scene.pattern.height_mm);
             let hypothesis = &mut self.hypotheses[index];
-            // Less than half of what k-means gave it would be a worse guess, not a better one.
+            // Poses so wrong that nothing is left of a patch make a worse guess, not a better one.
             let Some(measure) = measure else { continue };
             let patch_area = scene.pattern.patches[patch].area_mm2;
             if measure.area_mm2 < scene.pattern.limits.min_area_ratio * patch_area {
@@ -328,7 +330,8 @@ fn fit(pattern: &Pattern, places: &[FieldPoint; MAX_PATCHES]) -> Option<Pose> {
 fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &Hypothesis) -> bool {
     let (identity_a, identity_b) =
         (&pattern.identities[a.identity], &pattern.identities[b.identity]);
-    if a.identity == b.identity || bodies_overlap(pattern.size_mm, &a.pose, &b.pose) {
+    let (body_a, body_b) = (pattern.body(&a.pose), pattern.body(&b.pose));
+    if a.identity == b.identity || bodies_overlap(pattern.size_mm, &body_a, &body_b) {
         return true;
     }
     let team = pattern.team_patch;
@@ -410,6 +413,11 @@ impl Builder<'_, '_> {
     fn fits_those_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
         let pattern = self.scene.pattern;
         let candidate = self.candidate(identity, patch, index);
+        let team_patch = self.picked[pattern.team_patch];
+        let team_patch = self.candidate(identity, pattern.team_patch, team_patch);
+        if candidate.beside.is_some_and(|seed| seed != team_patch.seed()) {
+            return false;
+        }
         let before = (0..patch).filter(|&other| other != pattern.team_patch);
         std::iter::once(pattern.team_patch).chain(before).all(|other| {
             let picked = self.candidate(identity, other, self.picked[other]);

@@ -3,9 +3,10 @@
 //! Everything that can be computed from the configuration alone is computed here, once, and
 //! everything that is wrong with it is refused here.
 
+use crate::footprint::Footprints;
 use common::config::{Config, Pair, PatchRole, RobotsConfig};
-use common::geometry::GeometryError;
-use common::layout::{Layout, topmost_patch};
+use common::geometry::{GeometryError, Pose};
+use common::layout::{Layout, body_turn, topmost_patch};
 use common::messages::{MAX_PATCHES, Team};
 
 /// Why a configuration cannot be tracked with.
@@ -84,8 +85,12 @@ pub(crate) struct Pattern {
     pub identities: Vec<Identity>,
     /// Side of a robot.
     pub size_mm: f64,
+    /// How the body is turned against the frame of the layout.
+    body_turn: f64,
     /// Height of the robots' tops.
     pub height_mm: f64,
+    /// What of a robot's top may belong to which patch.
+    pub footprints: Footprints,
     /// Tolerances.
     pub limits: Limits,
 }
@@ -96,6 +101,8 @@ pub(crate) struct ExpectedPatch {
     pub area_mm2: f64,
     /// In the robot's frame.
     pub centroid_mm: Pair,
+    /// Covariance [xx, xy, yy] of its points, in the robot's frame.
+    pub covariance: [f64; 3],
     /// Standard deviation of the patch's points along its longer principal axis.
     pub major_mm: f64,
     /// The same along the shorter one; a square of side s has s/√12.
@@ -203,7 +210,9 @@ impl Pattern {
             kinds,
             identities,
             size_mm: robots.size_mm,
+            body_turn: body_turn(robots),
             height_mm: robots.height_mm,
+            footprints: Footprints::new(robots),
             limits,
         })
     }
@@ -211,6 +220,11 @@ impl Pattern {
     /// Distance between the visible centroids of two patches.
     pub fn distance_mm(&self, a: usize, b: usize) -> f64 {
         self.distances_mm[a][b]
+    }
+
+    /// The pose of the body of a robot whose layout has the pose given.
+    pub fn body(&self, pose: &Pose) -> Pose {
+        Pose { orientation: pose.orientation + self.body_turn, ..*pose }
     }
 
     /// d₁ of eq. (4): no two robots of a team can have their team patches nearer than ¾ of this.
@@ -377,6 +391,7 @@ fn spreads(robots: &RobotsConfig, layout: &Layout) -> Vec<ExpectedPatch> {
             ExpectedPatch {
                 area_mm2: 0.0,
                 centroid_mm: [0.0; 2],
+                covariance,
                 major_mm,
                 minor_mm,
                 reach_mm: sum.reach,
@@ -389,7 +404,8 @@ fn spreads(robots: &RobotsConfig, layout: &Layout) -> Vec<ExpectedPatch> {
 /// [xx, xy, yy].
 pub(crate) fn principal_deviations([xx, xy, yy]: [f64; 3]) -> [f64; 2] {
     let mean = (xx + yy) / 2.0;
-    let offset = ((xx - yy) / 2.0).hypot(xy);
+    let half_difference = (xx - yy) / 2.0;
+    let offset = (half_difference * half_difference + xy * xy).sqrt();
     [(mean + offset).max(0.0).sqrt(), (mean - offset).max(0.0).sqrt()]
 }
 

@@ -11,19 +11,14 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Tracker, options, config)?;
-    let runs = process.bus.subscriber(&topics::RUNS)?;
-    let world = process.bus.subscriber_with_buffer(&topics::WORLD, 1)?;
-    let previous = process.bus.subscriber_with_buffer(&topics::DETECTIONS, 1)?;
+    let runs = process.bus.subscriber_with_history(&topics::RUNS)?;
+    let world = process.bus.newest_only(&topics::WORLD)?;
     let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
     let mut tracker =
         Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     if !process.activate()? {
         return Ok(());
     }
-    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message) {
-        process.resume_after(last.frame.seq);
-    }
-    drop(previous);
 
     let wake_up = process.bus.wake_up(&topics::RUNS)?;
     let mut prior = None;

@@ -371,8 +371,7 @@ mod tests {
             .collect()
     }
 
-    /// Few classes and sticky neighbours give large, winding regions; see-through ones single
-    /// pixels.
+    /// Pixels that mostly copy a neighbour make large, winding regions, others single pixels.
     fn labels() -> impl Strategy<Value = Labels> {
         (1usize..28, 1usize..28, 0.0..0.95f64).prop_flat_map(|(width, height, stickiness)| {
             let pixel = (prop::option::weighted(0.7, 0u8..4), 0.0..1.0f64, any::<bool>());

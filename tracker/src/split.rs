@@ -14,7 +14,7 @@ pub(crate) const MAX_PIECES: usize = 4;
 const MAX_ROUNDS: usize = 12;
 /// Pixels a frame may spend on splitting, times rounds and pieces: a few milliseconds, and some
 /// hundred times what touching robots need. Regions beyond it stay whole.
-const WORK_PER_FRAME: usize = 4_000_000;
+const WORK_PER_FRAME: usize = 500_000;
 
 /// Splits regions; counts its work over a frame.
 #[derive(Debug, Clone, Default)]
@@ -38,11 +38,10 @@ impl Splitter {
         count: usize,
     ) -> Option<[Moments; MAX_PIECES]> {
         let count = count.clamp(2, MAX_PIECES);
-        let work = region.pixel_count as usize * count * MAX_ROUNDS;
-        if self.work + work > WORK_PER_FRAME {
+        let round = count.saturating_mul(region.pixel_count as usize);
+        if self.work.saturating_add(round) > WORK_PER_FRAME {
             return None;
         }
-        self.work += work;
         self.pixels.clear();
         for run in runs {
             let row = f64::from(run.row);
@@ -52,6 +51,7 @@ impl Splitter {
         let mut centers = self.first_centers(whole, count);
         let mut pieces = [Moments::default(); MAX_PIECES];
         for _ in 0..MAX_ROUNDS {
+            self.work += round;
             let mut sums = centers.map(MomentSums::around);
             for &(x, y) in &self.pixels {
                 let nearest = (0..count)

@@ -86,7 +86,7 @@ fn a_full_square_with_an_identification_corner() {
 
 #[test]
 fn a_half_square_and_two_triangles() {
-    check_layout(&half_and_two_triangles(), 1.5, 3.0);
+    check_layout(&half_and_two_triangles(), 1.5, 3.5);
 }
 
 #[test]

@@ -135,6 +135,44 @@ fn a_row_of_robots_shoulder_to_shoulder() {
     assert_found(&Picture::of_robots(&config, &robots).detections(), &robots, 1.5, 3.0);
 }
 
+#[test]
+fn robots_that_look_over_a_corner_stand_side_by_side() {
+    for config in [half_and_two_triangles(), full_square_with_corner_ahead()] {
+        // The sides of their bodies are those of the field.
+        for (first, second) in [(45.0, 45.0), (45.0, 135.0), (-135.0, -45.0), (135.0, -45.0)] {
+            for team in [Yellow, Blue] {
+                let robots = [robot(Yellow, 1, 0.0, 0.0, first), robot(team, 2, 76.0, 8.0, second)];
+                let frame = Picture::of_robots(&config, &robots).detections();
+                assert_found(&frame, &robots, 4.0, 6.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn patches_are_found_on_a_floor_of_their_colour() {
+    let config = half_and_two_triangles();
+    for heading in (0..360).step_by(45) {
+        // Both wear green, on different sides.
+        let robots = [
+            robot(Yellow, 0, 0.0, 0.0, f64::from(heading)),
+            robot(Blue, 4, 110.0, 20.0, f64::from(heading + 30)),
+        ];
+        let mut picture = Picture::new(&config);
+        let green = picture.class("green");
+        picture.square([50.0, 0.0], 500.0, Some(green));
+        for robot in &robots {
+            // No dark rim keeps the patches apart from the floor.
+            let mut classes = picture.classes_of(robot);
+            classes.push(Some(green));
+            picture.paint_top(&robot.pose, &classes);
+        }
+        let frame = picture.detections();
+        assert_eq!(frame.regions().len(), 5, "the green patches are not part of the floor");
+        assert_found(&frame, &robots, 6.0, 12.0);
+    }
+}
+
 /// Paints the gap between two patches, as blurred colours do.
 fn bridge(picture: &mut Picture, from: FieldPoint, to: FieldPoint, class: u8) {
     let (x, y) = ((from.x_mm + to.x_mm) / 2.0, (from.y_mm + to.y_mm) / 2.0);

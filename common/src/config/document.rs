@@ -265,10 +265,10 @@ mod tests {
             "\n\n\
              [[colors]]\n\
              name = \"yellow\"\n\
-             red = [111, 255]\n\
-             green = [103, 247]\n\
-             blue = [10, 56]\n\
-             looks = [225, 210, 40]\n\
+             red = [115, 255]\n\
+             green = [113, 255]\n\
+             blue = [0, 75]\n\
+             looks = [225, 205, 40]\n\
              \n\
              [[colors]]\n"
         ));

@@ -414,12 +414,12 @@ mod tests {
         let colors = commented_toml(&Config::default());
         let start = colors.find("[[colors]]").unwrap();
         let end = colors.find("# The colours of the two teams").unwrap();
-        let colors = colors[start..end].replace("red = [12, 62]", "red = [62, 12]");
-        let line = 1 + colors.lines().position(|line| line == "red = [62, 12]").unwrap();
+        let colors = colors[start..end].replace("red = [59, 140]", "red = [140, 59]");
+        let line = 1 + colors.lines().position(|line| line == "red = [140, 59]").unwrap();
         assert_eq!(
             headlines(&colors),
             [format!(
-                "match.toml:{line}:7: colors[3].red: from 62 to 12 is empty: \
+                "match.toml:{line}:7: colors[6].red: from 140 to 59 is empty: \
                  the lowest value comes first"
             )]
         );

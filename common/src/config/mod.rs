@@ -293,6 +293,11 @@ pub struct FilterConfig {
     /// Measurement noise of a robot's heading, 1σ (R in eq. 14).
     #[schemars(range(min = 0.001, max = 180))]
     pub heading_noise_deg: f64,
+    /// The error of a measurement stays the same until the patches have moved by about this much, a
+    /// fifth of a pixel; until then further measurements count for little. 0 if each has an error of
+    /// its own.
+    #[schemars(range(min = 0, max = 1000))]
+    pub repeat_distance_mm: f64,
     /// How strongly a robot of unknown commands may accelerate, 1σ (Q in eq. 12).
     #[schemars(range(min = 0.001, max = 1_000_000))]
     pub acceleration_noise_mm_s2: f64,

@@ -159,8 +159,9 @@ impl Default for TrackerConfig {
 impl Default for FilterConfig {
     fn default() -> Self {
         Self {
-            position_noise_mm: 0.6,
-            heading_noise_deg: 1.2,
+            position_noise_mm: 0.5,
+            heading_noise_deg: 1.0,
+            repeat_distance_mm: 0.8,
             acceleration_noise_mm_s2: 4000.0,
             angular_acceleration_noise_deg_s2: 3000.0,
             command_noise_mm_s: 30.0,

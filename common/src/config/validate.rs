@@ -327,7 +327,7 @@ mod tests {
         });
         warned("colors[8].name", &|config| {
             let name = "dark orange".to_string();
-            config.colors.push(ColorConfig { name, red: [120, 150], ..config.colors[0].clone() });
+            config.colors.push(ColorConfig { name, red: [140, 170], ..config.colors[0].clone() });
         });
     }
 }

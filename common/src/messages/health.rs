@@ -74,17 +74,20 @@ pub enum DropReason {
     Late = 4,
     /// The output could not be published.
     NotPublished = 5,
+    /// Two processes in a row have died of it.
+    Poisonous = 6,
 }
 
 impl DropReason {
     /// All reasons, in the order of [`Heartbeat::dropped`].
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::OutOfOrder,
         Self::BadHeader,
         Self::WrongSize,
         Self::WrongFormat,
         Self::Late,
         Self::NotPublished,
+        Self::Poisonous,
     ];
 
     /// Key in reports.
@@ -96,6 +99,7 @@ impl DropReason {
             Self::WrongFormat => "wrong_format",
             Self::Late => "late",
             Self::NotPublished => "not_published",
+            Self::Poisonous => "poisonous",
         }
     }
 }
@@ -130,7 +134,7 @@ pub struct Heartbeat {
     pub dropped: [u64; DropReason::ALL.len()],
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 112);
+const _: () = assert!(size_of::<Heartbeat>() == 120);
 
 /// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]

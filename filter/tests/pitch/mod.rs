@@ -302,6 +302,11 @@ pub struct Match {
     pub noise: Noise,
     /// Mean seconds between a robot's collisions.
     pub collisions_every_s: Option<f64>,
+    /// Whether most of an error stays until the robot has moved by some 0.8 mm, as with a real pixel
+    /// grid.
+    pub errors_stay: bool,
+    /// By robot: pose when last seen, and the part of the error that stays, in 1σ.
+    stays: Vec<(Pose, [f64; 3])>,
     random: Random,
     pub seq: u64,
     pub detections: Box<DetectionFrame>,
@@ -312,7 +317,17 @@ impl Match {
         let mut random = Random(seed);
         let robots = (0..10).map(|_| Robot::new(wheels, (random.unit() * 1e15) as u64)).collect();
         let detections = empty_frame(0, START_NS);
-        Self { robots, overheard, noise, collisions_every_s: None, random, seq: 0, detections }
+        Self {
+            robots,
+            overheard,
+            noise,
+            collisions_every_s: None,
+            errors_stay: false,
+            stays: vec![(Pose::default(), [0.0; 3]); 10],
+            random,
+            seq: 0,
+            detections,
+        }
     }
 
     pub fn t_ns(&self) -> u64 {
@@ -339,7 +354,11 @@ impl Match {
                 robot.collide();
             }
             let (team, id) = Self::identity(index);
-            let seen = self.noise.measure(robot.pose, &mut self.random);
+            let seen = if self.errors_stay {
+                measure_on_a_grid(&mut self.stays[index], robot.pose, self.noise, &mut self.random)
+            } else {
+                self.noise.measure(robot.pose, &mut self.random)
+            };
             assert!(self.detections.push_robot(detected(team, id, seen)));
             let (left, right) = robot.strategy(t_sent_ns);
             sent.push((team, id, left, right));
@@ -347,6 +366,29 @@ impl Match {
         self.seq += 1;
         let heard = if self.overheard { &sent[..] } else { &[] };
         commands(self.seq, t_sent_ns, heard)
+    }
+}
+
+/// As measured in the synthetic match: 84 % of the variance stays in place.
+fn measure_on_a_grid(
+    (last, stays): &mut (Pose, [f64; 3]),
+    pose: Pose,
+    noise: Noise,
+    random: &mut Random,
+) -> Pose {
+    let moved =
+        (pose.x - last.x).hypot(pose.y - last.y) + 25.0 * wrap_angle(pose.theta - last.theta).abs();
+    *last = pose;
+    let kept = (-moved / 0.8).exp();
+    let mut error = [0.0; 3];
+    for (error, stays) in error.iter_mut().zip(stays) {
+        *stays = kept * *stays + (1.0 - kept * kept).sqrt() * random.normal();
+        *error = 0.84f64.sqrt() * *stays + 0.16f64.sqrt() * random.normal();
+    }
+    Pose {
+        x: pose.x + noise.position_mm * error[0],
+        y: pose.y + noise.position_mm * error[1],
+        theta: wrap_angle(pose.theta + noise.heading_deg.to_radians() * error[2]),
     }
 }
 

@@ -51,7 +51,7 @@ impl Shape {
             .fold(half_mm, |reach, &value| reach.max(value.abs()));
         let extent_mm = reach_mm + REACH * spot_mm;
         // Interpolation between entries 0.4 standard deviations apart is good to 1 %.
-        let step_mm = (0.4 * spot_mm).max(2.0 * extent_mm / (MAX_SIDE - 2) as f64);
+        let step_mm = (0.4 * spot_mm).max(2.0 * extent_mm / (MAX_SIDE - 3) as f64);
         let half_side = (extent_mm / step_mm).ceil() as usize;
         let side = 2 * half_side + 1;
 
@@ -70,7 +70,9 @@ impl Shape {
             })
             .collect();
 
-        let kernel = Kernel::new(side, half_side, step_mm, fine_half, fine_mm, spot_mm);
+        // A spot finer than the tables would slip between their entries.
+        let blur_mm = spot_mm.max(fine_mm).max(step_mm);
+        let kernel = Kernel::new(side, half_side, step_mm, fine_half, fine_mm, blur_mm);
         let mut weights = vec![[0; PARTS]; side * side];
         let mut across = vec![0.0; side * fine_side];
         for part in (0..PARTS).filter(|&part| parts.contains(&Some(part))) {

@@ -6,7 +6,7 @@
 use bytemuck::Zeroable;
 use common::config::{Config, Pair, PatchConfig, PatchRole};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::layout::topmost_patch;
+use common::layout::{body_turn, topmost_patch};
 use common::messages::{
     DetectedRobot, DetectionFrame, RejectReason, Run, RunsHeader, Team, WorldFrame,
 };
@@ -107,18 +107,24 @@ impl Picture {
         self.paint_top(&robot.pose, &classes);
     }
 
-    /// Paints a robot's top with the classes given for its patches.
+    /// Paints a robot's top with the classes given for its patches; one more is for what of the
+    /// body they leave free, which is background otherwise.
     pub fn paint_top(&mut self, pose: &Pose, classes: &[Option<u8>]) {
         let robots = self.config.robots.clone();
         let half = robots.size_mm / 2.0;
+        let free = classes.get(robots.patches.len()).copied().flatten();
+        let turn = body_turn(&robots);
         self.paint(pose.position, robots.size_mm * 0.75, robots.height_mm, |point| {
-            let (sin, cos) = pose.orientation.sin_cos();
             let (dx, dy) = (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
-            let own = [cos * dx + sin * dy, cos * dy - sin * dx];
-            if own[0].abs() > half || own[1].abs() > half {
+            let seen_from = |orientation: f64| {
+                let (sin, cos) = orientation.sin_cos();
+                [cos * dx + sin * dy, cos * dy - sin * dx]
+            };
+            if seen_from(pose.orientation + turn).iter().any(|value| value.abs() > half) {
                 return None;
             }
-            Some(topmost_patch(&robots, own).and_then(|patch| classes[patch]))
+            let patch = topmost_patch(&robots, seen_from(pose.orientation));
+            Some(patch.map_or(free, |patch| classes[patch]))
         });
     }
 
@@ -265,6 +271,18 @@ pub fn full_square_with_corner() -> Config {
         polygon(PatchRole::Team, &square(-36.0, 36.0)),
         polygon(PatchRole::Identification, &square(-2.0, 36.0)),
     ];
+    config
+}
+
+/// The same turned by 45°: the corner with the identification square goes ahead.
+pub fn full_square_with_corner_ahead() -> Config {
+    let mut config = full_square_with_corner();
+    let half = 0.5f64.sqrt();
+    for patch in &mut config.robots.patches {
+        for [x, y] in &mut patch.outline_mm {
+            (*x, *y) = (half * (*x + *y), half * (*y - *x));
+        }
+    }
     config
 }
 

@@ -1,0 +1,172 @@
+//! The group under test: the real program as a child process, in a runtime directory of its own.
+
+use super::leaks::{self, Leftovers};
+use super::population;
+use crate::commands::CommandError;
+use crate::monitor::{Report, read_status};
+use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs::{self, DirBuilder, File};
+use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Starting, ending, and whatever else happens by itself, on a slow and busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+/// If this program is killed, the match ends by itself so long after its time.
+const SPARE_TIME_S: f64 = 300.0;
+/// Between two looks at whether something has happened.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// A running group. Dropping it ends it, whatever state it is in.
+pub struct Group {
+    /// Its name and places.
+    pub instance: Instance,
+    place: PathBuf,
+    args: Vec<String>,
+    supervisor: Child,
+}
+
+impl Group {
+    /// Starts a synthetic match.
+    pub fn start(config: Option<&Path>, fps: f64, seconds: f64) -> Result<Self, CommandError> {
+        let name = format!("chaos-{}", std::process::id());
+        let place = std::env::temp_dir().join(format!("tl-{name}"));
+        DirBuilder::new()
+            .mode(0o700)
+            .create(&place)
+            .map_err(|error| format!("{}: {error}", place.display()))?;
+        let place = place.canonicalize()?;
+        let instance = Instance::below(&place.join("run"), &name)?;
+        let mut args: Vec<String> = ["run", "--quiet", "--instance"].map(Into::into).into();
+        args.extend([name, "--fps".into(), fps.to_string()]);
+        args.extend(["--seconds".into(), (seconds + SPARE_TIME_S).to_string()]);
+        if let Some(config) = config {
+            let config =
+                config.canonicalize().map_err(|error| format!("{}: {error}", config.display()))?;
+            args.extend(["--config".into(), config.to_string_lossy().into_owned()]);
+        }
+        let supervisor = spawn(&place, &args)?;
+        let mut group = Self { instance, place, args, supervisor };
+        // Its configuration is written when its shared memory is cleared and ready to be joined.
+        group.wait_for("the group to start", |group| group.instance.config_path().exists())?;
+        Ok(group)
+    }
+
+    /// The supervisor's number.
+    pub fn supervisor_pid(&self) -> u32 {
+        self.supervisor.id()
+    }
+
+    /// Kills the supervisor, starts a new one and returns at once.
+    pub fn replace_supervisor(&mut self) -> Result<(), CommandError> {
+        self.supervisor.kill()?;
+        self.supervisor.wait()?;
+        self.supervisor = spawn(&self.place, &self.args)?;
+        Ok(())
+    }
+
+    /// An error, with its last words, when the supervisor has ended by itself.
+    pub fn check(&mut self) -> Result<(), CommandError> {
+        match self.supervisor.try_wait()? {
+            None => Ok(()),
+            Some(status) => {
+                Err(format!("the supervisor ended by itself ({status}):\n{}", self.log()).into())
+            }
+        }
+    }
+
+    /// Waits until something is so; an error when it takes too long.
+    pub fn wait_for(
+        &mut self,
+        what: &str,
+        mut is_so: impl FnMut(&Self) -> bool,
+    ) -> Result<(), CommandError> {
+        let deadline = Instant::now() + PATIENCE;
+        while !is_so(self) {
+            self.check()?;
+            if Instant::now() > deadline {
+                return Err(format!("waited in vain for {what}:\n{}", self.log()).into());
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    /// What the group says of itself.
+    pub fn status(&self) -> Option<Report> {
+        read_status(&self.instance, Duration::from_secs(3)).ok().flatten()
+    }
+
+    /// Ends the group and looks at what it leaves behind.
+    pub fn end(mut self) -> Leftovers {
+        self.signal_supervisor(Signal::TERM);
+        let deadline = Instant::now() + PATIENCE;
+        let mut status = None;
+        while status.is_none() && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+            status = self.supervisor.try_wait().ok().flatten();
+        }
+        Leftovers {
+            ended_in_order: status.is_some_and(|status| status.success()),
+            ..leaks::leftovers(&self.instance)
+        }
+    }
+
+    /// The end of what the supervisor has written.
+    pub fn log(&self) -> String {
+        let text = fs::read(self.place.join("log")).unwrap_or_default();
+        let tail = &text[text.len().saturating_sub(4000)..];
+        String::from_utf8_lossy(tail).trim().into()
+    }
+
+    fn signal_supervisor(&self, signal: Signal) {
+        // Never reaped before it is waited for, so the number is still its own.
+        if let Some(pid) = Pid::from_raw(self.supervisor.id() as i32) {
+            let _ = kill_process(pid, signal);
+        }
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        let running = |child: &mut Child| matches!(child.try_wait(), Ok(None));
+        if running(&mut self.supervisor) {
+            self.signal_supervisor(Signal::TERM);
+            let deadline = Instant::now() + PATIENCE;
+            while running(&mut self.supervisor) && Instant::now() < deadline {
+                std::thread::sleep(LOOK);
+            }
+        }
+        let _ = self.supervisor.kill();
+        let _ = self.supervisor.wait();
+        for pid in leaks::processes(self.instance.name()) {
+            if let Some(pidfd) = population::hold(pid, self.instance.name()) {
+                let _ = rustix::process::pidfd_send_signal(&pidfd, Signal::KILL);
+            }
+        }
+        let deadline = Instant::now() + PATIENCE;
+        while !leaks::processes(self.instance.name()).is_empty() && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+        }
+        let _ = self.instance.wipe();
+        let _ = fs::remove_dir_all(&self.place);
+    }
+}
+
+/// The very image this program runs, whatever has happened to the file. Ctrl-C in the terminal is
+/// for this program alone, which ends the group in order.
+fn spawn(place: &Path, args: &[String]) -> Result<Child, CommandError> {
+    let log = File::options().create(true).append(true).open(place.join("log"))?;
+    Ok(Command::new("/proc/self/exe")
+        .arg0("touchline")
+        .args(args)
+        .env(RUNTIME_DIR_VARIABLE, place.join("run"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(log)
+        .process_group(0)
+        .spawn()?)
+}

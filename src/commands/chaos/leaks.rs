@@ -1,0 +1,166 @@
+//! What a group uses of the machine, and what is left when it has ended.
+
+use super::population::belongs_to;
+use common::instance::Instance;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// What a group uses at a moment.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Usage {
+    /// Its entries in /dev/shm.
+    pub shared_memory_entries: u64,
+    /// Files, sockets and directories in its runtime directory.
+    pub runtime_entries: u64,
+    /// Its processes, the supervisor included.
+    pub processes: u64,
+    /// Open file descriptors: of the supervisor, and of the process of each stage with the most.
+    pub descriptors: BTreeMap<String, u64>,
+    /// Memory that no other process shares, of all processes together.
+    pub private_bytes: u64,
+    /// Resident memory of all processes together; shared memory counts once for each.
+    pub resident_bytes: u64,
+}
+
+/// What is left of a group after its end.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Leftovers {
+    /// Whether the supervisor ended when it was asked to, and reported success.
+    pub ended_in_order: bool,
+    /// Processes still there.
+    pub processes: Vec<u32>,
+    /// Names in /dev/shm.
+    pub shared_memory: Vec<String>,
+    /// Whether the runtime directory is still there.
+    pub runtime_directory: bool,
+}
+
+/// What the group uses now.
+pub fn usage(instance: &Instance) -> Usage {
+    let processes = processes(instance.name());
+    let mut usage = Usage {
+        shared_memory_entries: shared_memory(instance).len() as u64,
+        runtime_entries: entries_below(instance.directory()),
+        processes: processes.len() as u64,
+        ..Usage::default()
+    };
+    for pid in processes {
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+        usage.private_bytes += kilobytes(&status, "RssAnon:") * 1024;
+        usage.resident_bytes += kilobytes(&status, "VmRSS:") * 1024;
+        let descriptors = fs::read_dir(format!("/proc/{pid}/fd")).map_or(0, Iterator::count) as u64;
+        let most = usage.descriptors.entry(role(pid)).or_default();
+        *most = descriptors.max(*most);
+    }
+    usage
+}
+
+/// What is left of the group.
+pub fn leftovers(instance: &Instance) -> Leftovers {
+    Leftovers {
+        ended_in_order: false,
+        processes: processes(instance.name()),
+        shared_memory: shared_memory(instance),
+        runtime_directory: instance.directory().exists(),
+    }
+}
+
+/// All processes whose command line names the group. The dead that nobody has reaped have none.
+pub fn processes(instance: &str) -> Vec<u32> {
+    let Ok(entries) = fs::read_dir("/proc") else { return Vec::new() };
+    let pids = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    pids.filter(|&pid| belongs_to(pid, instance)).collect()
+}
+
+impl Usage {
+    /// Whether nothing is more than it was before. Memory is not compared: how much of it an
+    /// allocator keeps is its own affair, up to a point that the verdict decides.
+    pub fn is_back_to(&self, before: &Usage) -> bool {
+        self.shared_memory_entries <= before.shared_memory_entries
+            && self.runtime_entries <= before.runtime_entries
+            && self.processes <= before.processes
+            && self.descriptors_grown(before).is_empty()
+    }
+
+    /// Whose descriptors have become more, and from how many to how many.
+    pub fn descriptors_grown(&self, before: &Usage) -> Vec<(String, u64, u64)> {
+        let before = |role: &String| before.descriptors.get(role).copied().unwrap_or(0);
+        self.descriptors
+            .iter()
+            .map(|(role, &now)| (role.clone(), before(role), now))
+            .filter(|&(_, before, now)| now > before)
+            .collect()
+    }
+}
+
+/// The subcommand a process of ours was started with.
+fn role(pid: u32) -> String {
+    let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let word = line.split(|&byte| byte == 0).nth(1).unwrap_or_default();
+    match word {
+        b"run" => "supervisor".into(),
+        word => String::from_utf8_lossy(word).into(),
+    }
+}
+
+fn kilobytes(status: &str, key: &str) -> u64 {
+    let value = status.lines().find_map(|line| line.strip_prefix(key)).unwrap_or_default();
+    value.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
+fn shared_memory(instance: &Instance) -> Vec<String> {
+    let Ok(entries) = fs::read_dir("/dev/shm") else { return Vec::new() };
+    let prefix = instance.shared_memory_prefix();
+    let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.starts_with(&prefix)).collect()
+}
+
+fn entries_below(directory: &Path) -> u64 {
+    let Ok(entries) = fs::read_dir(directory) else { return 0 };
+    let count = |entry: fs::DirEntry| match entry.file_type() {
+        Ok(kind) if kind.is_dir() => 1 + entries_below(&entry.path()),
+        _ => 1,
+    };
+    entries.flatten().map(count).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_read_off_the_status_file() {
+        let status = "Name:\tx\nVmRSS:\t   2048 kB\nRssAnon:\t     512 kB\n";
+        assert_eq!((kilobytes(status, "VmRSS:"), kilobytes(status, "RssAnon:")), (2048, 512));
+        assert_eq!(kilobytes("", "VmRSS:"), 0);
+    }
+
+    #[test]
+    fn anything_more_than_before_is_noticed() {
+        let before = Usage {
+            shared_memory_entries: 5,
+            processes: 8,
+            descriptors: [("filter".into(), 20)].into(),
+            ..Usage::default()
+        };
+        assert!(before.is_back_to(&before));
+        let fewer = Usage { shared_memory_entries: 4, ..before.clone() };
+        assert!(fewer.is_back_to(&before));
+        assert!(!before.is_back_to(&fewer));
+        let leaky = Usage { descriptors: [("filter".into(), 21)].into(), ..before.clone() };
+        assert!(!leaky.is_back_to(&before));
+        assert_eq!(leaky.descriptors_grown(&before), [("filter".into(), 20, 21)]);
+    }
+
+    #[test]
+    fn everything_below_a_directory_is_counted() {
+        let place = std::env::temp_dir().join(format!("tl-entries-{}", std::process::id()));
+        fs::create_dir_all(place.join("a/b")).unwrap();
+        fs::write(place.join("a/file"), "").unwrap();
+        assert_eq!(entries_below(&place), 3);
+        fs::remove_dir_all(&place).unwrap();
+        assert_eq!(entries_below(&place), 0);
+    }
+}

@@ -1,0 +1,438 @@
+//! `touchline chaos`: a match of its own, disturbed at random, and every promise checked.
+//!
+//! * [`plan`]: what is done to whom and when, repeatable by its seed.
+//! * [`group`]: the match, which is the real program in processes of its own.
+//! * [`population`]: who is alive, and sending signals to them and nobody else.
+//! * [`observer`]: subscribers of our own; [`tally`] counts what they see.
+//! * [`leaks`]: what the group uses before and after, and leaves at the end.
+//! * [`report`] and [`verdict`]: the figures, and which promises they keep.
+
+mod group;
+mod leaks;
+mod observer;
+mod plan;
+mod population;
+mod report;
+mod tally;
+mod verdict;
+
+pub use plan::Disturbance;
+
+use super::CommandError;
+use crate::cli::ChaosArgs;
+use common::clock::{monotonic_ns, wall_ns};
+use common::config::Config;
+use common::messages::ProcessKind;
+use group::{Group, PATIENCE};
+use leaks::Usage;
+use observer::Observer;
+use plan::{Plan, Step};
+use population::{Population, panics_on_command};
+use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Between two looks at whether something is to be done.
+const TICK: Duration = Duration::from_millis(1);
+/// Undisturbed time before the first disturbance, for comparison.
+const WARM_UP: Duration = Duration::from_secs(2);
+/// Undisturbed time after the last one, at least: frames under way arrive.
+const SETTLE: Duration = Duration::from_millis(1500);
+/// After so long what is still in use is a leak.
+const SETTLED: Duration = Duration::from_secs(10);
+/// A stage that cannot be disturbed again for so long is not coming back.
+const COMES_BACK: Duration = Duration::from_secs(10);
+/// A frame that has not reached `world` after so long is lost.
+const LOST_AFTER_NS: u64 = 1_000_000_000;
+
+/// Runs a match and disturbs it.
+pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
+    let mut config = super::load_config(args.config.as_deref())?;
+    if let Some(fps) = args.fps {
+        config.camera.fps = fps;
+    }
+    let report_file = match &args.report {
+        None => None,
+        Some(path) => Some(
+            File::create(path).map_err(|error| format!("report {}: {error}", path.display()))?,
+        ),
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in
+        [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP]
+    {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+
+    let settings = settings(&args, &config);
+    println!(
+        "{} to {} every {} ms for {} s, {} frames a second, --seed {}",
+        list(settings.signals.iter().map(|kind| kind.name())),
+        list(settings.stages.iter().map(|kind| kind.name())),
+        settings.every_ms,
+        settings.seconds,
+        settings.fps,
+        settings.seed
+    );
+    let group = Group::start(args.config.as_deref(), settings.fps, settings.seconds)?;
+    let mut session = Session::new(group, settings, stop)?;
+    session.warm_up()?;
+    session.disturb()?;
+    session.settle()?;
+    let report = session.finish()?;
+
+    print!("{}", verdict::text(&report));
+    if let Some(file) = report_file {
+        serde_json::to_writer_pretty(&file, &report)?;
+    }
+    Ok(if report.kept { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn settings(args: &ChaosArgs, config: &Config) -> Settings {
+    let supervisor = &config.supervisor;
+    let mut signals = args.signals.clone();
+    signals.sort();
+    signals.dedup();
+    let mut stages = args.stages.clone();
+    stages.sort();
+    stages.dedup();
+    Settings {
+        seconds: args.seconds,
+        every_ms: args.every,
+        signals,
+        stages,
+        fps: config.camera.fps,
+        seed: args.seed.unwrap_or_else(|| wall_ns() / 1_000_000 % 1_000_000),
+        stall_deadline_ms: (supervisor.stall_frames * 1000.0 / config.camera.fps)
+            .max(supervisor.stall_min_ms),
+        spares: supervisor.spares.iter().map(|&stage| stage.into()).collect(),
+    }
+}
+
+fn list<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    words.collect::<Vec<_>>().join(",")
+}
+
+/// A match being disturbed.
+struct Session {
+    settings: Settings,
+    stop: Arc<AtomicBool>,
+    // Before the group: nobody may be attached when the group ends.
+    observer: Observer,
+    group: Group,
+    population: Population,
+    began_ns: u64,
+    calm: Option<(u64, u64)>,
+    usage_before: Usage,
+    usage_after: Usage,
+    done: Vec<Done>,
+    left_out: u64,
+    ended_by_themselves: Vec<Ended>,
+    line_at: Instant,
+}
+
+impl Session {
+    fn new(group: Group, settings: Settings, stop: Arc<AtomicBool>) -> Result<Self, CommandError> {
+        let observer = Observer::start(&group.instance, settings.fps)?;
+        Ok(Self {
+            population: Population::new(group.instance.name()),
+            settings,
+            stop,
+            observer,
+            group,
+            began_ns: monotonic_ns(),
+            calm: None,
+            usage_before: Usage::default(),
+            usage_after: Usage::default(),
+            done: Vec::new(),
+            left_out: 0,
+            ended_by_themselves: Vec::new(),
+            line_at: Instant::now(),
+        })
+    }
+
+    /// Waits until everybody is there, and then watches in peace for a while.
+    fn warm_up(&mut self) -> Result<(), CommandError> {
+        let deadline = Instant::now() + PATIENCE;
+        while !self.is_complete() && !self.is_stopped() {
+            if Instant::now() > deadline {
+                return Err(format!("the group does not get ready:\n{}", self.group.log()).into());
+            }
+            self.look()?;
+        }
+        if self.settings.signals.contains(&Disturbance::Panic) {
+            for &stage in &self.settings.stages {
+                if self.population.active(stage).is_some_and(|pid| !panics_on_command(pid)) {
+                    return Err(format!(
+                        "the {} does not know how to panic on command",
+                        stage.name()
+                    )
+                    .into());
+                }
+            }
+        }
+        let calm_ns = monotonic_ns();
+        self.watch_for(WARM_UP)?;
+        self.calm = Some((calm_ns, monotonic_ns()));
+        self.usage_before = leaks::usage(&self.group.instance);
+        Ok(())
+    }
+
+    fn disturb(&mut self) -> Result<(), CommandError> {
+        let plan = Plan::new(
+            self.settings.seed,
+            Duration::from_millis(self.settings.every_ms),
+            self.settings.signals.clone(),
+            self.settings.stages.clone(),
+        );
+        self.began_ns = monotonic_ns();
+        let began = Instant::now();
+        let end = began + Duration::from_secs_f64(self.settings.seconds);
+        // What has to wait shifts everything after it: the pace stays.
+        let mut slip = Duration::ZERO;
+        for step in plan {
+            while Instant::now() < (began + step.at + slip).min(end) && !self.is_stopped() {
+                self.look()?;
+            }
+            let due = Instant::now();
+            if due >= end {
+                break;
+            }
+            while !self.is_stopped() && !self.carry_out(&step, due)? {
+                if due.elapsed() > COMES_BACK {
+                    self.left_out += 1;
+                    break;
+                }
+                self.look()?;
+            }
+            slip += due.elapsed();
+            if self.is_stopped() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Does what is planned, unless it is not possible yet. A stage that is promised to lose
+    /// nothing is disturbed only when its spare is there: everything else is a double fault.
+    fn carry_out(&mut self, step: &Step, due: Instant) -> Result<bool, CommandError> {
+        let waited_ms = ms(due.elapsed().as_nanos() as u64);
+        let t_ns;
+        let pid;
+        let has_spare = step.stage.is_none_or(|stage| self.settings.spares.contains(&stage));
+        match step.stage {
+            None => {
+                if !self.is_complete() {
+                    return Ok(false);
+                }
+                t_ns = monotonic_ns();
+                pid = self.group.supervisor_pid();
+                self.group.replace_supervisor()?;
+            }
+            Some(stage) => {
+                let Some(active) = self.population.active(stage) else { return Ok(false) };
+                let spare = self.population.spare(stage);
+                if has_spare && spare.is_none() {
+                    return Ok(false);
+                }
+                t_ns = monotonic_ns();
+                pid = active;
+                let people = &mut self.population;
+                match step.what {
+                    Disturbance::Kill | Disturbance::Supervisor => people.kill(active),
+                    Disturbance::Stop => people.stop(active),
+                    Disturbance::Pause => people.pause(active, Instant::now() + step.pause),
+                    Disturbance::Panic => people.panic(active),
+                    Disturbance::Double => {
+                        spare.into_iter().for_each(|spare| people.kill(spare));
+                        people.kill(active);
+                    }
+                }
+            }
+        }
+        self.done.push(Done {
+            t_ns,
+            t_s: ms(t_ns.saturating_sub(self.began_ns)) / 1000.0,
+            what: step.what,
+            stage: step.stage,
+            pid,
+            pause_ms: (step.what == Disturbance::Pause).then(|| ms(step.pause.as_nanos() as u64)),
+            waited_ms,
+            lossless: has_spare && step.what != Disturbance::Double,
+            next_world_ms: None,
+            fresh_world_ms: None,
+            protected_ms: None,
+        });
+        Ok(true)
+    }
+
+    /// Waits until everything is as it was, or until it is clear that it will not be.
+    fn settle(&mut self) -> Result<(), CommandError> {
+        let began = Instant::now();
+        self.watch_for(SETTLE)?;
+        loop {
+            self.watch_for(Duration::from_millis(100))?;
+            self.usage_after = leaks::usage(&self.group.instance);
+            let settled = self.is_complete() && self.usage_after.is_back_to(&self.usage_before);
+            if settled || began.elapsed() > SETTLED {
+                return Ok(());
+            }
+        }
+    }
+
+    fn finish(self) -> Result<ChaosReport, CommandError> {
+        let group_says = self.group.status();
+        let sight = self.observer.finish();
+        if let Some(failure) = &sight.failure {
+            return Err(format!("the observer could not go on: {failure}").into());
+        }
+        let left = self.group.end();
+        let tally = &sight.tally;
+
+        let mut done = self.done;
+        for done in &mut done {
+            let outage = tally.outage(done.t_ns);
+            done.next_world_ms = outage.next_world_ns.map(ms);
+            done.fresh_world_ms = outage.fresh_world_ns.map(ms);
+        }
+        let missing = tally.missing(monotonic_ns().saturating_sub(LOST_AFTER_NS));
+        let mut report = ChaosReport {
+            version: env!("CARGO_PKG_VERSION"),
+            kept: false,
+            promises: Vec::new(),
+            interrupted: self.stop.load(Ordering::Relaxed),
+            frames: Frames::new(&sight, &missing, &done),
+            times_ms: times(&done, tally, self.calm),
+            disturbances: done,
+            left_out: self.left_out,
+            ended_by_themselves: self.ended_by_themselves,
+            observer_longest_absence_ms: ms(sight.longest_absence_ns),
+            usage_before: self.usage_before,
+            usage_after: self.usage_after,
+            left,
+            group: group_says,
+            settings: self.settings,
+        };
+        report.promises = verdict::judge(&report);
+        report.kept =
+            !report.disturbances.is_empty() && report.promises.iter().all(|promise| promise.kept);
+        Ok(report)
+    }
+
+    fn watch_for(&mut self, time: Duration) -> Result<(), CommandError> {
+        let end = Instant::now() + time;
+        while Instant::now() < end && !self.is_stopped() {
+            self.look()?;
+        }
+        Ok(())
+    }
+
+    /// One look around: at signs of life, deaths, pauses to be ended, and the clock.
+    fn look(&mut self) -> Result<(), CommandError> {
+        std::thread::sleep(TICK);
+        self.group.check()?;
+        for beat in self.observer.heartbeats.try_iter() {
+            self.population.note(&beat);
+        }
+        self.population.resume(Instant::now());
+        let now_ns = monotonic_ns();
+        for death in self.population.bury() {
+            if !death.provoked {
+                let t_s = ms(now_ns.saturating_sub(self.began_ns)) / 1000.0;
+                self.ended_by_themselves.push(Ended { stage: death.kind, pid: death.pid, t_s });
+            }
+        }
+        for done in self.done.iter_mut().filter(|done| done.protected_ms.is_none()) {
+            let replaced = !matches!(done.what, Disturbance::Pause | Disturbance::Supervisor);
+            let Some(stage) = done.stage.filter(|stage| self.settings.spares.contains(stage))
+            else {
+                continue;
+            };
+            let protected =
+                self.population.active(stage).is_some() && self.population.spare(stage).is_some();
+            if replaced && protected {
+                done.protected_ms = Some(ms(now_ns - done.t_ns));
+            }
+        }
+        if self.line_at.elapsed() >= Duration::from_secs(1) && !self.done.is_empty() {
+            self.line_at = Instant::now();
+            self.print_line(now_ns);
+        }
+        Ok(())
+    }
+
+    fn print_line(&self, now_ns: u64) {
+        let sight = self.observer.sight();
+        let tally = &sight.tally;
+        let missing = tally.missing(now_ns.saturating_sub(LOST_AFTER_NS)).len();
+        let outages = self.done.iter().filter_map(|done| tally.outage(done.t_ns).fresh_world_ns);
+        let outage = Times::of(outages.map(ms)).unwrap_or_default();
+        println!(
+            "{:4.0} s  {:4} disturbances  {:6} frames, {missing} missing, {} twice, {} out of order  \
+             outage median {:.1} ms, longest {:.1}",
+            (now_ns - self.began_ns) as f64 / 1e9,
+            self.done.len(),
+            tally.frames_captured(),
+            tally.order().duplicates(),
+            tally.order().out_of_order(),
+            outage.median,
+            outage.max
+        );
+    }
+
+    /// Whether every stage works and every spare stands by.
+    fn is_complete(&self) -> bool {
+        ProcessKind::ALL.iter().all(|&kind| self.population.active(kind).is_some())
+            && self.settings.spares.iter().all(|&kind| self.population.spare(kind).is_some())
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Times by what they are of. In peace, outages are what somebody would have to wait for who looks
+/// at a random moment: no disturbance can be felt for less.
+fn times(done: &[Done], tally: &tally::Tally, calm: Option<(u64, u64)>) -> BTreeMap<String, Times> {
+    /// Not a multiple of any usual frame period.
+    const CALM_STEP_NS: usize = 7_310_000;
+    /// Left out at the end of the calm, so that no wait reaches beyond it.
+    const CALM_END_NS: u64 = 200_000_000;
+    let mut times = BTreeMap::new();
+    let mut put = |name: String, values: Vec<f64>| {
+        if let Some(of_them) = Times::of(values) {
+            times.insert(name, of_them);
+        }
+    };
+    if let Some((from_ns, to_ns)) = calm {
+        let moments = || (from_ns..to_ns.saturating_sub(CALM_END_NS)).step_by(CALM_STEP_NS);
+        let next = moments().filter_map(|t| tally.outage(t).next_world_ns.map(ms));
+        put(verdict::next_name("(undisturbed)"), next.collect());
+        let fresh = moments().filter_map(|t| tally.outage(t).fresh_world_ns.map(ms));
+        put(verdict::fresh_name("(undisturbed)"), fresh.collect());
+        put("between two worlds".into(), tally.intervals_ns(to_ns).map(ms).collect());
+    }
+    let mut kinds: Vec<Disturbance> = done.iter().map(|done| done.what).collect();
+    kinds.sort();
+    kinds.dedup();
+    for kind in kinds {
+        let of_kind = || done.iter().filter(|done| done.what == kind);
+        let next = of_kind().filter_map(|done| done.next_world_ms);
+        put(verdict::next_name(kind.name()), next.collect());
+        let fresh = of_kind().filter_map(|done| done.fresh_world_ms);
+        put(verdict::fresh_name(kind.name()), fresh.collect());
+    }
+    put(
+        "until there is a spare again".into(),
+        done.iter().filter_map(|done| done.protected_ms).collect(),
+    );
+    put(
+        "waited for a spare".into(),
+        done.iter().map(|done| done.waited_ms).filter(|&ms| ms > 2.0).collect(),
+    );
+    times
+}

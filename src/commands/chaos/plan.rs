@@ -1,0 +1,162 @@
+//! What is to be done to whom, and when: a random sequence that a seed repeats exactly.
+
+use clap::ValueEnum;
+use common::messages::ProcessKind;
+use serde::Serialize;
+use std::time::Duration;
+
+/// Ways to disturb a group.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Disturbance {
+    /// Kill a stage's active process (SIGKILL)
+    Kill,
+    /// Freeze it for good (SIGSTOP); the watchdog has to notice
+    Stop,
+    /// Freeze it for 5 to 500 ms (SIGSTOP, then SIGCONT)
+    Pause,
+    /// Make it panic (SIGUSR2)
+    Panic,
+    /// Kill a stage and its spare at once; frames may be lost, and are counted
+    Double,
+    /// Kill the supervisor and start a new one
+    Supervisor,
+}
+
+impl Disturbance {
+    /// As on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kill => "kill",
+            Self::Stop => "stop",
+            Self::Pause => "pause",
+            Self::Panic => "panic",
+            Self::Double => "double",
+            Self::Supervisor => "supervisor",
+        }
+    }
+}
+
+/// One disturbance to come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Time since the first disturbance could have happened.
+    pub at: Duration,
+    /// What is done.
+    pub what: Disturbance,
+    /// To which stage; `None` for the supervisor.
+    pub stage: Option<ProcessKind>,
+    /// For a pause: how long.
+    pub pause: Duration,
+}
+
+/// The sequence: endless, and the same for the same seed and settings.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    random: Random,
+    every: Duration,
+    kinds: Vec<Disturbance>,
+    stages: Vec<ProcessKind>,
+    count: u32,
+}
+
+/// Part of the interval by which a disturbance comes late at random. Without it, 500 ms would be
+/// exactly 40 frames at 80 a second, and every disturbance would hit the same moment of a frame's
+/// life.
+const JITTER: f64 = 0.25;
+/// Length of a pause: from unnoticeable to far beyond the stall deadline.
+const PAUSE_MS: (f64, f64) = (5.0, 500.0);
+
+impl Plan {
+    /// Disturbances of these kinds to these stages, `every` so often. Neither list may be empty.
+    pub fn new(
+        seed: u64,
+        every: Duration,
+        kinds: Vec<Disturbance>,
+        stages: Vec<ProcessKind>,
+    ) -> Self {
+        assert!(!kinds.is_empty() && !stages.is_empty(), "the command line requires both");
+        Self { random: Random(seed), every, kinds, stages, count: 0 }
+    }
+}
+
+impl Iterator for Plan {
+    type Item = Step;
+
+    fn next(&mut self) -> Option<Step> {
+        // Always the same number of draws, so that one kind more or less does not shift the rest.
+        let (late, kind, stage, pause) =
+            (self.random.unit(), self.random.unit(), self.random.unit(), self.random.unit());
+        self.count = self.count.saturating_add(1);
+        let what = pick(&self.kinds, kind);
+        let (shortest, longest) = PAUSE_MS;
+        Some(Step {
+            at: self.every.mul_f64(f64::from(self.count) + JITTER * late),
+            what,
+            stage: (what != Disturbance::Supervisor).then(|| pick(&self.stages, stage)),
+            pause: Duration::from_secs_f64((shortest + (longest - shortest) * pause) / 1000.0),
+        })
+    }
+}
+
+fn pick<T: Copy>(items: &[T], unit: f64) -> T {
+    items[((unit * items.len() as f64) as usize).min(items.len() - 1)]
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014).
+#[derive(Debug, Clone)]
+struct Random(u64);
+
+impl Random {
+    /// Uniform in [0, 1).
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    const STAGES: [ProcessKind; 3] =
+        [ProcessKind::Classifier, ProcessKind::Tracker, ProcessKind::Filter];
+
+    fn steps(seed: u64, kinds: &[Disturbance]) -> Vec<Step> {
+        let every = Duration::from_millis(500);
+        Plan::new(seed, every, kinds.to_vec(), STAGES.to_vec()).take(200).collect()
+    }
+
+    #[test]
+    fn a_seed_repeats_its_sequence_and_another_one_does_not() {
+        let kinds = [Disturbance::Kill, Disturbance::Pause];
+        assert_eq!(steps(1, &kinds), steps(1, &kinds));
+        assert_ne!(steps(1, &kinds), steps(2, &kinds));
+    }
+
+    #[test]
+    fn every_kind_comes_to_every_stage_in_time() {
+        let kinds = [Disturbance::Kill, Disturbance::Stop, Disturbance::Pause];
+        let steps = steps(7, &kinds);
+        let met: BTreeSet<_> = steps.iter().map(|step| (step.what, step.stage)).collect();
+        assert_eq!(met.len(), kinds.len() * STAGES.len());
+        for (index, step) in steps.iter().enumerate() {
+            let earliest = Duration::from_millis(500 * (index as u64 + 1));
+            assert!((earliest..earliest + Duration::from_millis(125)).contains(&step.at));
+            assert!((5..=500).contains(&step.pause.as_millis()));
+        }
+        let phases: BTreeSet<_> =
+            steps.iter().map(|step| step.at.as_micros() % 12_500 / 1250).collect();
+        assert_eq!(phases.len(), 10, "disturbances keep to one part of the frame period");
+    }
+
+    #[test]
+    fn the_supervisor_is_no_stage() {
+        let steps = steps(1, &[Disturbance::Supervisor]);
+        assert!(steps.iter().all(|step| step.stage.is_none()));
+    }
+}

@@ -1,0 +1,393 @@
+//! Which promises were kept, and the report for people.
+
+use super::plan::Disturbance;
+use super::report::{ChaosReport, Settings, Times};
+use serde::Serialize;
+use std::fmt::Write as _;
+
+/// A promise, and what became of it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Promise {
+    /// What is promised.
+    pub promise: &'static str,
+    /// Whether it was kept.
+    pub kept: bool,
+    /// What was found.
+    pub figure: String,
+}
+
+/// Private memory may grow by this part of what there was …
+const GROWTH: f64 = 0.10;
+/// … and by this much besides, before it counts as a leak.
+const GROWTH_BYTES: u64 = 8 << 20;
+
+/// Judges everything but times, which depend on the machine.
+pub fn judge(report: &ChaosReport) -> Vec<Promise> {
+    let mut promises = Vec::new();
+    let mut promise = |promise, kept, figure: String| {
+        promises.push(Promise { promise, kept, figure });
+    };
+    let frames = &report.frames;
+    let besides = |count: u64, why: &str| match count {
+        0 => String::new(),
+        count => format!(" ({count} more {why})"),
+    };
+    promise(
+        "every captured frame reaches world",
+        frames.missing == 0 && frames.captured > 0,
+        format!(
+            "{} of {} missing{}",
+            frames.missing,
+            frames.captured,
+            besides(frames.missing_unpromised, "where it is not promised")
+        ),
+    );
+    promise(
+        "the camera drops no frame",
+        frames.never_captured == 0 && frames.captured_again == 0,
+        format!(
+            "{} never captured{}, {} numbers used again",
+            frames.never_captured,
+            besides(frames.never_captured_unpromised, "while the grabber was disturbed"),
+            frames.captured_again
+        ),
+    );
+    promise("no frame comes twice", frames.duplicates == 0, format!("{} twice", frames.duplicates));
+    promise(
+        "frames come in order",
+        frames.out_of_order == 0,
+        format!("{} out of order", frames.out_of_order),
+    );
+    let slow = &frames.slow_reader;
+    promise(
+        "the same for a reader that looks rarely",
+        (slow.duplicates, slow.out_of_order, slow.lost) == (0, 0, 0),
+        format!(
+            "{} lost, {} twice, {} out of order, of {}",
+            slow.lost, slow.duplicates, slow.out_of_order, slow.received
+        ),
+    );
+    let never = report.disturbances.iter().filter(|done| done.fresh_world_ms.is_none()).count();
+    promise(
+        "every stage comes back",
+        never == 0 && report.left_out == 0,
+        format!(
+            "{never} of {} never got over, {} left out because the stage was not back",
+            report.disturbances.len(),
+            report.left_out
+        ),
+    );
+    promise(
+        "nobody is replaced without cause",
+        report.ended_by_themselves.is_empty(),
+        format!("{} replaced that nobody had touched", report.ended_by_themselves.len()),
+    );
+    if let Some((agrees, figure)) = own_counts(report) {
+        promise("the group counts its losses exactly", agrees, figure);
+    }
+    leaks(report, &mut promise);
+    let left = &report.left;
+    promise(
+        "nothing is left at the end",
+        left.ended_in_order
+            && left.processes.is_empty()
+            && left.shared_memory.is_empty()
+            && !left.runtime_directory,
+        format!(
+            "{} processes, {} names in /dev/shm, {} runtime directory{}",
+            left.processes.len(),
+            left.shared_memory.len(),
+            if left.runtime_directory { "a" } else { "no" },
+            if left.ended_in_order { "" } else { "; it did not end when asked to" }
+        ),
+    );
+    promises
+}
+
+fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, String)) {
+    let (before, after) = (&report.usage_before, &report.usage_after);
+    for (name, before, after) in [
+        (
+            "shared memory does not pile up",
+            before.shared_memory_entries,
+            after.shared_memory_entries,
+        ),
+        ("files do not pile up", before.runtime_entries, after.runtime_entries),
+        ("processes do not pile up", before.processes, after.processes),
+    ] {
+        promise(name, after <= before, format!("{before} before, {after} after"));
+    }
+    let grown = after.descriptors_grown(before);
+    let figure = match &grown[..] {
+        [] => format!("{} before, {} after", sum(&before.descriptors), sum(&after.descriptors)),
+        grown => {
+            let words: Vec<String> = grown
+                .iter()
+                .map(|(role, before, after)| format!("{role} {before} before, {after} after"))
+                .collect();
+            words.join("; ")
+        }
+    };
+    promise("file descriptors do not pile up", grown.is_empty(), figure);
+    let allowed =
+        before.private_bytes + (before.private_bytes as f64 * GROWTH) as u64 + GROWTH_BYTES;
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    promise(
+        "memory does not pile up",
+        after.private_bytes <= allowed,
+        format!(
+            "private {:.1} MiB before, {:.1} after; resident {:.0} before, {:.0} after",
+            mib(before.private_bytes),
+            mib(after.private_bytes),
+            mib(before.resident_bytes),
+            mib(after.resident_bytes)
+        ),
+    );
+}
+
+fn sum(counts: &std::collections::BTreeMap<String, u64>) -> u64 {
+    counts.values().sum()
+}
+
+/// The group's own counts against ours; `None` when a new supervisor began to count anew.
+fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
+    if report.disturbances.iter().any(|done| done.what == Disturbance::Supervisor) {
+        return None;
+    }
+    let Some(group) = &report.group else {
+        return Some((false, "the group does not say".into()));
+    };
+    let (ours, theirs) = (&report.frames, &group.frames);
+    let pairs = [
+        ("missing", ours.missing + ours.missing_unpromised, theirs.missing_in_world),
+        (
+            "never captured",
+            ours.never_captured + ours.never_captured_unpromised,
+            theirs.never_captured,
+        ),
+        ("twice or out of order", ours.duplicates + ours.out_of_order, theirs.duplicates_in_world),
+    ];
+    let words: Vec<String> = pairs
+        .iter()
+        .map(|(what, ours, theirs)| format!("{what} {theirs} (seen: {ours})"))
+        .collect();
+    // Where the observer itself was too slow it cannot contradict.
+    let agrees = ours.overlooked > 0 || pairs.iter().all(|(_, ours, theirs)| ours == theirs);
+    Some((agrees, words.join(", ")))
+}
+
+/// What times are aimed at, and whether they were: `median` and `p99` or the longest, in
+/// milliseconds, counted to the `world` of a frame captured after the disturbance.
+fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(String, bool)> {
+    let period_ms = 1000.0 / settings.fps;
+    match what {
+        Disturbance::Kill | Disturbance::Panic => {
+            let median = period_ms.max(12.5);
+            let met = times.median <= median && times.p99 <= 40.0;
+            Some((format!("median ≤ {median:.1}, p99 ≤ 40"), met))
+        }
+        Disturbance::Stop => {
+            let median = settings.stall_deadline_ms + 15.0;
+            Some((format!("median ≤ {median:.1}"), times.median <= median))
+        }
+        Disturbance::Pause => None,
+        Disturbance::Double => Some(("max ≤ 500".into(), times.max <= 500.0)),
+        Disturbance::Supervisor => Some(("max ≤ 1000".into(), times.max <= 1000.0)),
+    }
+}
+
+/// The report for people.
+pub fn text(report: &ChaosReport) -> String {
+    let mut text = String::new();
+    let mut line = |words: std::fmt::Arguments| {
+        let _ = writeln!(text, "{words}");
+    };
+    line(format_args!("\nPromises"));
+    for promise in &report.promises {
+        let word = if promise.kept { "kept  " } else { "BROKEN" };
+        line(format_args!("  {word}  {:<41}{}", promise.promise, promise.figure));
+    }
+    line(format_args!(
+        "\nTimes in ms{:<34}{:>7} {:>8} {:>8} {:>8} {:>8}",
+        "", "count", "median", "90 %", "99 %", "longest"
+    ));
+    let aims: Vec<(String, Disturbance)> =
+        report.settings.signals.iter().map(|&what| (fresh_name(what.name()), what)).collect();
+    for (name, times) in &report.times_ms {
+        let aim = aims
+            .iter()
+            .find(|(aimed, _)| aimed == name)
+            .and_then(|(_, what)| target(*what, &report.settings, times));
+        let aim = match aim {
+            None => String::new(),
+            Some((aim, true)) => format!("   {aim}: met"),
+            Some((aim, false)) => format!("   {aim}: MISSED"),
+        };
+        line(format_args!(
+            "  {name:<43}{:>7} {:>8.1} {:>8.1} {:>8.1} {:>8.1}{aim}",
+            times.count, times.median, times.p90, times.p99, times.max
+        ));
+    }
+    if report.frames.overlooked > 0 {
+        line(format_args!(
+            "\nThis machine kept the observer itself from looking, once for {:.0} ms: nothing can be \
+             said about {} frames.",
+            report.observer_longest_absence_ms, report.frames.overlooked
+        ));
+    }
+    if report.interrupted {
+        line(format_args!("\nEnded before its time."));
+    }
+    let broken = report.promises.iter().filter(|promise| !promise.kept).count();
+    match (report.disturbances.len(), broken) {
+        (0, _) => line(format_args!("\nNothing was disturbed, so this proves nothing.")),
+        (count, 0) => line(format_args!("\nEvery promise was kept through {count} disturbances.")),
+        (count, broken) => line(format_args!(
+            "\n{broken} of {} promises were BROKEN in {count} disturbances. The same sequence again: \
+             --seed {}",
+            report.promises.len(),
+            report.settings.seed
+        )),
+    }
+    text
+}
+
+/// Key of the times until the `world` of a frame captured after a disturbance.
+pub fn fresh_name(what: &str) -> String {
+    format!("{what}: to a frame captured after it")
+}
+
+/// Key of the times until the next `world`.
+pub fn next_name(what: &str) -> String {
+    format!("{what}: to the next world")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::leaks::{Leftovers, Usage};
+    use super::super::report::{Ended, Frames, tests::done};
+    use super::*;
+    use crate::monitor::Report;
+    use common::messages::ProcessKind;
+
+    fn good() -> ChaosReport {
+        let usage = Usage {
+            shared_memory_entries: 40,
+            runtime_entries: 60,
+            processes: 8,
+            descriptors: [("supervisor".into(), 50), ("filter".into(), 20)].into(),
+            private_bytes: 30 << 20,
+            resident_bytes: 200 << 20,
+        };
+        ChaosReport {
+            version: "1",
+            kept: true,
+            promises: vec![],
+            settings: Settings {
+                seconds: 10.0,
+                every_ms: 500,
+                signals: vec![Disturbance::Kill],
+                stages: vec![ProcessKind::Filter],
+                fps: 80.0,
+                seed: 1,
+                stall_deadline_ms: 40.0,
+                spares: vec![ProcessKind::Filter],
+            },
+            interrupted: false,
+            frames: Frames { captured: 800, world: 800, ..Frames::default() },
+            times_ms: Default::default(),
+            disturbances: vec![done(1, Disturbance::Kill, Some(ProcessKind::Filter), true)],
+            left_out: 0,
+            ended_by_themselves: vec![],
+            observer_longest_absence_ms: 1.0,
+            usage_before: usage.clone(),
+            usage_after: usage,
+            left: Leftovers { ended_in_order: true, ..Leftovers::default() },
+            group: Some(Report::default()),
+        }
+    }
+
+    fn broken(change: impl FnOnce(&mut ChaosReport)) -> Vec<&'static str> {
+        let mut report = good();
+        change(&mut report);
+        let promises = judge(&report);
+        promises
+            .into_iter()
+            .filter(|promise| !promise.kept)
+            .map(|promise| promise.promise)
+            .collect()
+    }
+
+    #[test]
+    fn a_good_run_keeps_every_promise() {
+        assert_eq!(broken(|_| {}), [""; 0]);
+    }
+
+    #[test]
+    fn each_fault_breaks_its_own_promise() {
+        let ended = Ended { stage: ProcessKind::Filter, pid: 1, t_s: 1.0 };
+        let lost = ["every captured frame reaches world", "the group counts its losses exactly"];
+        assert_eq!(broken(|r| r.frames.missing = 1), lost);
+        assert_eq!(broken(|r| r.frames.captured = 0), lost[..1]);
+        assert_eq!(broken(|r| r.frames.captured_again = 1), ["the camera drops no frame"]);
+        assert_eq!(
+            broken(|r| r.frames.slow_reader.out_of_order = 1),
+            ["the same for a reader that looks rarely"]
+        );
+        assert_eq!(broken(|r| r.left_out = 1), ["every stage comes back"]);
+        assert_eq!(broken(|r| r.disturbances[0].fresh_world_ms = None), ["every stage comes back"]);
+        assert_eq!(
+            broken(|r| r.ended_by_themselves.push(ended)),
+            ["nobody is replaced without cause"]
+        );
+        assert_eq!(broken(|r| r.group = None), ["the group counts its losses exactly"]);
+        assert_eq!(
+            broken(|r| r.usage_after.shared_memory_entries += 1),
+            ["shared memory does not pile up"]
+        );
+        assert_eq!(
+            broken(|r| *r.usage_after.descriptors.get_mut("filter").unwrap() += 1),
+            ["file descriptors do not pile up"]
+        );
+        assert_eq!(
+            broken(|r| r.usage_after.private_bytes += 12 << 20),
+            ["memory does not pile up"]
+        );
+        assert_eq!(broken(|r| r.left.runtime_directory = true), ["nothing is left at the end"]);
+        assert_eq!(broken(|r| r.left.ended_in_order = false), ["nothing is left at the end"]);
+    }
+
+    #[test]
+    fn losses_that_are_not_promised_must_still_be_counted_by_the_group() {
+        let unpromised = |theirs: u64| {
+            broken(|report| {
+                report.frames.missing_unpromised = 7;
+                report.group.as_mut().unwrap().frames.missing_in_world = theirs;
+            })
+        };
+        assert_eq!(unpromised(7), [""; 0]);
+        assert_eq!(unpromised(6), ["the group counts its losses exactly"]);
+    }
+
+    #[test]
+    fn after_a_new_supervisor_counts_are_not_compared() {
+        let found = broken(|report| {
+            report.disturbances.push(done(2, Disturbance::Supervisor, None, true));
+            report.group.as_mut().unwrap().frames.missing_in_world = 5;
+        });
+        assert_eq!(found, [""; 0]);
+    }
+
+    #[test]
+    fn the_text_names_what_is_broken_and_how_to_repeat_it() {
+        let mut report = good();
+        report.frames.duplicates = 3;
+        report.promises = judge(&report);
+        let times = Times { count: 1, median: 13.0, p90: 13.0, p99: 13.0, max: 13.0 };
+        report.times_ms.insert(fresh_name("kill"), times);
+        let text = text(&report);
+        assert!(text.contains("BROKEN  no frame comes twice"), "{text}");
+        assert!(text.contains("--seed 1"), "{text}");
+        assert!(text.contains("median ≤ 12.5, p99 ≤ 40: MISSED"), "{text}");
+    }
+}

@@ -1,0 +1,179 @@
+//! Where a robot's other patches must lie, by the shape of its team patch alone.
+//!
+//! A team patch that is longer than wide shows which way its robot is turned, up to half a turn.
+//! So it says where each identification patch must lie, and what lies there of a colour is a
+//! candidate for the patch, even if its region goes far beyond: grown together with a shadow, with a
+//! floor in coloured light, with the rim of something else.
+
+use crate::measure::{Measure, MomentSums};
+use crate::pattern::{ExpectedPatch, Pattern};
+use crate::pose::robot_from_field;
+use common::config::{Pair, RobotsConfig};
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use common::layout::topmost_patch;
+use common::messages::{DetectionFrame, Region};
+
+/// The longer deviation of a patch must be this multiple of the shorter one for its direction to
+/// be known; as expected, and as measured.
+const MIN_ELONGATION: f64 = 1.35;
+const MIN_MEASURED_ELONGATION: f64 = 1.2;
+/// Footprints are this much wider than their patches, all around: about the uncertainty of the
+/// guess, and about a pixel.
+const MARGIN_MM: f64 = 3.0;
+const STEP_MM: f64 = 1.0;
+
+/// For every point of a robot's top, which patches it may belong to.
+#[derive(Debug, Clone)]
+pub(crate) struct Footprints {
+    reach_mm: f64,
+    columns: usize,
+    /// Bit i for patch i.
+    cells: Vec<u8>,
+}
+
+impl Footprints {
+    /// Widens the visible parts of the patches.
+    pub fn new(robots: &RobotsConfig) -> Self {
+        let reach_mm = robots.size_mm * 0.75 + MARGIN_MM;
+        let columns = ((2.0 * reach_mm / STEP_MM).ceil() as usize).max(1);
+        let place = |index: usize| (index as f64 + 0.5) * STEP_MM - reach_mm;
+        let shown: Vec<Option<usize>> = (0..columns * columns)
+            .map(|cell| topmost_patch(robots, [place(cell % columns), place(cell / columns)]))
+            .collect();
+        let margin = (MARGIN_MM / STEP_MM) as i64;
+        let around: Vec<(i64, i64)> = (-margin..=margin)
+            .flat_map(|dy| (-margin..=margin).map(move |dx| (dx, dy)))
+            .filter(|(dx, dy)| dx * dx + dy * dy <= margin * margin)
+            .collect();
+        let mut cells = vec![0; columns * columns];
+        for (cell, patch) in shown.iter().enumerate() {
+            let Some(patch) = patch else { continue };
+            for (dx, dy) in &around {
+                let (x, y) = ((cell % columns) as i64 + dx, (cell / columns) as i64 + dy);
+                if (0..columns as i64).contains(&x) && (0..columns as i64).contains(&y) {
+                    cells[y as usize * columns + x as usize] |= 1 << patch;
+                }
+            }
+        }
+        Self { reach_mm, columns, cells }
+    }
+
+    /// Whether a point of the robot's frame may belong to a patch.
+    fn holds(&self, patch: usize, [x, y]: Pair) -> bool {
+        // A point outside is saturated to 0, or beyond the last column.
+        let index = |value: f64| ((value + self.reach_mm) / STEP_MM).floor();
+        let (column, row) = (index(x), index(y));
+        let inside = |index: f64| index >= 0.0 && index < self.columns as f64;
+        inside(column)
+            && inside(row)
+            && self.cells[row as usize * self.columns + column as usize] >> patch & 1 == 1
+    }
+}
+
+/// The two poses that a team patch's place and shape allow; `None` if it is as wide as long.
+pub(crate) fn poses(team_patch: &ExpectedPatch, measure: &Measure) -> Option<[Pose; 2]> {
+    let [major, minor] = measure.deviations_mm();
+    if team_patch.major_mm < MIN_ELONGATION * team_patch.minor_mm
+        || major < MIN_MEASURED_ELONGATION * minor
+    {
+        return None;
+    }
+    let axis = |[xx, xy, yy]: [f64; 3]| (2.0 * xy).atan2(xx - yy) / 2.0;
+    let turned = axis(measure.covariance) - axis(team_patch.covariance);
+    Some([turned, turned + std::f64::consts::PI].map(|orientation| {
+        let turned = Pose { position: FieldPoint::default(), orientation };
+        let offset = turned.field_from_robot(team_patch.centroid_mm);
+        let position = FieldPoint::new(
+            measure.position.x_mm - offset.x_mm,
+            measure.position.y_mm - offset.y_mm,
+        );
+        Pose { position, ..turned }
+    }))
+}
+
+/// A place in the picture where a patch is looked for.
+pub(crate) struct Footprint<'a> {
+    pattern: &'a Pattern,
+    patch: usize,
+    pose: Pose,
+    center: ImagePoint,
+    /// Field coordinates of `center`, and how they change with a pixel to the right and down.
+    place: FieldPoint,
+    right: [f64; 2],
+    down: [f64; 2],
+    /// Pixels around `center` outside which nothing of the patch can be.
+    reach_px: f64,
+}
+
+impl<'a> Footprint<'a> {
+    /// Of a patch of a robot at `pose`; `None` where the camera model has no answer.
+    pub fn new(
+        pattern: &'a Pattern,
+        camera: &CameraModel,
+        pose: Pose,
+        patch: usize,
+    ) -> Option<Self> {
+        let place = pose.field_from_robot(pattern.patches[patch].centroid_mm);
+        let center = camera.image_from_field(place, pattern.height_mm);
+        let at = |dx: f64, dy: f64| {
+            let point = ImagePoint::new(center.x_px + dx, center.y_px + dy);
+            let there = camera.field_from_image(point, pattern.height_mm);
+            [there.x_mm - place.x_mm, there.y_mm - place.y_mm]
+        };
+        let (right, down) = (at(1.0, 0.0), at(0.0, 1.0));
+        let least = right[0].hypot(right[1]).min(down[0].hypot(down[1]));
+        let reach_px = (pattern.patches[patch].reach_mm + MARGIN_MM) / least + 1.0;
+        let usable = [place.x_mm, place.y_mm, center.x_px, center.y_px, reach_px];
+        usable.iter().all(|number| number.is_finite()).then_some(Self {
+            pattern,
+            patch,
+            pose,
+            center,
+            place,
+            right,
+            down,
+            reach_px,
+        })
+    }
+
+    /// Whether something of a region can lie in it.
+    pub fn touches(&self, region: &Region) -> bool {
+        let apart = |low: u16, high: u16, center: f64| {
+            f64::from(low) > center + self.reach_px || f64::from(high) < center - self.reach_px
+        };
+        !apart(region.left, region.right, self.center.x_px)
+            && !apart(region.top, region.bottom, self.center.y_px)
+    }
+
+    /// Adds the pixels of a region that lie in it; returns how many those are.
+    pub fn add(&self, region: &Region, frame: &DetectionFrame, sums: &mut MomentSums) -> u32 {
+        let clip = |value: f64| value.clamp(0.0, f64::from(u16::MAX)) as u16;
+        let first = clip(self.center.x_px - self.reach_px);
+        let last = clip(self.center.x_px + self.reach_px);
+        let mut count = 0;
+        for run in frame.runs_of(region) {
+            let dy = f64::from(run.row) - self.center.y_px;
+            if dy.abs() > self.reach_px {
+                continue;
+            }
+            for column in run.begin.max(first)..run.end.min(last.saturating_add(1)) {
+                let dx = f64::from(column) - self.center.x_px;
+                let place = FieldPoint::new(
+                    self.place.x_mm + self.right[0] * dx + self.down[0] * dy,
+                    self.place.y_mm + self.right[1] * dx + self.down[1] * dy,
+                );
+                let point = robot_from_field(&self.pose, place);
+                if self.pattern.footprints.holds(self.patch, point) {
+                    sums.add_pixel(f64::from(column), f64::from(run.row));
+                    count += 1;
+                }
+            }
+        }
+        count
+    }
+
+    /// Where to count pixels from.
+    pub fn sums(&self) -> MomentSums {
+        MomentSums::around((self.center.x_px, self.center.y_px))
+    }
+}
