@@ -24,7 +24,9 @@ fn a_bounded_run_loses_nothing_and_finds_everything() {
     let frames = &report["frames"];
     assert_eq!(frames["captured"], 400, "{report:#}");
     assert_eq!(frames["world"], 400, "{report:#}");
-    for nothing in ["dropped_by_grabber", "never_captured", "missing_in_world", "duplicates_in_world"] {
+    for nothing in
+        ["dropped_by_grabber", "never_captured", "missing_in_world", "duplicates_in_world"]
+    {
         assert_eq!(frames[nothing], 0, "{nothing}: {report:#}");
     }
     for stage in STAGES {
@@ -69,7 +71,10 @@ fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     let status = group.wait_for("a new grabber", |status| {
         status["complete"] == true && status["frames"]["world"].as_u64() > Some(world + 40)
     });
-    assert!(status["frames"]["never_captured"].as_u64() > Some(0), "the gap is counted: {status:#}");
+    assert!(
+        status["frames"]["never_captured"].as_u64() > Some(0),
+        "the gap is counted: {status:#}"
+    );
     assert_eq!(status["frames"]["duplicates_in_world"], 0, "numbers continue: {status:#}");
     assert!(status["events"].as_array().unwrap().len() >= 4, "{status:#}");
 
@@ -134,7 +139,11 @@ fn a_frame_that_kills_two_processes_is_skipped_and_kept() {
         let kept = group.scratch.path.join("state/touchline/test-frame-150.png");
         let deadline = std::time::Instant::now() + support::PATIENCE;
         while image::open(&kept).is_err() {
-            assert!(std::time::Instant::now() < deadline, "{} is not there: {events}", kept.display());
+            assert!(
+                std::time::Instant::now() < deadline,
+                "{} is not there: {events}",
+                kept.display()
+            );
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }
@@ -232,10 +241,8 @@ fn a_group_survives_nothing_but_leaves_no_trouble_for_the_next() {
     let prefix = group.instance.shared_memory_prefix();
     assert!(!support::shared_memory(&prefix).is_empty(), "nothing was left: the test is too weak");
 
-    let output = output_of(
-        &group.scratch,
-        &["run", "--instance", "test", "--frames", "40", "--quiet"],
-    );
+    let output =
+        output_of(&group.scratch, &["run", "--instance", "test", "--frames", "40", "--quiet"]);
     assert!(output.status.success(), "{output:?}");
     group.assert_nothing_left();
 }

@@ -21,7 +21,10 @@ impl Handover {
     /// Leaves the note for the next process of a stage, in the place of the last one.
     pub fn write(&self, instance: &Instance, kind: ProcessKind) -> io::Result<()> {
         let skip = if self.skip_next { " skip" } else { "" };
-        std::fs::write(instance.handover_path(kind.name()), format!("{}{skip}\n", self.resume_after))
+        std::fs::write(
+            instance.handover_path(kind.name()),
+            format!("{}{skip}\n", self.resume_after),
+        )
     }
 
     /// The note for a stage; `None` when it has not worked yet.

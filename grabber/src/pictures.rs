@@ -36,7 +36,8 @@ impl Camera for PictureCamera {
 
 /// The picture files a path stands for: itself, or those in the folder, by name.
 pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
-    let problem = |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
+    let problem =
+        |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
     if !path.is_dir() {
         return Ok(vec![path.to_path_buf()]);
     }
@@ -60,7 +61,8 @@ pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
 /// picture is put behind the configured colour filter array; an 8-bit grey picture is taken to be
 /// raw Bayer data already.
 pub fn load_bayer(path: &Path, camera: &CameraConfig) -> Result<Vec<u8>, CameraError> {
-    let problem = |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
+    let problem =
+        |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
     // A folder can hold files of the wrong extension; the content decides.
     let picture = image::ImageReader::open(path)
         .and_then(image::ImageReader::with_guessed_format)

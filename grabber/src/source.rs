@@ -56,14 +56,17 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             let scene = SyntheticMatch::new(config)
                 .map_err(|error| CameraError::Synthetic(error.to_string()))?;
             Ok(Box::new(move |last| {
-                Box::new(SyntheticCamera { scene, width, position: 0, timeline: Timeline::new(fps, last) })
+                Box::new(SyntheticCamera {
+                    scene,
+                    width,
+                    position: 0,
+                    timeline: Timeline::new(fps, last),
+                })
             }))
         }
         Source::Pictures(path) => {
             let frames = load_frames(path, &config.camera)?;
-            Ok(Box::new(move |last| {
-                Box::new(PictureCamera::new(frames, Timeline::new(fps, last)))
-            }))
+            Ok(Box::new(move |last| Box::new(PictureCamera::new(frames, Timeline::new(fps, last)))))
         }
     }
 }

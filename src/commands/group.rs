@@ -68,6 +68,7 @@ fn running(args: &InstanceArgs) -> Result<Instance, CommandError> {
     if instance.is_supervised() {
         Ok(instance)
     } else {
-        Err(format!("no group {:?} is running; start one with `touchline run`", args.instance).into())
+        Err(format!("no group {:?} is running; start one with `touchline run`", args.instance)
+            .into())
     }
 }

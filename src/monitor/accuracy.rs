@@ -73,8 +73,7 @@ impl Scorer {
         }
         if truth.ball_visible != 0 {
             self.ball_expected += 1;
-            let distance =
-                ball.map(|[x, y]| (truth.ball_x_mm - x).hypot(truth.ball_y_mm - y));
+            let distance = ball.map(|[x, y]| (truth.ball_x_mm - x).hypot(truth.ball_y_mm - y));
             if let Some(distance) = distance.filter(|&distance| distance < SAME_BALL_MM) {
                 self.ball.add(distance);
             }
@@ -83,7 +82,8 @@ impl Scorer {
 
     /// The errors so far; `None` when nothing was scored.
     pub fn errors(&self) -> Option<Errors> {
-        let ratio = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+        let ratio =
+            |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
         (self.expected > 0).then(|| Errors {
             found_ratio: ratio(self.found, self.expected),
             wrong_identity: self.wrong,
@@ -167,8 +167,13 @@ mod tests {
     fn truth() -> TruthFrame {
         let mut truth = TruthFrame::zeroed();
         for (id, x_mm) in [(0, 0.0), (1, 100.0)] {
-            truth.robots[id as usize] =
-                TruthRobot { robot_id: id, x_mm, visible: 1, frames_still: 100, ..Default::default() };
+            truth.robots[id as usize] = TruthRobot {
+                robot_id: id,
+                x_mm,
+                visible: 1,
+                frames_still: 100,
+                ..Default::default()
+            };
         }
         truth.robot_count = 2;
         truth.ball_visible = 1;

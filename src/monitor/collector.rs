@@ -74,9 +74,8 @@ impl Collector {
     ) -> Result<(Self, Publisher<u8, StatusHeader>), BusError> {
         let bus = Bus::join(instance, "monitor")?;
         let status = bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?;
-        let histogram = || {
-            Histogram::new_with_max(LONGEST_NS, 3).expect("these bounds are allowed")
-        };
+        let histogram =
+            || Histogram::new_with_max(LONGEST_NS, 3).expect("these bounds are allowed");
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),
             instance: instance.name().into(),
@@ -272,7 +271,8 @@ impl Collector {
         let dropped_by_grabber = grabber.dropped.values().sum();
         let frames = self.flow.frames(dropped_by_grabber, complete);
         self.rate.measure(now, (frames.captured, frames.world), &mut stages);
-        let working = |stage: &Stage| stage.processes.iter().any(|process| process.state == "active");
+        let working =
+            |stage: &Stage| stage.processes.iter().any(|process| process.state == "active");
         let accuracy = match (self.detection_scorer.errors(), self.world_scorer.errors()) {
             (Some(detections), Some(world)) => Some(Accuracy { detections, world }),
             _ => None,
@@ -308,7 +308,9 @@ impl RateMeter {
         let elapsed_ns = now_ns.saturating_sub(self.since_ns);
         if elapsed_ns >= RATE_PERIOD_NS {
             let seconds = elapsed_ns as f64 / 1e9;
-            let rate = |new: u64, old: u64| (new.saturating_sub(old) as f64 / seconds * 10.0).round() / 10.0;
+            let rate = |new: u64, old: u64| {
+                (new.saturating_sub(old) as f64 / seconds * 10.0).round() / 10.0
+            };
             let first = self.since_ns == 0;
             if !first {
                 self.frames = Rate {
@@ -319,7 +321,8 @@ impl RateMeter {
             for (&kind, stage) in stages.iter() {
                 let used = stage.cpu_seconds - self.cpu_seconds.get(&kind).copied().unwrap_or(0.0);
                 if !first {
-                    self.cpu_percent.insert(kind, (used.max(0.0) / seconds * 1000.0).round() / 10.0);
+                    self.cpu_percent
+                        .insert(kind, (used.max(0.0) / seconds * 1000.0).round() / 10.0);
                 }
                 self.cpu_seconds.insert(kind, stage.cpu_seconds);
             }

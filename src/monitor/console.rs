@@ -225,11 +225,8 @@ fn line(report: &Report) -> String {
     );
     if let Some(accuracy) = &report.accuracy {
         let world = &accuracy.world;
-        let _ = write!(
-            text,
-            "  error {:.2} mm {:.2}°",
-            world.position_rms_mm, world.heading_rms_deg
-        );
+        let _ =
+            write!(text, "  error {:.2} mm {:.2}°", world.position_rms_mm, world.heading_rms_deg);
     }
     text
 }

@@ -55,8 +55,8 @@ impl Monitor {
         let (instance, config) = (instance.clone(), config.clone());
         let (connected, is_connected) = std::sync::mpsc::channel();
         // Ports belong to the thread that made them, so they are made there.
-        let thread = std::thread::spawn(move || {
-            match Collector::new(&instance, source, &config, view) {
+        let thread =
+            std::thread::spawn(move || match Collector::new(&instance, source, &config, view) {
                 Ok((mut collector, status)) => {
                     let _ = connected.send(Ok(()));
                     watch(&mut collector, status, output, &stop_requested)
@@ -65,8 +65,7 @@ impl Monitor {
                     let _ = connected.send(Err(error));
                     Report::default()
                 }
-            }
-        });
+            });
         // A thread that died without an answer would be a bug of ours, reported when it is joined.
         is_connected.recv().unwrap_or(Ok(()))?;
         Ok(Self { thread, stop })

@@ -39,7 +39,8 @@ mod tests {
 
     #[test]
     fn a_name_with_parentheses_does_not_shift_the_fields() {
-        let rest = " S 1 1 1 0 -1 4194560 100 0 0 0 250 50 0 0 20 0 1 0 5 1000000 10 18446744073709551615";
+        let rest =
+            " S 1 1 1 0 -1 4194560 100 0 0 0 250 50 0 0 20 0 1 0 5 1000000 10 18446744073709551615";
         let plain = parse_stat(&format!("7 (a){rest}")).unwrap();
         assert_eq!(parse_stat(&format!("7 (a) (b){rest}")), Some(plain));
         assert!(plain.cpu_seconds > 0.0);

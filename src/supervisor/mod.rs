@@ -21,13 +21,13 @@ use common::instance::InstanceError;
 use common::messages::{ProcessKind, ProcessState};
 use policy::{Action, Cause, Event, MemberId, Policy, Settings};
 use progress::Progress;
-use takeover::Inherited;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, HashMap};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use takeover::Inherited;
 
 /// Why a group could not be run.
 #[derive(Debug, thiserror::Error)]
@@ -235,7 +235,9 @@ impl Supervisor {
     /// stop.
     fn wait(&self) -> Result<bool, SupervisorError> {
         let mut fds = vec![PollFd::new(&self.stop, PollFlags::IN)];
-        fds.extend(self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)));
+        fds.extend(
+            self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)),
+        );
         let timeout = Timespec { tv_sec: 0, tv_nsec: TICK.as_nanos() as _ };
         match poll(&mut fds, Some(&timeout)) {
             Ok(_) | Err(rustix::io::Errno::INTR) => Ok(!fds[0].revents().is_empty()),
@@ -263,8 +265,7 @@ impl Supervisor {
             if !self.ever_complete {
                 self.start_failures += 1;
                 if self.start_failures >= HOPELESS_STARTS {
-                    let reason =
-                        if end.last_words.is_empty() { end.how } else { end.last_words };
+                    let reason = if end.last_words.is_empty() { end.how } else { end.last_words };
                     return Err(SupervisorError::NoStart { stage: process.kind.name(), reason });
                 }
             }
@@ -284,7 +285,8 @@ impl Supervisor {
         let Self { progress, policy, processes, states, dropped, finished, .. } = self;
         progress.heartbeats(|sign| {
             // Heartbeats of processes that are not ours, or no longer alive, say nothing.
-            let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid) else {
+            let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
+            else {
                 return;
             };
             if states.insert(sign.pid, sign.state).is_none() {
@@ -383,7 +385,10 @@ impl Supervisor {
             Some(frame) => {
                 let path = evidence::save_frame(&self.launch.instance, frame);
                 let seq = frame.header().seq;
-                format!("frame {seq} has killed two processes and is skipped; kept in {}", path.display())
+                format!(
+                    "frame {seq} has killed two processes and is skipped; kept in {}",
+                    path.display()
+                )
             }
             None => format!("the frame after {after} has killed two processes and is skipped"),
         };
@@ -437,7 +442,8 @@ impl Supervisor {
 fn settings(config: &Config) -> Settings {
     let supervisor = &config.supervisor;
     let ns = |ms: f64| (ms * 1e6) as u64;
-    let stall_ms = (supervisor.stall_frames * 1000.0 / config.camera.fps).max(supervisor.stall_min_ms);
+    let stall_ms =
+        (supervisor.stall_frames * 1000.0 / config.camera.fps).max(supervisor.stall_min_ms);
     Settings {
         stall_ns: ns(stall_ms),
         grabber_stall_ns: ns(stall_ms.max(2000.0)),
@@ -451,11 +457,9 @@ fn settings(config: &Config) -> Settings {
 fn stop_signals() -> Result<UnixStream, SupervisorError> {
     let system = |source| SupervisorError::System { action: "handle signals".into(), source };
     let (stop, sender) = UnixStream::pair().map_err(system)?;
-    for signal in [
-        signal_hook::consts::SIGINT,
-        signal_hook::consts::SIGTERM,
-        signal_hook::consts::SIGHUP,
-    ] {
+    for signal in
+        [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP]
+    {
         let sender = sender.try_clone().map_err(system)?;
         signal_hook::low_level::pipe::register(signal, sender).map_err(system)?;
     }

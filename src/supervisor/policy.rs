@@ -480,10 +480,9 @@ impl Settings {
     fn backoff(&self, failures: u32) -> u64 {
         match failures {
             0 | 1 => 0,
-            _ => self
-                .backoff_ns
-                .saturating_mul(1 << (failures - 2).min(20))
-                .min(self.backoff_max_ns),
+            _ => {
+                self.backoff_ns.saturating_mul(1 << (failures - 2).min(20)).min(self.backoff_max_ns)
+            }
         }
     }
 }

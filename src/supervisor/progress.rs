@@ -86,7 +86,8 @@ impl Progress {
             let kind = ProcessKind::from_number(beat.process);
             let state = ProcessState::from_number(beat.state);
             if let (Some(kind), Some(state)) = (kind, state) {
-                let dropped = beat.dropped.iter().fold(0u64, |sum, &count| sum.saturating_add(count));
+                let dropped =
+                    beat.dropped.iter().fold(0u64, |sum, &count| sum.saturating_add(count));
                 report(Sign { pid: beat.pid, kind, state, dropped });
             }
         }

@@ -77,12 +77,7 @@ impl Group {
     }
 
     /// As [`start`](Self::start), with variables in the environment of all its processes.
-    pub fn start_with(
-        name: &str,
-        config: &str,
-        args: &[&str],
-        variables: &[(&str, &str)],
-    ) -> Self {
+    pub fn start_with(name: &str, config: &str, args: &[&str], variables: &[(&str, &str)]) -> Self {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let scratch = Scratch::new(name);
         let config = if config.contains("[supervisor]") {

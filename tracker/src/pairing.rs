@@ -34,6 +34,9 @@ const MAX_HYPOTHESES_EACH: u32 = 64;
 const PLACE_WEIGHT: f64 = 8.0;
 /// What each further fragment of a patch costs: of two explanations, the simpler one.
 const FRAGMENT_COST: f64 = 0.05;
+/// What a patch costs that is cut out of its region where the team patch says it must be: it has a
+/// better size and place than a whole region by the way it is made, not by what is seen.
+const CUT_COST: f64 = 0.15;
 /// What each other patch costs that lies on what would be the robot's top: it must have slipped
 /// between two robots, or be one that the robot should have been explained with.
 const STRANGER_COST: f64 = 2.0;
@@ -445,6 +448,9 @@ impl Builder<'_, '_> {
             misfit += PLACE_WEIGHT * (off_mm / pattern.limits.patch_tolerance_mm).powi(2)
                 + candidate.misfit
                 + FRAGMENT_COST * (candidate.parts().len() - 1) as f64;
+            if candidate.beside.is_some() {
+                misfit += CUT_COST;
+            }
         }
         if !self.scene.pitch.contains(pose.position, 0.0) {
             if self.fate == Fate::Incomplete {

@@ -47,8 +47,7 @@ pub fn check_file(path: &Path) -> Result<(Config, Complaints), ConfigError> {
 }
 
 fn read(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path)
-        .map_err(|source| ConfigError::Read { path: path.into(), source })
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
 /// As [`Config::parse`], and tells what is possible but hardly meant.
