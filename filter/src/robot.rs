@@ -74,7 +74,7 @@ const STANDING_SLIP: f64 = 0.05;
 const FULL_SLIP_MM_S: f64 = 300.0;
 /// Most measurements that count as one. The sensor's noise makes each a little new, and a robot that
 /// is moved in spite of its commands must not be held in place for seconds.
-const MAX_REPEATS: f64 = 60.0;
+const MAX_REPEATS: f64 = 30.0;
 /// Uncertainty of the speeds of a robot seen for the first time.
 const INITIAL_V_SIGMA_MM_S: f64 = 1000.0;
 const INITIAL_OMEGA_SIGMA: f64 = 10.0;
