@@ -177,3 +177,81 @@ impl<'a> Footprint<'a> {
         MomentSums::around((self.center.x_px, self.center.y_px))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::config::{Config, Preset};
+    use common::geometry::wrap_angle;
+
+    /// A stripe ahead and two squares behind.
+    fn stripe() -> Config {
+        Preset::MirosotLarge.config()
+    }
+
+    /// What a patch of a robot at `pose` measures.
+    fn measured(pattern: &Pattern, patch: usize, pose: &Pose) -> Measure {
+        let expected = pattern.patches[patch];
+        let [xx, xy, yy] = expected.covariance;
+        let (sin, cos) = pose.orientation.sin_cos();
+        Measure {
+            pixels: 100.0,
+            image: ImagePoint::default(),
+            position: pose.field_from_robot(expected.centroid_mm),
+            area_mm2: expected.area_mm2,
+            covariance: [
+                cos * cos * xx - 2.0 * sin * cos * xy + sin * sin * yy,
+                sin * cos * (xx - yy) + (cos * cos - sin * sin) * xy,
+                sin * sin * xx + 2.0 * sin * cos * xy + cos * cos * yy,
+            ],
+        }
+    }
+
+    #[test]
+    fn a_stripe_tells_its_robots_pose_up_to_half_a_turn() {
+        let pattern = Pattern::new(&stripe()).unwrap();
+        for degrees in (-180..180).step_by(15) {
+            let position = FieldPoint::new(300.0, -200.0);
+            let pose = Pose { position, orientation: f64::from(degrees).to_radians() };
+            let measure = measured(&pattern, 0, &pose);
+            let poses = poses(&pattern.patches[0], &measure).unwrap();
+            let is_it = |guess: &&Pose| {
+                wrap_angle(guess.orientation - pose.orientation).abs() < 1e-6
+                    && guess.position.distance(pose.position) < 1e-6
+            };
+            assert_eq!(poses.iter().filter(is_it).count(), 1, "{degrees}°: {poses:?}");
+        }
+    }
+
+    #[test]
+    fn a_square_tells_nothing() {
+        let pattern = Pattern::new(&Config::default()).unwrap();
+        let measure = measured(&pattern, 0, &Pose::default());
+        assert_eq!(poses(&pattern.patches[0], &measure), None);
+        // Nor does a stripe of which only a piece shows that is as wide as long.
+        let pattern = Pattern::new(&stripe()).unwrap();
+        let square =
+            Measure { covariance: [90.0, 0.0, 90.0], ..measured(&pattern, 0, &Pose::default()) };
+        assert_eq!(poses(&pattern.patches[0], &square), None);
+    }
+
+    #[test]
+    fn a_footprint_is_its_patch_and_a_margin() {
+        let footprints = Footprints::new(&stripe().robots);
+        // The first square behind covers −35 to −2 by 2 to 35.
+        for (point, inside) in [
+            ([-18.5, 18.5], true),
+            ([-34.0, 34.0], true),
+            ([-37.0, 18.5], true),
+            ([-18.5, 37.0], true),
+            ([-39.5, 18.5], false),
+            ([-18.5, 39.5], false),
+            ([-18.5, -18.5], false),
+            ([2.5, 18.5], false),
+            ([f64::NAN, 0.0], false),
+            ([1e300, -1e300], false),
+        ] {
+            assert_eq!(footprints.holds(1, point), inside, "{point:?}");
+        }
+    }
+}

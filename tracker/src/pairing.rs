@@ -36,7 +36,7 @@ const PLACE_WEIGHT: f64 = 8.0;
 const FRAGMENT_COST: f64 = 0.05;
 /// What a patch costs that is cut out of its region where the team patch says it must be: it has a
 /// better size and place than a whole region by the way it is made, not by what is seen.
-const CUT_COST: f64 = 0.15;
+const CUT_COST: f64 = 0.05;
 /// What each other patch costs that lies on what would be the robot's top: it must have slipped
 /// between two robots, or be one that the robot should have been explained with.
 const STRANGER_COST: f64 = 2.0;

@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 pub const PATIENCE: Duration = Duration::from_secs(30);
 /// If this program is killed, the match ends by itself so long after its time.
 const SPARE_TIME_S: f64 = 300.0;
+/// Bytes of the log that an error message repeats.
+pub const LAST_WORDS: usize = 4000;
 /// Between two looks at whether something has happened.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -73,7 +75,8 @@ impl Group {
         match self.supervisor.try_wait()? {
             None => Ok(()),
             Some(status) => {
-                Err(format!("the supervisor ended by itself ({status}):\n{}", self.log()).into())
+                Err(format!("the supervisor ended by itself ({status}):\n{}", self.log(LAST_WORDS))
+                    .into())
             }
         }
     }
@@ -88,7 +91,7 @@ impl Group {
         while !is_so(self) {
             self.check()?;
             if Instant::now() > deadline {
-                return Err(format!("waited in vain for {what}:\n{}", self.log()).into());
+                return Err(format!("waited in vain for {what}:\n{}", self.log(LAST_WORDS)).into());
             }
             std::thread::sleep(LOOK);
         }
@@ -115,10 +118,10 @@ impl Group {
         }
     }
 
-    /// The end of what the supervisor has written.
-    pub fn log(&self) -> String {
+    /// The end of what the supervisors have written, of which one line for every event.
+    pub fn log(&self, bytes: usize) -> String {
         let text = fs::read(self.place.join("log")).unwrap_or_default();
-        let tail = &text[text.len().saturating_sub(4000)..];
+        let tail = &text[text.len().saturating_sub(bytes)..];
         String::from_utf8_lossy(tail).trim().into()
     }
 

@@ -23,7 +23,7 @@ use crate::cli::ChaosArgs;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
 use common::messages::ProcessKind;
-use group::{Group, PATIENCE};
+use group::{Group, LAST_WORDS, PATIENCE};
 use leaks::Usage;
 use observer::Observer;
 use plan::{Plan, Step};
@@ -48,6 +48,9 @@ const SETTLED: Duration = Duration::from_secs(10);
 const COMES_BACK: Duration = Duration::from_secs(10);
 /// A frame that has not reached `world` after so long is lost.
 const LOST_AFTER_NS: u64 = 1_000_000_000;
+
+/// Longest log that goes into the report.
+const WHOLE_LOG: usize = 1 << 20;
 
 /// Runs a match and disturbs it.
 pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
@@ -160,7 +163,11 @@ impl Session {
         let deadline = Instant::now() + PATIENCE;
         while !self.is_complete() && !self.is_stopped() {
             if Instant::now() > deadline {
-                return Err(format!("the group does not get ready:\n{}", self.group.log()).into());
+                return Err(format!(
+                    "the group does not get ready:\n{}",
+                    self.group.log(LAST_WORDS)
+                )
+                .into());
             }
             self.look()?;
         }
@@ -290,6 +297,7 @@ impl Session {
         if let Some(failure) = &sight.failure {
             return Err(format!("the observer could not go on: {failure}").into());
         }
+        let group_log = self.group.log(WHOLE_LOG).lines().map(Into::into).collect();
         let left = self.group.end();
         let tally = &sight.tally;
 
@@ -315,6 +323,7 @@ impl Session {
             usage_after: self.usage_after,
             left,
             group: group_says,
+            group_log,
             settings: self.settings,
         };
         report.promises = verdict::judge(&report);
@@ -377,8 +386,8 @@ impl Session {
             (now_ns - self.began_ns) as f64 / 1e9,
             self.done.len(),
             tally.frames_captured(),
-            tally.order().duplicates(),
-            tally.order().out_of_order(),
+            tally.order().duplicates().len(),
+            tally.order().out_of_order().len(),
             outage.median,
             outage.max
         );

@@ -101,11 +101,6 @@ impl Population {
         }
     }
 
-    /// All living processes.
-    pub fn members(&self) -> impl Iterator<Item = &Member> {
-        self.members.values()
-    }
-
     /// The process that does a stage's work, and is in a state to do it.
     pub fn active(&self, kind: ProcessKind) -> Option<u32> {
         self.fit(kind, ProcessState::Active)
@@ -227,6 +222,6 @@ mod tests {
         (beat.pid, beat.state) = (std::process::id(), ProcessState::Active as u32);
         population.note(&beat);
         assert_eq!(population.active(ProcessKind::Grabber), None);
-        assert_eq!(population.members().count(), 0);
+        assert!(population.members.is_empty());
     }
 }

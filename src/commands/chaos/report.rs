@@ -42,6 +42,8 @@ pub struct ChaosReport {
     pub left: Leftovers,
     /// What the group said of itself at the end.
     pub group: Option<crate::monitor::Report>,
+    /// What its supervisor wrote: every event, with its evidence.
+    pub group_log: Vec<String>,
 }
 
 /// What was asked for.
@@ -135,9 +137,15 @@ pub struct Frames {
     pub overlooked: u64,
     /// Another reader of `world`, which looks only now and then.
     pub slow_reader: SlowReader,
-    /// The numbers behind `missing`, at most a hundred.
+    /// Which frames are `missing`; the first hundred.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub missing_numbers: Vec<u64>,
+    /// Which are `duplicates`; the first hundred.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub duplicate_numbers: Vec<u64>,
+    /// Which are `out_of_order`; the first hundred.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub out_of_order_numbers: Vec<u64>,
 }
 
 /// What a reader of `world` met that looks only now and then.
@@ -171,10 +179,15 @@ pub struct Times {
 /// Frames in flight before a disturbance may be lost by it.
 const IN_FLIGHT_NS: u64 = 1_000_000_000;
 
+/// So many frame numbers are listed, for looking at what happened.
+const NUMBERS: usize = 100;
+
 impl Frames {
     /// What was seen, with losses told apart by whether they are promised not to happen.
     pub fn new(sight: &Sight, missing: &[Missing], done: &[Done]) -> Self {
         let tally = &sight.tally;
+        let order = tally.order();
+        let first = |numbers: &[u64]| numbers[..numbers.len().min(NUMBERS)].to_vec();
         let excused = |t_ns: u64, by: &dyn Fn(&Done) -> bool| {
             done.iter().filter(|done| by(done)).any(|done| {
                 let felt_ns = done.fresh_world_ms.map(|ms| (ms * 1e6) as u64);
@@ -185,15 +198,17 @@ impl Frames {
         let mut frames = Self {
             captured: tally.frames_captured(),
             captured_again: tally.frames_captured_again(),
-            world: tally.order().received(),
-            duplicates: tally.order().duplicates(),
-            out_of_order: tally.order().out_of_order(),
+            world: order.received(),
+            duplicates: order.duplicates().len() as u64,
+            duplicate_numbers: first(order.duplicates()),
+            out_of_order: order.out_of_order().len() as u64,
+            out_of_order_numbers: first(order.out_of_order()),
             overlooked: tally.overlooked(),
             slow_reader: SlowReader {
                 received: sight.napper.received(),
-                duplicates: sight.napper.duplicates(),
-                out_of_order: sight.napper.out_of_order(),
-                lost: sight.napper.skipped().saturating_sub(tally.order().skipped()),
+                duplicates: sight.napper.duplicates().len() as u64,
+                out_of_order: sight.napper.out_of_order().len() as u64,
+                lost: sight.napper.skipped().saturating_sub(order.skipped()),
             },
             ..Self::default()
         };
@@ -202,7 +217,7 @@ impl Frames {
                 frames.missing_unpromised += 1;
             } else {
                 frames.missing += 1;
-                if frames.missing_numbers.len() < 100 {
+                if frames.missing_numbers.len() < NUMBERS {
                     frames.missing_numbers.push(missing.seq);
                 }
             }

@@ -171,8 +171,8 @@ pub struct Order {
     /// Numbers passed over so far.
     skipped: BTreeSet<u64>,
     received: u64,
-    duplicates: u64,
-    out_of_order: u64,
+    duplicates: Vec<u64>,
+    out_of_order: Vec<u64>,
     blind: bool,
 }
 
@@ -187,9 +187,9 @@ impl Order {
         match self.last {
             Some(last) if seq <= last => {
                 if self.skipped.remove(&seq) {
-                    self.out_of_order += 1;
+                    self.out_of_order.push(seq);
                 } else {
-                    self.duplicates += 1;
+                    self.duplicates.push(seq);
                 }
                 return;
             }
@@ -212,13 +212,13 @@ impl Order {
     }
 
     /// Numbers that came again.
-    pub fn duplicates(&self) -> u64 {
-        self.duplicates
+    pub fn duplicates(&self) -> &[u64] {
+        &self.duplicates
     }
 
     /// Numbers that came after a higher one.
-    pub fn out_of_order(&self) -> u64 {
-        self.out_of_order
+    pub fn out_of_order(&self) -> &[u64] {
+        &self.out_of_order
     }
 
     /// Numbers between the first and the last that never came.
@@ -252,13 +252,16 @@ mod tests {
         let tally = with(&[1, 2, 3, 4, 5], &[1, 2, 4]);
         assert_eq!(missing(&tally, 0), [3]);
         assert_eq!(missing(&tally, 51), [3, 5], "5 has had its time");
-        assert_eq!((tally.order().duplicates(), tally.order().out_of_order()), (0, 0));
+        assert!(tally.order().duplicates().is_empty() && tally.order().out_of_order().is_empty());
     }
 
     #[test]
     fn duplicates_and_wrong_order_are_told_apart() {
         let tally = with(&[1, 2, 3, 4], &[1, 3, 2, 3, 4, 1]);
-        assert_eq!((tally.order().duplicates(), tally.order().out_of_order()), (2, 1));
+        assert_eq!(
+            (tally.order().duplicates(), tally.order().out_of_order()),
+            (&[3, 1][..], &[2][..])
+        );
         assert_eq!(missing(&tally, u64::MAX), [0u64; 0], "2 came late, but it came");
     }
 
@@ -311,6 +314,6 @@ mod tests {
     #[test]
     fn a_new_match_with_old_numbers_shows_as_duplicates() {
         let tally = with(&[1, 2, 3], &[1, 2, 3, 1, 2]);
-        assert_eq!(tally.order().duplicates(), 2);
+        assert_eq!(tally.order().duplicates(), [1, 2]);
     }
 }

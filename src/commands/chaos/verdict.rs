@@ -304,6 +304,7 @@ mod tests {
             usage_after: usage,
             left: Leftovers { ended_in_order: true, ..Leftovers::default() },
             group: Some(Report::default()),
+            group_log: vec![],
         }
     }
 

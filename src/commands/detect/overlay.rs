@@ -11,6 +11,7 @@
 use super::canvas::{Area, Canvas, Color, Spot, text_size};
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
+use common::layout::{Layout, body_turn};
 use common::messages::{
     DetectedBall, DetectedRobot, DetectionFrame, Region, RejectReason, Rejected, Team,
 };
@@ -36,6 +37,7 @@ const JOINED: Color = [255, 60, 255];
 pub struct Overlay<'a> {
     config: &'a Config,
     camera: CameraModel,
+    layout: Layout,
     scale: u32,
 }
 
@@ -46,6 +48,7 @@ impl<'a> Overlay<'a> {
         Ok(Self {
             config,
             camera: CameraModel::new(&config.geometry, width, height)?,
+            layout: Layout::new(&config.robots),
             scale: ((WIDTH_PX + width / 2) / width.max(1)).clamp(1, MAX_SCALE),
         })
     }
@@ -193,13 +196,23 @@ impl Drawing<'_> {
             overlay.image_spot(overlay.camera.image_from_field(point, config.height_mm))
         };
         let half = config.size_mm / 2.0;
-        let body = [[half, half], [-half, half], [-half, -half], [half, -half]].map(at);
+        let (sin, cos) = body_turn(config).sin_cos();
+        let body = [[half, half], [-half, half], [-half, -half], [half, -half]]
+            .map(|[x, y]| at([cos * x - sin * y, sin * x + cos * y]));
         self.canvas.polygon(&body, 1.0, overlay.team_color(robot.team));
 
+        let size = overlay.robot_size(f64::from(robot.x_px), f64::from(robot.y_px));
         let patches = robot.patch_regions.iter().take(robot.patch_count as usize);
         let patches: Vec<Spot> = patches
-            .filter_map(|&region| seen.regions().get(region as usize))
-            .map(|region| overlay.spot(f64::from(region.x_px), f64::from(region.y_px)))
+            .zip(&overlay.layout.patches)
+            .filter_map(|(&region, patch)| Some((seen.regions().get(region as usize)?, patch)))
+            .map(|(region, patch)| {
+                let seen = overlay.spot(f64::from(region.x_px), f64::from(region.y_px));
+                let expected = at(patch.centroid_mm);
+                // Of a region that goes far beyond the robot only a part is the patch.
+                let off = (seen.x - expected.x).hypot(seen.y - expected.y);
+                if off < size / 4.0 { seen } else { expected }
+            })
             .collect();
         if patches.len() > 1 {
             self.canvas.polygon(&patches, 3.0, BLACK);
