@@ -61,10 +61,9 @@ impl Display {
                 }
             }
             Output::Display => {
-                let text = display(report);
-                let mut screen = format!("{}{text}", self.erase());
+                let text = fit(&display(report));
+                let screen = format!("{}{text}", self.erase());
                 self.drawn_lines = text.lines().count();
-                screen.push_str("\x1b[0m");
                 print(&screen);
             }
         }
@@ -93,13 +92,23 @@ fn print(text: &str) {
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
+/// Cuts lines to the terminal's width: a line that wraps would upset the counting of lines.
+fn fit(text: &str) -> String {
+    let width = rustix::termios::tcgetwinsize(std::io::stdout())
+        .ok()
+        .map(|size| usize::from(size.ws_col))
+        .filter(|&columns| columns > 0)
+        .unwrap_or(100);
+    text.lines().map(|line| line.chars().take(width).collect::<String>() + "\n").collect()
+}
+
 fn display(report: &Report) -> String {
     let mut text = String::new();
     let camera = &report.camera;
     let state = if report.complete { "running" } else { "incomplete" };
     let _ = writeln!(
         text,
-        "\x1b[1mTouchline\x1b[0m  {} — {}, {}×{} at {} fps — {state} for {:.0} s   (Ctrl-C ends)",
+        "Touchline  {} — {}, {}×{} at {} fps — {state} for {:.0} s   (Ctrl-C ends)",
         report.instance, report.source, camera.width, camera.height, camera.fps, report.elapsed_s
     );
     text.push_str(&body(report));
@@ -129,11 +138,12 @@ fn body(report: &Report) -> String {
     let frames = &report.frames;
     let _ = writeln!(
         text,
-        "  frames       {} captured ({:.1}/s), {} in world ({:.1}/s), {} missing, {} duplicated, {} dropped by the grabber, {} never captured",
-        frames.captured,
-        report.rate.captured,
-        frames.world,
-        report.rate.world,
+        "  frames       {} captured ({:.1}/s), {} in world ({:.1}/s)",
+        frames.captured, report.rate.captured, frames.world, report.rate.world,
+    );
+    let _ = writeln!(
+        text,
+        "  lost         {} missing, {} duplicated, {} dropped by the grabber, {} never captured",
         frames.missing_in_world,
         frames.duplicates_in_world,
         frames.dropped_by_grabber,
@@ -141,7 +151,7 @@ fn body(report: &Report) -> String {
     );
     let _ = writeln!(
         text,
-        "  {:<12} {:>9} {:>9} {:>8} {:>8} {:>6} {:>8}   capture → output µs: p50 / p99 / max",
+        "  {:<12} {:>8} {:>8} {:>7} {:>8} {:>6} {:>7}   from capture, µs: p50 / p99 / max",
         "stage", "in", "out", "dropped", "restarts", "CPU", "memory"
     );
     let latency = &report.latency_us;
@@ -157,7 +167,7 @@ fn body(report: &Report) -> String {
         let Percentiles { p50, p99, max, .. } = latency;
         let _ = writeln!(
             text,
-            "  {:<12} {:>9} {:>9} {:>8} {:>8} {:>5.1}% {:>5} MB   {p50:.0} / {p99:.0} / {max:.0}",
+            "  {:<12} {:>8} {:>8} {:>7} {:>8} {:>5.1}% {:>4} MB   {p50:.0} / {p99:.0} / {max:.0}",
             kind.name(),
             stage.frames_in,
             stage.frames_out,
@@ -180,27 +190,42 @@ fn body(report: &Report) -> String {
         let _ = writeln!(text, "  rejected     {}", reasons.join(", "));
     }
     if let Some(accuracy) = &report.accuracy {
+        let _ = writeln!(
+            text,
+            "  {:<12} {:>8} {:>6} {:>14} {:>14} {:>14} {:>14} {:>9} {:>6}",
+            "errors",
+            "found",
+            "wrong",
+            "position mm",
+            "heading °",
+            "standing mm",
+            "standing °",
+            "ball",
+            "mm"
+        );
         for (name, errors) in [("detections", &accuracy.detections), ("world", &accuracy.world)] {
             let _ = writeln!(text, "  {name:<12} {}", errors_line(errors));
         }
+        let _ = writeln!(
+            text,
+            "  {:<12} {:>30} {:>14} {:>14} {:>14}",
+            "", "rms / p99", "rms / p99", "rms / max", "rms / max"
+        );
     }
     text
 }
 
 fn errors_line(errors: &Errors) -> String {
     let standing = &errors.standing;
+    let pair = |rms: f64, other: f64| format!("{rms:.2} / {other:.2}");
     format!(
-        "found {:.2}%, {} wrong; error {:.2} mm rms ({:.2} p99), {:.2}° ({:.2}); standing {:.2} mm ({:.2} max), {:.2}° ({:.2} max); ball {:.2}%, {:.2} mm",
+        "{:>7.2}% {:>6} {:>14} {:>14} {:>14} {:>14} {:>8.2}% {:>6.2}",
         errors.found_ratio * 100.0,
         errors.wrong_identity,
-        errors.position_rms_mm,
-        errors.position_p99_mm,
-        errors.heading_rms_deg,
-        errors.heading_p99_deg,
-        standing.position_rms_mm,
-        standing.position_max_mm,
-        standing.heading_rms_deg,
-        standing.heading_max_deg,
+        pair(errors.position_rms_mm, errors.position_p99_mm),
+        pair(errors.heading_rms_deg, errors.heading_p99_deg),
+        pair(standing.position_rms_mm, standing.position_max_mm),
+        pair(standing.heading_rms_deg, standing.heading_max_deg),
         errors.ball_found_ratio * 100.0,
         errors.ball_rms_mm,
     )

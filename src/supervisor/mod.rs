@@ -69,6 +69,8 @@ pub enum SupervisorError {
 const TICK: Duration = Duration::from_millis(5);
 /// How long processes have to end in order before they are killed.
 const GRACE: Duration = Duration::from_secs(2);
+/// How long the last results may take when the group is told to end.
+const DRAIN: Duration = Duration::from_millis(100);
 /// How long after the camera's last frame results are waited for.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
 /// Processes give a sign of life ten times a second.
@@ -401,7 +403,24 @@ impl Supervisor {
             || self.last_output.elapsed() > LAST_RESULTS
     }
 
+    /// Ends the camera, lets the last frame's results come out, and ends everybody else.
     fn end_all(&mut self) {
+        for process in
+            self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
+        {
+            process.signal(Signal::TERM);
+        }
+        let deadline = Instant::now() + DRAIN;
+        let is_capturing = |processes: &HashMap<MemberId, Process>| {
+            processes.values().any(|process| process.kind == ProcessKind::Grabber)
+        };
+        while Instant::now() < deadline
+            && (is_capturing(&self.processes) || !self.results_are_out())
+        {
+            std::thread::sleep(TICK);
+            let _ = self.look();
+            self.processes.retain(|_, process| process.reap().is_none());
+        }
         let deadline = Instant::now() + GRACE;
         for process in self.processes.values() {
             // A stopped process cannot hear; a continued one that was not stopped does not care.

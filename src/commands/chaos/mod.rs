@@ -31,6 +31,7 @@ use population::{Population, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::Write as _;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -72,7 +73,7 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
     }
 
     let settings = settings(&args, &config);
-    println!(
+    say(&format!(
         "{} to {} every {} ms for {} s, {} frames a second, --seed {}",
         list(settings.signals.iter().map(|kind| kind.name())),
         list(settings.stages.iter().map(|kind| kind.name())),
@@ -80,7 +81,7 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
         settings.seconds,
         settings.fps,
         settings.seed
-    );
+    ));
     let group = Group::start(args.config.as_deref(), settings.fps, settings.seconds)?;
     let mut session = Session::new(group, settings, stop)?;
     session.warm_up()?;
@@ -88,7 +89,7 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
     session.settle()?;
     let report = session.finish()?;
 
-    print!("{}", verdict::text(&report));
+    say(verdict::text(&report).trim_end());
     if let Some(file) = report_file {
         serde_json::to_writer_pretty(&file, &report)?;
     }
@@ -116,6 +117,12 @@ fn settings(args: &ChaosArgs, config: &Config) -> Settings {
     }
 }
 
+/// A reader that has gone away (`| head`) is no reason to leave a match running.
+fn say(line: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+}
+
 fn list<'a>(words: impl Iterator<Item = &'a str>) -> String {
     words.collect::<Vec<_>>().join(",")
 }
@@ -130,6 +137,7 @@ struct Session {
     population: Population,
     began_ns: u64,
     calm: Option<(u64, u64)>,
+    lost_undisturbed: u64,
     usage_before: Usage,
     usage_after: Usage,
     done: Vec<Done>,
@@ -149,6 +157,7 @@ impl Session {
             group,
             began_ns: monotonic_ns(),
             calm: None,
+            lost_undisturbed: 0,
             usage_before: Usage::default(),
             usage_after: Usage::default(),
             done: Vec::new(),
@@ -186,7 +195,20 @@ impl Session {
         self.watch_for(WARM_UP)?;
         self.calm = Some((calm_ns, monotonic_ns()));
         self.usage_before = leaks::usage(&self.group.instance);
+        self.lost_undisturbed = self.lost_so_far();
+        if self.lost_undisturbed > 0 {
+            say(&verdict::too_slow(self.lost_undisturbed, self.settings.fps));
+        }
         Ok(())
+    }
+
+    /// Frames not captured, not in `world` or not seen by us, from the beginning until now.
+    fn lost_so_far(&self) -> u64 {
+        let sight = self.observer.sight();
+        let missing =
+            sight.tally.missing(monotonic_ns().saturating_sub(LOST_AFTER_NS)).len() as u64;
+        let gaps: u64 = sight.tally.gaps().iter().map(|gap| gap.frames).sum();
+        missing + gaps + sight.tally.overlooked()
     }
 
     fn disturb(&mut self) -> Result<(), CommandError> {
@@ -316,6 +338,7 @@ impl Session {
             frames: Frames::new(&sight, &missing, &done),
             times_ms: times(&done, tally, self.calm),
             disturbances: done,
+            lost_undisturbed: self.lost_undisturbed,
             left_out: self.left_out,
             ended_by_themselves: self.ended_by_themselves,
             observer_longest_absence_ms: ms(sight.longest_absence_ns),
@@ -380,7 +403,7 @@ impl Session {
         let missing = tally.missing(now_ns.saturating_sub(LOST_AFTER_NS)).len();
         let outages = self.done.iter().filter_map(|done| tally.outage(done.t_ns).fresh_world_ns);
         let outage = Times::of(outages.map(ms)).unwrap_or_default();
-        println!(
+        say(&format!(
             "{:4.0} s  {:4} disturbances  {:6} frames, {missing} missing, {} twice, {} out of order  \
              outage median {:.1} ms, longest {:.1}",
             (now_ns - self.began_ns) as f64 / 1e9,
@@ -390,7 +413,7 @@ impl Session {
             tally.order().out_of_order().len(),
             outage.median,
             outage.max
-        );
+        ));
     }
 
     /// Whether every stage works and every spare stands by.
@@ -425,15 +448,15 @@ fn times(done: &[Done], tally: &tally::Tally, calm: Option<(u64, u64)>) -> BTree
         put(verdict::fresh_name("(undisturbed)"), fresh.collect());
         put("between two worlds".into(), tally.intervals_ns(to_ns).map(ms).collect());
     }
-    let mut kinds: Vec<Disturbance> = done.iter().map(|done| done.what).collect();
-    kinds.sort();
-    kinds.dedup();
-    for kind in kinds {
-        let of_kind = || done.iter().filter(|done| done.what == kind);
-        let next = of_kind().filter_map(|done| done.next_world_ms);
-        put(verdict::next_name(kind.name()), next.collect());
-        let fresh = of_kind().filter_map(|done| done.fresh_world_ms);
-        put(verdict::fresh_name(kind.name()), fresh.collect());
+    let mut labels: Vec<String> = done.iter().map(Done::label).collect();
+    labels.sort();
+    labels.dedup();
+    for label in labels {
+        let alike = || done.iter().filter(|done| done.label() == label);
+        let next = alike().filter_map(|done| done.next_world_ms);
+        put(verdict::next_name(&label), next.collect());
+        let fresh = alike().filter_map(|done| done.fresh_world_ms);
+        put(verdict::fresh_name(&label), fresh.collect());
     }
     put(
         "until there is a spare again".into(),

@@ -28,6 +28,8 @@ pub struct ChaosReport {
     pub times_ms: BTreeMap<String, Times>,
     /// What was done, in order.
     pub disturbances: Vec<Done>,
+    /// Frames lost before anything was disturbed: the machine does not keep up.
+    pub lost_undisturbed: u64,
     /// Disturbances left out because the stage was not back in time to be disturbed again.
     pub left_out: u64,
     /// Processes that ended although nobody had touched them.
@@ -98,6 +100,17 @@ pub struct Done {
     /// Until the stage had a spare again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub protected_ms: Option<f64>,
+}
+
+impl Done {
+    /// What its times are grouped by.
+    pub fn label(&self) -> String {
+        match self.what {
+            Disturbance::Double => "double".into(),
+            what if self.lossless => what.name().into(),
+            what => format!("{} without a spare", what.name()),
+        }
+    }
 }
 
 /// A process that ended although nobody had touched it.
