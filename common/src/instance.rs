@@ -12,8 +12,12 @@ use std::path::{Path, PathBuf};
 pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
 /// The instance used when none is named.
 pub const DEFAULT_INSTANCE: &str = "default";
-/// Longest name: socket paths are limited to 108 bytes and hold the name.
+/// Longest name.
 const MAX_NAME: usize = 24;
+/// Longest runtime directory. The system limits the path of a socket to 107 bytes; iceoryx2 puts its
+/// sockets into `ipc/` of the runtime directory and names them by our prefix (12 bytes), a number (up
+/// to 33) and `.event`.
+const MAX_DIRECTORY: usize = 107 - "/ipc/".len() - 12 - 33 - ".event".len();
 
 /// Why an instance cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +69,11 @@ impl Instance {
         if !valid {
             return Err(InstanceError::Name(name.into()));
         }
-        Ok(Self { name: name.into(), directory: base.join(name) })
+        let directory = base.join(name);
+        match directory.to_str() {
+            Some(text) if text.len() <= MAX_DIRECTORY => Ok(Self { name: name.into(), directory }),
+            _ => Err(InstanceError::Path(directory)),
+        }
     }
 
     /// Its name.
@@ -171,11 +179,11 @@ impl Instance {
         Ok(config)
     }
 
-    /// How the names of this instance's shared memory begin. It depends on the directory too, so
-    /// that groups of the same name in different places never meet.
+    /// How the names of this instance's shared memory begin. It stands for the directory, so that
+    /// groups of the same name in different places never meet.
     pub fn shared_memory_prefix(&self) -> String {
         let path = self.directory.to_string_lossy();
-        format!("touchline_{}_{:08x}_", self.name, fnv1a(path.as_bytes()) as u32)
+        format!("tl_{:08x}_", fnv1a(path.as_bytes()) as u32)
     }
 
     /// Removes everything a group has left behind in shared memory and in the runtime directory.
@@ -242,6 +250,17 @@ pub fn fnv1a(bytes: &[u8]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_too_deep_for_sockets_is_refused_before_it_is_used() {
+        let base = PathBuf::from("/").join("x".repeat(MAX_DIRECTORY - 6));
+        assert!(Instance::below(&base, "four").is_ok());
+        let error = Instance::below(&base, "fiver").unwrap_err().to_string();
+        assert!(error.contains(RUNTIME_DIR_VARIABLE), "{error}");
+        let longest =
+            Instance::below(Path::new("/run/user/4294967/touchline"), &"x".repeat(MAX_NAME));
+        assert!(longest.is_ok(), "the longest name must fit into the usual place: {longest:?}");
+    }
 
     #[test]
     fn names_that_do_not_fit_into_file_names_are_refused() {

@@ -292,7 +292,9 @@ impl Policy {
     }
 
     fn exited(&mut self, id: MemberId, crashed: bool, now_ns: u64) {
-        self.clean_up_at_ns = Some(now_ns + SETTLE_NS);
+        // Not put off by further deaths: in a storm of them, the dead would soon hold every slot that
+        // a topic has for publishers.
+        self.clean_up_at_ns.get_or_insert(now_ns + SETTLE_NS);
         let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
         let settings = &self.settings;
         for stage in &mut self.stages {
@@ -743,6 +745,18 @@ mod tests {
         play.now_ns += 3000 * MS;
         let actions = play.run(20);
         assert!(!actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+    }
+
+    #[test]
+    fn cleaning_up_is_not_put_off_by_further_deaths() {
+        let mut play = Play::new(&[]);
+        play.run(500);
+        let mut actions = vec![];
+        for kind in [ProcessKind::Classifier, ProcessKind::Tracker, ProcessKind::Filter] {
+            play.exit(kind);
+            actions.extend(play.run(50));
+        }
+        assert!(actions.contains(&Action::CleanUp), "{actions:?}");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::path::Path;
 /// learns of a death when it next looks. A leak grows with the number of deaths, this does not.
 const STALE_PER_PROCESS: u64 = 2;
 /// The same, in file descriptors of one process.
-pub const STALE_DESCRIPTORS: u64 = 8;
+pub const STALE_DESCRIPTORS: u64 = 16;
 
 /// What a group uses at a moment.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -169,8 +169,8 @@ mod tests {
         assert!(!with(|usage| usage.shared_memory_entries += 17));
         assert!(!with(|usage| usage.runtime_entries += 17));
         assert!(!with(|usage| usage.processes += 1));
-        assert!(with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 8));
-        assert!(!with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 9));
+        assert!(with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 16));
+        assert!(!with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 17));
         let leaky = Usage { descriptors: [("filter".into(), 21)].into(), ..before.clone() };
         assert_eq!(leaky.descriptors_grown(&before), [("filter".into(), 20, 21)]);
     }

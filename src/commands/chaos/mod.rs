@@ -20,6 +20,7 @@ pub use plan::Disturbance;
 
 use super::CommandError;
 use crate::cli::ChaosArgs;
+use crate::monitor::Report;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
 use common::messages::ProcessKind;
@@ -143,6 +144,7 @@ struct Session {
     done: Vec<Done>,
     left_out: u64,
     ended_by_themselves: Vec<Ended>,
+    deaths: u64,
     line_at: Instant,
 }
 
@@ -163,6 +165,7 @@ impl Session {
             done: Vec::new(),
             left_out: 0,
             ended_by_themselves: Vec::new(),
+            deaths: 0,
             line_at: Instant::now(),
         })
     }
@@ -329,6 +332,13 @@ impl Session {
             done.next_world_ms = outage.next_world_ns.map(ms);
             done.fresh_world_ms = outage.fresh_world_ns.map(ms);
         }
+        let ended = |group: &Report| group.stages.values().map(|stage| stage.restarts).sum::<u64>();
+        let started_in_vain = match &group_says {
+            Some(group) if done.iter().all(|done| done.what != Disturbance::Supervisor) => {
+                ended(group).saturating_sub(self.deaths)
+            }
+            _ => 0,
+        };
         let missing = tally.missing(monotonic_ns().saturating_sub(LOST_AFTER_NS));
         let mut report = ChaosReport {
             version: env!("CARGO_PKG_VERSION"),
@@ -341,6 +351,7 @@ impl Session {
             lost_undisturbed: self.lost_undisturbed,
             left_out: self.left_out,
             ended_by_themselves: self.ended_by_themselves,
+            started_in_vain,
             observer_longest_absence_ms: ms(sight.longest_absence_ns),
             usage_before: self.usage_before,
             usage_after: self.usage_after,
@@ -373,6 +384,7 @@ impl Session {
         self.population.resume(Instant::now());
         let now_ns = monotonic_ns();
         for death in self.population.bury() {
+            self.deaths += 1;
             if !death.provoked {
                 let t_s = ms(now_ns.saturating_sub(self.began_ns)) / 1000.0;
                 self.ended_by_themselves.push(Ended { stage: death.kind, pid: death.pid, t_s });

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// Between two looks of the first reader: much finer than what is measured.
 const POLL: Duration = Duration::from_micros(500);
 /// The second reader never waits longer than this …
-const LONGEST_NAP: Duration = Duration::from_millis(400);
+const LONGEST_NAP: Duration = Duration::from_millis(250);
 /// … nor for more than this many frames: half of its buffer.
 const NAP_FRAMES: f64 = 32.0;
 

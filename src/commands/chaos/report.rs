@@ -34,6 +34,9 @@ pub struct ChaosReport {
     pub left_out: u64,
     /// Processes that ended although nobody had touched them.
     pub ended_by_themselves: Vec<Ended>,
+    /// Processes that ended before they were ready, as the group counts them; 0 when a new
+    /// supervisor began to count anew.
+    pub started_in_vain: u64,
     /// Longest time for which the observer itself was kept from looking.
     pub observer_longest_absence_ms: f64,
     /// What the group used before the first disturbance.

@@ -79,9 +79,13 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
         ),
     );
     promise(
-        "nobody is replaced without cause",
-        report.ended_by_themselves.is_empty(),
-        format!("{} replaced that nobody had touched", report.ended_by_themselves.len()),
+        "no process ends without cause",
+        report.ended_by_themselves.is_empty() && report.started_in_vain == 0,
+        format!(
+            "{} ended that nobody had touched, {} before they were ready",
+            report.ended_by_themselves.len(),
+            report.started_in_vain
+        ),
     );
     if let Some((agrees, figure)) = own_counts(report) {
         promise("the group counts its losses exactly", agrees, figure);
@@ -314,6 +318,7 @@ mod tests {
             lost_undisturbed: 0,
             left_out: 0,
             ended_by_themselves: vec![],
+            started_in_vain: 0,
             observer_longest_absence_ms: 1.0,
             usage_before: usage.clone(),
             usage_after: usage,
@@ -354,15 +359,16 @@ mod tests {
         assert_eq!(broken(|r| r.disturbances[0].fresh_world_ms = None), ["every stage comes back"]);
         assert_eq!(
             broken(|r| r.ended_by_themselves.push(ended)),
-            ["nobody is replaced without cause"]
+            ["no process ends without cause"]
         );
+        assert_eq!(broken(|r| r.started_in_vain = 1), ["no process ends without cause"]);
         assert_eq!(broken(|r| r.group = None), ["the group counts its losses exactly"]);
         assert_eq!(
             broken(|r| r.usage_after.shared_memory_entries += 17),
             ["shared memory does not pile up"]
         );
         assert_eq!(
-            broken(|r| *r.usage_after.descriptors.get_mut("filter").unwrap() += 9),
+            broken(|r| *r.usage_after.descriptors.get_mut("filter").unwrap() += 17),
             ["file descriptors do not pile up"]
         );
         assert_eq!(
