@@ -13,7 +13,7 @@ pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
 /// The instance used when none is named.
 pub const DEFAULT_INSTANCE: &str = "default";
 /// Longest name.
-const MAX_NAME: usize = 24;
+const MAX_NAME: usize = 20;
 /// Longest runtime directory. The system limits the path of a socket to 107 bytes; iceoryx2 puts its
 /// sockets into `ipc/` of the runtime directory and names them by our prefix (12 bytes), a number (up
 /// to 33) and `.event`.
