@@ -150,12 +150,14 @@ fn every_robot_and_the_ball_of_the_vsss_pitch_are_found() {
 
 /// Clear robots of all pictures that `agh.toml` finds under their own name within 3 px and 6°, less
 /// a few.
-const AGH_COMPLETE_AT_LEAST: usize = 20;
+const AGH_COMPLETE_AT_LEAST: usize = 45;
+/// Robots of all pictures that may be taken for another: under the bluest lamp red looks violet.
+const AGH_WRONG_AT_MOST: usize = 2;
 
 #[test]
 fn team_patches_and_the_ball_of_the_mirosot_pitch_are_found_under_all_lamps() {
     let Some(pictures) = detect("agh") else { return };
-    let (mut complete, mut clear) = (0, 0);
+    let (mut complete, mut clear, mut mistaken) = (0, 0, 0);
     for picture in &pictures {
         let (mut named, mut patches, mut here) = (0, 0, 0);
         let mut unseen = Vec::new();
@@ -180,8 +182,10 @@ fn team_patches_and_the_ball_of_the_mirosot_pitch_are_found_under_all_lamps() {
         assert!(unseen.is_empty(), "{}: no team patch of {unseen:?}", picture.name);
         assert!(ball.is_none_or(|offset| offset <= 2.0), "{}: {:#}", picture.name, picture.answer);
         complete += named;
+        mistaken += wrong.len();
         clear += here;
     }
     println!("complete: {complete} of {clear}");
     assert!(complete >= AGH_COMPLETE_AT_LEAST, "complete: {complete} of {clear}");
+    assert!(mistaken <= AGH_WRONG_AT_MOST, "{mistaken} of {clear} taken for another");
 }

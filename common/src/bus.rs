@@ -18,6 +18,8 @@ use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::event::PortFactory as EventFactory;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
 use std::time::Duration;
@@ -180,7 +182,10 @@ impl Bus {
             .history_request(history)
             .create()
             .map_err(failed(topic.name, "create a subscriber"))?;
-        Ok(Subscriber { port, topic: topic.name })
+        // One message is with the caller, and one may be kept by it.
+        let capacity = topic.borrowed.saturating_sub(2).clamp(1, topic.buffer);
+        let queue = RefCell::new(VecDeque::with_capacity(capacity));
+        Ok(Subscriber { port, topic: topic.name, seq: topic.seq, capacity, queue })
     }
 
     /// What a reader sleeps on until the topic has something new.
@@ -297,17 +302,41 @@ impl<E: Message, H: Header> Loan<'_, E, H> {
     }
 }
 
-/// Reads messages in place.
+/// Reads messages in place, in order.
+///
+/// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
+/// been handed over, a reader that has fallen behind finds messages of the dead process and of its
+/// successor, and must get them by their numbers. So all that has come is taken over into a queue of
+/// our own, which is in order, and handed out from there.
 pub struct Subscriber<E: Message, H: Header> {
     port: IpcSubscriber<ipc::Service, [E], H>,
     topic: &'static str,
+    seq: fn(&[E], &H) -> u64,
+    /// How many messages the queue may hold.
+    capacity: usize,
+    queue: RefCell<VecDeque<Received<E, H>>>,
 }
 
 impl<E: Message, H: Header> Subscriber<E, H> {
     /// The oldest unread message, if there is one.
     pub fn receive(&self) -> Result<Option<Received<E, H>>, BusError> {
-        let sample = self.port.receive().map_err(failed(self.topic, "receive"))?;
-        Ok(sample.map(|sample| Received { sample }))
+        let mut queue = self.queue.borrow_mut();
+        while queue.len() < self.capacity {
+            let Some(sample) = self.port.receive().map_err(failed(self.topic, "receive"))? else {
+                break;
+            };
+            let received = Received { sample };
+            let seq = self.seq_of(&received);
+            // Nearly always the place is the last.
+            let before = queue.iter().rev().take_while(|queued| self.seq_of(queued) > seq).count();
+            let place = queue.len() - before;
+            queue.insert(place, received);
+        }
+        Ok(queue.pop_front())
+    }
+
+    fn seq_of(&self, received: &Received<E, H>) -> u64 {
+        (self.seq)(received.elements(), received.header())
     }
 
     /// The newest message; all others are passed over.

@@ -4,7 +4,6 @@
 //! buffer is full, and discard rather than wait: no reader can hold up a writer.
 
 use crate::messages::*;
-use std::marker::PhantomData;
 
 /// One topic. A message on it is a slice of `Element`s with a `Header` beside it; where the element
 /// is a whole message, the slice has one.
@@ -22,14 +21,17 @@ pub struct Topic<Element, Header = ()> {
     /// that had to be started from scratch finds what came while it was not there. They live as
     /// long as their writer.
     pub history: usize,
-    /// Messages a subscriber may hold at the same time.
+    /// Messages a subscriber may hold at the same time. It takes address space in shared memory for
+    /// each, but memory only for those it does hold.
     pub borrowed: usize,
     /// Publishers at the same time: the active process, its spare, and predecessors that are dead
     /// but not yet cleaned up.
     pub publishers: usize,
     /// Subscribers at the same time.
     pub subscribers: usize,
-    types: PhantomData<fn(Element, Header)>,
+    /// The number by which messages are put in order when several writers have written: those of
+    /// a stage's dead process and of its successor. Where it is always 0, as they come.
+    pub seq: fn(&[Element], &Header) -> u64,
 }
 
 const fn topic<Element, Header>(
@@ -47,30 +49,44 @@ const fn topic<Element, Header>(
         borrowed: 4,
         publishers: 4,
         subscribers: 12,
-        types: PhantomData,
+        seq: |_, _| 0,
     }
 }
+
+/// A reader that is far behind when a stage is handed over puts a whole buffer in order.
+const WHOLE_BUFFER: usize = 64 + 4;
 
 /// A topic that a stage works through, message by message.
 const fn work<Element, Header>(
     name: &'static str,
     writer: &'static str,
     readers: &'static str,
+    seq: fn(&[Element], &Header) -> u64,
 ) -> Topic<Element, Header> {
-    Topic { history: 64, ..topic(name, writer, readers, 64) }
+    Topic { history: 64, borrowed: WHOLE_BUFFER, seq, ..topic(name, writer, readers, 64) }
 }
 
 /// Raw frames; the payload is the pixels, `stride` bytes a row.
 ///
 /// The supervisor holds on to the newest ones, as evidence should one of them kill a stage.
-pub const FRAMES: Topic<u8, FrameHeader> =
-    Topic { borrowed: 36, ..work("frames", "grabber", "classifier") };
+pub const FRAMES: Topic<u8, FrameHeader> = Topic {
+    borrowed: 32 + WHOLE_BUFFER,
+    ..work("frames", "grabber", "classifier", |_, header| header.seq)
+};
 /// Runs of classified pixels.
-pub const RUNS: Topic<Run, RunsHeader> = work("runs", "classifier", "tracker");
+pub const RUNS: Topic<Run, RunsHeader> =
+    work("runs", "classifier", "tracker", |_, header| header.frame.seq);
 /// Regions, robots and balls of one frame.
-pub const DETECTIONS: Topic<DetectionFrame> = work("detections", "tracker", "filter, monitor");
+pub const DETECTIONS: Topic<DetectionFrame> =
+    work("detections", "tracker", "filter, monitor", |elements, _| {
+        elements.first().map_or(0, |detections| detections.frame.seq)
+    });
 /// Filtered robots and ball.
-pub const WORLD: Topic<WorldFrame> = topic("world", "filter", "tracker, monitor, strategies", 64);
+pub const WORLD: Topic<WorldFrame> = Topic {
+    borrowed: WHOLE_BUFFER,
+    seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
+    ..topic("world", "filter", "tracker, monitor, strategies", 64)
+};
 /// Wheel speeds that strategies have sent to the robots.
 pub const COMMANDS: Topic<Commands> =
     Topic { publishers: 8, ..topic("commands", "strategies, synthetic match", "filter", 64) };

@@ -280,7 +280,7 @@ impl Supervisor {
         let now = monotonic_ns();
         let Self { progress, policy, outputs, last_output, .. } = self;
         progress.outputs(|kind, seq| {
-            outputs[kind as usize] = Some(seq);
+            outputs[kind as usize] = outputs[kind as usize].max(Some(seq));
             *last_output = Instant::now();
             policy.note(Event::Output(kind, seq), now);
         })?;

@@ -69,7 +69,8 @@ pub struct DetectedRobot {
     pub orientation_image: f32,
     /// Valid elements of `patch_regions`.
     pub patch_count: u32,
-    /// For each patch of the layout in turn: index of its region, `u32::MAX` where not seen.
+    /// For each patch of the layout in turn: index of the region it is, or is a part of; `u32::MAX`
+    /// where not seen.
     pub patch_regions: [u32; MAX_PATCHES],
 }
 

@@ -143,6 +143,7 @@ struct Session {
     usage_after: Usage,
     done: Vec<Done>,
     left_out: u64,
+    supervisor_failure: Option<String>,
     ended_by_themselves: Vec<Ended>,
     deaths: u64,
     line_at: Instant,
@@ -164,6 +165,7 @@ impl Session {
             usage_after: Usage::default(),
             done: Vec::new(),
             left_out: 0,
+            supervisor_failure: None,
             ended_by_themselves: Vec::new(),
             deaths: 0,
             line_at: Instant::now(),
@@ -305,19 +307,26 @@ impl Session {
     /// Waits until everything is as it was, or until it is clear that it will not be.
     fn settle(&mut self) -> Result<(), CommandError> {
         let began = Instant::now();
-        self.watch_for(SETTLE)?;
-        loop {
-            self.watch_for(Duration::from_millis(100))?;
+        let mut look_at = began + SETTLE;
+        while self.supervisor_failure.is_none() && began.elapsed() < SETTLED {
+            self.look()?;
+            if Instant::now() < look_at {
+                continue;
+            }
+            look_at = Instant::now() + Duration::from_millis(100);
             self.usage_after = leaks::usage(&self.group.instance);
-            let settled = self.is_complete() && self.usage_after.is_back_to(&self.usage_before);
-            if settled || began.elapsed() > SETTLED {
-                return Ok(());
+            if self.is_complete() && self.usage_after.is_back_to(&self.usage_before) {
+                break;
             }
         }
+        Ok(())
     }
 
     fn finish(self) -> Result<ChaosReport, CommandError> {
-        let group_says = self.group.status();
+        let group_says = match &self.supervisor_failure {
+            None => self.group.status(),
+            Some(_) => None,
+        };
         let sight = self.observer.finish();
         if let Some(failure) = &sight.failure {
             return Err(format!("the observer could not go on: {failure}").into());
@@ -350,6 +359,7 @@ impl Session {
             disturbances: done,
             lost_undisturbed: self.lost_undisturbed,
             left_out: self.left_out,
+            supervisor_failure: self.supervisor_failure,
             ended_by_themselves: self.ended_by_themselves,
             started_in_vain,
             observer_longest_absence_ms: ms(sight.longest_absence_ns),
@@ -377,7 +387,12 @@ impl Session {
     /// One look around: at signs of life, deaths, pauses to be ended, and the clock.
     fn look(&mut self) -> Result<(), CommandError> {
         std::thread::sleep(TICK);
-        self.group.check()?;
+        match self.group.check() {
+            Ok(()) => {}
+            // Before the first disturbance there is nothing to report.
+            Err(error) if self.done.is_empty() => return Err(error),
+            Err(error) => self.supervisor_failure = Some(error.to_string()),
+        }
         for beat in self.observer.heartbeats.try_iter() {
             self.population.note(&beat);
         }
@@ -434,8 +449,9 @@ impl Session {
             && self.settings.spares.iter().all(|&kind| self.population.spare(kind).is_some())
     }
 
+    /// Whether there is no point in going on.
     fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.load(Ordering::Relaxed) || self.supervisor_failure.is_some()
     }
 }
 

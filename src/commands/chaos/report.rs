@@ -32,6 +32,9 @@ pub struct ChaosReport {
     pub lost_undisturbed: u64,
     /// Disturbances left out because the stage was not back in time to be disturbed again.
     pub left_out: u64,
+    /// Why the supervisor ended although nobody had asked it to, if it did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub supervisor_failure: Option<String>,
     /// Processes that ended although nobody had touched them.
     pub ended_by_themselves: Vec<Ended>,
     /// Processes that ended before they were ready, as the group counts them; 0 when a new

@@ -79,6 +79,14 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
         ),
     );
     promise(
+        "the supervisor stays",
+        report.supervisor_failure.is_none(),
+        report.supervisor_failure.as_ref().map_or_else(
+            || "it did not end by itself".into(),
+            |failure| failure.lines().last().unwrap_or_default().into(),
+        ),
+    );
+    promise(
         "no process ends without cause",
         report.ended_by_themselves.is_empty() && report.started_in_vain == 0,
         format!(
@@ -317,6 +325,7 @@ mod tests {
             disturbances: vec![done(1, Disturbance::Kill, Some(ProcessKind::Filter), true)],
             lost_undisturbed: 0,
             left_out: 0,
+            supervisor_failure: None,
             ended_by_themselves: vec![],
             started_in_vain: 0,
             observer_longest_absence_ms: 1.0,
@@ -360,6 +369,10 @@ mod tests {
         assert_eq!(
             broken(|r| r.ended_by_themselves.push(ended)),
             ["no process ends without cause"]
+        );
+        assert_eq!(
+            broken(|r| r.supervisor_failure = Some("it failed".into())),
+            ["the supervisor stays"]
         );
         assert_eq!(broken(|r| r.started_in_vain = 1), ["no process ends without cause"]);
         assert_eq!(broken(|r| r.group = None), ["the group counts its losses exactly"]);

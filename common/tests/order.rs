@@ -1,0 +1,78 @@
+//! Messages of a dead process and of its successor reach a late reader in the order of their numbers.
+
+use std::path::PathBuf;
+use touchline_common::bus::{Bus, Publisher};
+use touchline_common::instance::Instance;
+use touchline_common::messages::{Run, RunsHeader};
+use touchline_common::topics;
+
+/// An instance of its own that leaves nothing behind.
+struct Place {
+    base: PathBuf,
+    instance: Instance,
+}
+
+impl Place {
+    fn new(name: &str) -> Self {
+        let base = std::env::temp_dir().join(format!("tl-{name}-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        Self { base, instance }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = self.instance.wipe();
+        let _ = std::fs::remove_dir_all(&self.base);
+    }
+}
+
+fn publish(publisher: &mut Publisher<Run, RunsHeader>, seq: u64) {
+    let mut message = publisher.loan(1).unwrap();
+    message.parts().1.frame.seq = seq;
+    message.send().unwrap();
+}
+
+#[test]
+fn a_late_reader_gets_them_by_number_whoever_has_connected_first() {
+    let place = Place::new("order");
+    for old_first in [true, false] {
+        let bus = Bus::join(&place.instance, "test").unwrap();
+        let reader = bus.subscriber(&topics::RUNS).unwrap();
+        let writer = || bus.publisher(&topics::RUNS, 1).unwrap();
+        let (first, second) = (writer(), writer());
+        let (mut old, mut new) = if old_first { (first, second) } else { (second, first) };
+        for seq in 0..20 {
+            publish(&mut old, seq);
+        }
+        drop(old);
+        for seq in 20..40 {
+            publish(&mut new, seq);
+        }
+        let received: Vec<u64> = std::iter::from_fn(|| reader.receive().unwrap())
+            .map(|message| message.header().frame.seq)
+            .collect();
+        assert_eq!(received, (0..40).collect::<Vec<u64>>(), "old writer first: {old_first}");
+    }
+}
+
+#[test]
+fn a_late_starter_gets_what_was_published_before_it_came() {
+    let place = Place::new("history");
+    let bus = Bus::join(&place.instance, "test").unwrap();
+    let mut writer = bus.publisher(&topics::RUNS, 1).unwrap();
+    for seq in 0..10 {
+        publish(&mut writer, seq);
+    }
+    let stage = bus.subscriber_with_history(&topics::RUNS).unwrap();
+    let consumer = bus.subscriber(&topics::RUNS).unwrap();
+    publish(&mut writer, 10);
+    let seqs = |reader: &touchline_common::bus::Subscriber<Run, RunsHeader>| -> Vec<u64> {
+        std::iter::from_fn(|| reader.receive().unwrap())
+            .map(|message| message.header().frame.seq)
+            .collect()
+    };
+    assert_eq!(seqs(&stage), (0..=10).collect::<Vec<u64>>());
+    assert_eq!(seqs(&consumer), [10]);
+}
