@@ -3,8 +3,10 @@
 mod support;
 
 use common::bus::Bus;
-use common::messages::FrameHeader;
+use common::config::Config;
+use common::messages::{FrameHeader, Team};
 use common::topics;
+use grabber::synthetic::SyntheticMatch;
 use rustix::process::Signal;
 use serde_json::Value;
 use support::{Group, Scratch, output_of};
@@ -227,6 +229,49 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
     group.assert_nothing_left();
+}
+
+#[test]
+fn pictures_give_the_same_in_a_group_as_on_their_own() {
+    let scratch = Scratch::new("pictures");
+    let config = Config::default();
+    let (width, height) = (config.camera.width, config.camera.height);
+    let mut pixels = vec![0; (width * height) as usize];
+    let mut scene = SyntheticMatch::new(&config).unwrap();
+    scene.render(&mut pixels, width as usize);
+    let picture = scratch.path.join("picture.png");
+    image::GrayImage::from_raw(width, height, pixels).unwrap().save(&picture).unwrap();
+    let picture = picture.to_str().unwrap();
+
+    let output = output_of(&scratch, &["detect", picture, "--json"]);
+    let alone: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let alone = alone["robots"].as_array().unwrap();
+    assert_eq!(alone.len(), scene.truth().robots().len());
+
+    let mut group = Group::start("pictures", "", &["--source", &format!("images:{picture}")]);
+    group.wait_until_working();
+    let bus = Bus::join(&group.instance, "reader").unwrap();
+    let detections = bus.subscriber(&topics::DETECTIONS).unwrap();
+    let deadline = std::time::Instant::now() + support::PATIENCE;
+    let received = loop {
+        if let Some(received) = detections.newest().unwrap() {
+            break received;
+        }
+        assert!(std::time::Instant::now() < deadline, "no detections");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    };
+    let robots = received.message().unwrap().robots();
+    assert_eq!(robots.len(), alone.len());
+    for (robot, alone) in robots.iter().zip(alone) {
+        let team = Team::from_number(robot.team).unwrap().name();
+        assert_eq!(
+            (team, u64::from(robot.robot_id)),
+            (alone["team"].as_str().unwrap(), alone["id"].as_u64().unwrap())
+        );
+        for (there, here) in [(robot.x_mm, &alone["x_mm"]), (robot.y_mm, &alone["y_mm"])] {
+            assert!((f64::from(there) - here.as_f64().unwrap()).abs() < 0.1, "{robot:?} {alone}");
+        }
+    }
 }
 
 #[test]

@@ -164,9 +164,11 @@ fn sum(counts: &std::collections::BTreeMap<String, u64>) -> u64 {
     counts.values().sum()
 }
 
-/// The group's own counts against ours; `None` when a new supervisor began to count anew.
+/// The group's own counts against ours; `None` when they cannot be compared: a new supervisor began
+/// to count anew, or more is lost all the time.
 fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
-    if report.disturbances.iter().any(|done| done.what == Disturbance::Supervisor) {
+    let anew = report.disturbances.iter().any(|done| done.what == Disturbance::Supervisor);
+    if anew || report.lost_undisturbed > 0 || report.supervisor_failure.is_some() {
         return None;
     }
     let Some(group) = &report.group else {
