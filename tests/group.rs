@@ -248,7 +248,7 @@ fn pictures_give_the_same_in_a_group_as_on_their_own() {
     let alone = alone["robots"].as_array().unwrap();
     assert_eq!(alone.len(), scene.truth().robots().len());
 
-    let mut group = Group::start("pictures", "", &["--source", &format!("images:{picture}")]);
+    let mut group = Group::start("shown", "", &["--source", &format!("images:{picture}")]);
     group.wait_until_working();
     let bus = Bus::join(&group.instance, "reader").unwrap();
     let detections = bus.subscriber(&topics::DETECTIONS).unwrap();
