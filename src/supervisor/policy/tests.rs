@@ -1,0 +1,267 @@
+//! Situations, played through.
+
+use super::*;
+
+const MS: u64 = 1_000_000;
+
+fn settings(spares: &[ProcessKind]) -> Settings {
+    Settings {
+        stall_ns: 40 * MS,
+        grabber_stall_ns: 1000 * MS,
+        ready_timeout_ns: 10_000 * MS,
+        backoff_ns: 100 * MS,
+        backoff_max_ns: 5000 * MS,
+        spares: spares.to_vec(),
+    }
+}
+
+/// Plays time forward in steps of 5 ms, answering starts with readiness, and collects actions.
+struct Play {
+    policy: Policy,
+    now_ns: u64,
+    actions: Vec<Action>,
+}
+
+impl Play {
+    fn new(spares: &[ProcessKind]) -> Self {
+        let mut play =
+            Self { policy: Policy::new(settings(spares)), now_ns: 1000 * MS, actions: vec![] };
+        play.run(200);
+        assert!(play.policy.is_complete());
+        play
+    }
+
+    fn run(&mut self, ms: u64) -> Vec<Action> {
+        let mut new = vec![];
+        for _ in 0..ms / 5 {
+            self.now_ns += 5 * MS;
+            for action in self.policy.tick(self.now_ns) {
+                match action {
+                    Action::Start { id, .. } => self.policy.note(Event::Ready(id), self.now_ns),
+                    Action::Kill { id, .. } | Action::Retire { id, .. } => {
+                        let ended = Event::Exited { id, crashed: false };
+                        self.policy.note(ended, self.now_ns);
+                    }
+                    _ => {}
+                }
+                new.push(action);
+            }
+        }
+        self.actions.extend(&new);
+        new
+    }
+
+    fn output(&mut self, kind: ProcessKind, seq: u64) {
+        self.policy.note(Event::Output(kind, seq), self.now_ns);
+    }
+
+    fn exit(&mut self, kind: ProcessKind) {
+        self.end(kind, false);
+    }
+
+    fn end(&mut self, kind: ProcessKind, crashed: bool) {
+        let id = self.policy.stages[kind as usize].active.as_ref().unwrap().id;
+        self.policy.note(Event::Exited { id, crashed }, self.now_ns);
+    }
+}
+
+fn started(actions: &[Action]) -> Vec<(ProcessKind, bool)> {
+    actions
+        .iter()
+        .filter_map(|action| match *action {
+            Action::Start { kind, spare, .. } => Some((kind, spare)),
+            _ => None,
+        })
+        .collect()
+}
+
+#[test]
+fn the_camera_starts_when_everybody_downstream_is_ready() {
+    let play = Play::new(&[]);
+    let order: Vec<_> = started(&play.actions).into_iter().map(|(kind, _)| kind).collect();
+    use ProcessKind::*;
+    assert_eq!(order, [Filter, Tracker, Classifier, Grabber]);
+}
+
+#[test]
+fn a_dead_stage_is_started_again_at_once_and_then_ever_more_slowly() {
+    let mut play = Play::new(&[]);
+    let mut pauses = vec![];
+    for _ in 0..5 {
+        play.exit(ProcessKind::Tracker);
+        let died = play.now_ns;
+        while started(&play.run(5)).is_empty() {}
+        pauses.push((play.now_ns - died) / MS);
+    }
+    assert_eq!(pauses, [5, 100, 200, 400, 800]);
+    play.run(6000);
+    play.exit(ProcessKind::Tracker);
+    assert_eq!(started(&play.run(5)), [(ProcessKind::Tracker, false)]);
+}
+
+#[test]
+fn a_spare_takes_over_and_the_next_one_is_started_later() {
+    let mut play = Play::new(&[ProcessKind::Filter]);
+    play.exit(ProcessKind::Filter);
+    let actions = play.run(5);
+    assert!(
+        matches!(actions[..], [Action::Promote { kind: ProcessKind::Filter, .. }]),
+        "{actions:?}"
+    );
+    assert_eq!(started(&play.run(200)), [(ProcessKind::Filter, true)]);
+}
+
+#[test]
+fn input_without_output_is_a_stall_but_no_input_is_not() {
+    let mut play = Play::new(&[]);
+    for kind in [ProcessKind::Grabber, ProcessKind::Classifier] {
+        play.output(kind, 7);
+    }
+    play.run(500);
+    play.output(ProcessKind::Grabber, 8);
+    let kills = |actions: &[Action]| {
+        actions.iter().filter(|action| matches!(action, Action::Kill { .. })).count()
+    };
+    assert_eq!(kills(&play.run(40)), 0);
+    let actions = play.run(10);
+    assert!(
+        actions.iter().any(|action| matches!(
+            action,
+            Action::Kill { kind: ProcessKind::Classifier, cause: Cause::Stalled, .. }
+        )),
+        "{actions:?}"
+    );
+}
+
+#[test]
+fn dropping_bad_input_is_progress() {
+    let mut play = Play::new(&[]);
+    for seq in 0..50 {
+        play.output(ProcessKind::Grabber, seq);
+        play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+        let actions = play.run(10);
+        assert!(actions.is_empty(), "{actions:?}");
+    }
+}
+
+#[test]
+fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
+    let mut play = Play::new(&[]);
+    play.output(ProcessKind::Grabber, 5);
+    play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+    assert!(play.run(500).is_empty(), "the last frame was dropped");
+    play.output(ProcessKind::Grabber, 6);
+    play.exit(ProcessKind::Classifier);
+    let actions = play.run(50);
+    assert_eq!(started(&actions), [(ProcessKind::Classifier, false)]);
+    assert!(play.run(500).iter().all(|action| *action == Action::CleanUp), "6 was before it");
+    play.output(ProcessKind::Grabber, 7);
+    let actions = play.run(250);
+    assert!(actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+}
+
+#[test]
+fn what_has_killed_twice_is_skipped() {
+    let mut play = Play::new(&[ProcessKind::Tracker]);
+    play.output(ProcessKind::Tracker, 41);
+    play.output(ProcessKind::Classifier, 42);
+    let skips = |actions: &[Action]| {
+        actions.contains(&Action::Skip { kind: ProcessKind::Tracker, after: 41 })
+    };
+    play.end(ProcessKind::Tracker, true);
+    assert!(!skips(&play.run(20)), "once is chance");
+    play.end(ProcessKind::Tracker, true);
+    let actions = play.run(150);
+    let first = actions.iter().find(|action| **action != Action::CleanUp);
+    assert!(
+        matches!(first, Some(Action::Skip { after: 41, .. })),
+        "the successor must find it before it works: {actions:?}"
+    );
+}
+
+#[test]
+fn kills_from_outside_are_not_blamed_on_the_input() {
+    let mut play = Play::new(&[ProcessKind::Tracker]);
+    play.output(ProcessKind::Tracker, 41);
+    play.output(ProcessKind::Classifier, 42);
+    for round in 0..3 {
+        play.exit(ProcessKind::Tracker);
+        let actions = play.run(150 << round);
+        assert!(!actions.iter().any(|action| matches!(action, Action::Skip { .. })));
+    }
+}
+
+#[test]
+fn outdated_processes_are_renewed_stage_by_stage() {
+    use ProcessKind::*;
+    let spares = [Classifier, Tracker, Filter];
+    let mut play =
+        Play { policy: Policy::new(settings(&spares)), now_ns: 1000 * MS, actions: vec![] };
+    for kind in ProcessKind::ALL {
+        assert!(play.policy.adopt(kind, false, true, play.now_ns).is_some());
+        assert!(play.policy.adopt(kind, false, true, play.now_ns).is_none(), "one is enough");
+        if spares.contains(&kind) {
+            play.policy.adopt(kind, true, true, play.now_ns);
+        }
+    }
+    let actions = play.run(3000);
+    let retired: Vec<ProcessKind> = actions
+        .iter()
+        .filter_map(|action| match *action {
+            Action::Retire { kind, .. } => Some(kind),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(retired.len(), 7, "{retired:?}");
+    assert_eq!(retired.last(), Some(&Grabber));
+    assert!(play.policy.is_complete());
+    assert!(
+        !actions.iter().any(|action| matches!(
+            action,
+            Action::Start { kind: Classifier | Tracker | Filter, spare: false, .. }
+        )),
+        "each was handed over to a spare: {actions:?}"
+    );
+}
+
+#[test]
+fn time_without_a_processor_does_not_count() {
+    let mut play = Play::new(&[]);
+    play.output(ProcessKind::Grabber, 1);
+    for _ in 0..25 {
+        let actions = play.run(10);
+        assert!(actions.is_empty(), "{actions:?}");
+        assert!(play.policy.behind(ProcessKind::Classifier).is_some());
+        play.policy.note(Event::Waited(ProcessKind::Classifier, 9 * MS), play.now_ns);
+    }
+}
+
+#[test]
+fn nobody_is_blamed_when_the_whole_machine_was_away() {
+    let mut play = Play::new(&[]);
+    play.output(ProcessKind::Grabber, 1);
+    play.now_ns += 3000 * MS;
+    let actions = play.run(20);
+    assert!(!actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
+}
+
+#[test]
+fn cleaning_up_is_not_put_off_by_further_deaths() {
+    let mut play = Play::new(&[]);
+    play.run(500);
+    let mut actions = vec![];
+    for kind in [ProcessKind::Classifier, ProcessKind::Tracker, ProcessKind::Filter] {
+        play.exit(kind);
+        actions.extend(play.run(50));
+    }
+    assert!(actions.contains(&Action::CleanUp), "{actions:?}");
+}
+
+#[test]
+fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
+    let mut play = Play::new(&[]);
+    play.run(500);
+    play.exit(ProcessKind::Classifier);
+    assert!(!play.run(50).contains(&Action::CleanUp));
+    assert!(play.run(100).contains(&Action::CleanUp));
+}
