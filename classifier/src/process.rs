@@ -10,6 +10,8 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Classifier, options, config)?;
+    // Before its input: no output is missed whose input is not.
+    let previous = process.bus.newest_only(&topics::RUNS)?;
     let frames = process.bus.subscriber_with_history(&topics::FRAMES)?;
     let mut runs = process.bus.publisher(&topics::RUNS, MAX_RUNS)?;
     let mut classifier =
@@ -17,6 +19,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     if !process.activate()? {
         return Ok(());
     }
+    process.resume_after_seen(previous.newest()?.map(|runs| runs.header().frame.seq));
+    drop(previous);
 
     let wake_up = process.bus.wake_up(&topics::FRAMES)?;
     while process.keep_running()? {

@@ -240,6 +240,18 @@ impl Process {
         true
     }
 
+    /// Takes into account the newest output of this stage that the process has seen itself: a
+    /// supervisor that has only just taken over may not have seen it. Call after
+    /// [`activate`](Self::activate).
+    pub fn resume_after_seen(&mut self, seen: Option<u64>) {
+        if seen > self.done_by_predecessor {
+            self.done_by_predecessor = seen;
+            self.counters.seq_in = seen.unwrap_or(NO_SEQ);
+            self.counters.seq_out = self.counters.seq_in;
+            self.skip_next = false;
+        }
+    }
+
     /// The last output of this process's predecessors; `None` when there were none.
     pub fn resumes_after(&self) -> Option<u64> {
         self.done_by_predecessor

@@ -11,9 +11,10 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Filter, options, config)?;
+    // Before its input: no output is missed whose input is not.
+    let previous = process.bus.newest_only(&topics::WORLD)?;
     let detections = process.bus.subscriber_with_history(&topics::DETECTIONS)?;
     let commands = process.bus.subscriber(&topics::COMMANDS)?;
-    let previous = process.bus.newest_only(&topics::WORLD)?;
     let mut world = process.bus.publisher(&topics::WORLD, 1)?;
     let mut filter = Filter::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     if !process.activate()? {
@@ -21,10 +22,11 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     }
     // The complete state is in the predecessor's last output, which a spare has seen. A filter that
     // was started from scratch has not; it finds everybody anew within a frame.
-    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message)
-        && process.resumes_after().is_none_or(|seq| seq == last.frame.seq)
-    {
-        filter.resume(last);
+    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message) {
+        process.resume_after_seen(Some(last.frame.seq));
+        if process.resumes_after() == Some(last.frame.seq) {
+            filter.resume(last);
+        }
     }
     drop(previous);
 

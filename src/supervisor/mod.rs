@@ -127,8 +127,7 @@ pub fn run(
         supervise(launch, config, until, Arc::clone(&view), stop, &inherited, start_monitor);
 
     // Also after an error: nothing is left behind.
-    takeover::clean_slate(&instance)?;
-    instance.remove_directory()?;
+    takeover::tidy_up(&instance)?;
     drop(lock);
     outcome
 }
@@ -155,7 +154,8 @@ fn supervise(
         states: HashMap::new(),
         restarts: BTreeMap::new(),
         start_failures: 0,
-        ever_complete: false,
+        // What is taken over has worked before.
+        ever_complete: !inherited.is_empty(),
         finished: false,
         last_output: Instant::now(),
         view,

@@ -285,6 +285,8 @@ impl Policy {
             let stage = &mut self.stages[kind as usize];
             for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
                 if member.id == id && !member.ready {
+                    // What kills working processes is nothing against the next spare.
+                    stage.spare_failures = 0;
                     member.ready = true;
                     member.input_at_ready = input;
                     stage.progress_ns = now_ns;

@@ -34,7 +34,12 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Vec<Inherited>, Super
             fs::read_to_string(path).ok().as_ref() != Some(text)
         };
         match text.iter().find(differs) {
-            None => return Ok(inherited),
+            None => {
+                // The dead supervisor's places on the topics are needed.
+                Bus::clean_up_dead(instance)?;
+                remove_logs_of_others(instance, &inherited);
+                return Ok(inherited);
+            }
             Some((_, why, _)) => {
                 eprintln!(
                     "touchline: a group without supervisor is running, but {why}: it is ended and \
@@ -52,13 +57,38 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Vec<Inherited>, Super
 }
 
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
-pub fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
+fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     if Bus::living_processes(instance)?.is_empty() {
         instance.wipe()?;
     } else {
         Bus::clean_up_dead(instance)?;
     }
     Ok(())
+}
+
+/// Leaves nothing of a group that has ended. What programs of others that are still attached need
+/// stays; the next start, or the end of the next group, removes it.
+pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
+    clean_slate(instance)?;
+    if Bus::living_processes(instance)?.is_empty() {
+        instance.remove_directory()?;
+    }
+    Ok(())
+}
+
+/// Logs of stages that died while there was no supervisor. That one cannot be removed is no reason
+/// not to take over.
+fn remove_logs_of_others(instance: &Instance, living: &[Inherited]) {
+    let in_use: Vec<PathBuf> = living
+        .iter()
+        .filter_map(|stage| fs::read_link(format!("/proc/{}/fd/2", stage.pid)).ok())
+        .collect();
+    for entry in fs::read_dir(instance.directory()).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.extension().is_some_and(|extension| extension == "log") && !in_use.contains(&path) {
+            let _ = fs::remove_file(path);
+        }
+    }
 }
 
 /// Kills a process that is not our child. That it has ended in the meantime is no error.

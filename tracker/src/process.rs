@@ -4,13 +4,15 @@ use crate::Tracker;
 use common::bus::Received;
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::messages::ProcessKind;
+use common::messages::{DetectionFrame, ProcessKind};
 use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
 use common::topics;
 
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Tracker, options, config)?;
+    // Before its input: no output is missed whose input is not.
+    let previous = process.bus.newest_only(&topics::DETECTIONS)?;
     let runs = process.bus.subscriber_with_history(&topics::RUNS)?;
     let world = process.bus.newest_only(&topics::WORLD)?;
     let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
@@ -19,6 +21,10 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     if !process.activate()? {
         return Ok(());
     }
+    let seq_of = |detections: &DetectionFrame| detections.frame.seq;
+    let seen = previous.newest()?.as_ref().and_then(Received::message).map(seq_of);
+    process.resume_after_seen(seen);
+    drop(previous);
 
     let wake_up = process.bus.wake_up(&topics::RUNS)?;
     let mut prior = None;
