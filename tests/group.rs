@@ -206,6 +206,7 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
         (FrameHeader { bayer_order: u32::MAX, ..good }, 640 * 480),
         (FrameHeader { height: u32::MAX, stride: u32::MAX, width: u32::MAX, ..good }, 0),
         (good, 640 * 480), // its number is an old one
+        (FrameHeader { seq: u64::MAX - 1, ..good }, 640 * 480),
     ];
     {
         let bus = Bus::join(&group.instance, "rubbish").unwrap();
@@ -222,6 +223,7 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
             dropped(status, "wrong_size") == 4
                 && dropped(status, "wrong_format") == 2
                 && dropped(status, "out_of_order") == 1
+                && dropped(status, "bad_header") == 1
         });
         assert_eq!(Group::pid_of(&status, "classifier"), pid, "it was not replaced: {status:#}");
         assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");

@@ -26,6 +26,10 @@ pub const NO_SEQ: u64 = u64::MAX;
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
 /// Time between heartbeats of a process that drops its input: well below the stall deadline.
 const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
+/// No camera is faster.
+const SHORTEST_PERIOD_NS: u64 = 50_000;
+/// Frame numbers that may be missing however little time has passed.
+const TOLERATED_GAP: u64 = 1000;
 /// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
@@ -84,6 +88,8 @@ pub struct Process {
     orphan_timeout: Duration,
     orphaned_since_ns: Option<u64>,
     done_by_predecessor: Option<u64>,
+    /// When the last input was accepted; 0 before the first.
+    accepted_ns: u64,
     beat_ns: u64,
     beat_dropped: [u64; DropReason::ALL.len()],
 }
@@ -138,6 +144,7 @@ impl Process {
             orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
             orphaned_since_ns: None,
             done_by_predecessor: None,
+            accepted_ns: 0,
             beat_ns: 0,
             beat_dropped: [0; DropReason::ALL.len()],
         })
@@ -219,15 +226,26 @@ impl Process {
 impl Process {
     /// Decides whether to work on an input: `false`, and counted, when its number is not above the
     /// last one's, or when two predecessors have died of it. Gaps are counted too.
+    ///
+    /// A number that no camera can have reached since the last one is rubbish: believing it would
+    /// mean taking every frame after it for an old one.
     pub fn accept(&mut self, seq: u64) -> bool {
+        let now_ns = monotonic_ns();
         let counters = &mut self.counters;
         if counters.seq_in != NO_SEQ {
             if seq <= counters.seq_in {
                 self.drop_input(DropReason::OutOfOrder);
                 return false;
             }
-            counters.frames_missed += seq - counters.seq_in - 1;
+            let gap = seq - counters.seq_in - 1;
+            let since_last_ns = now_ns.saturating_sub(self.accepted_ns);
+            if gap > TOLERATED_GAP + since_last_ns / SHORTEST_PERIOD_NS {
+                self.drop_input(DropReason::BadHeader);
+                return false;
+            }
+            counters.frames_missed += gap;
         }
+        self.accepted_ns = now_ns;
         counters.seq_in = seq;
         counters.frames_in += 1;
         if std::mem::take(&mut self.skip_next) {

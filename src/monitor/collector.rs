@@ -34,6 +34,7 @@ pub struct Collector {
     base: Report,
     started_ns: u64,
     flow: Flow,
+    last_frame: Option<FrameHeader>,
     known_truth: VecDeque<TruthFrame>,
     detection_scorer: Scorer,
     world_scorer: Scorer,
@@ -103,6 +104,7 @@ impl Collector {
             base,
             started_ns: monotonic_ns(),
             flow: Flow::default(),
+            last_frame: None,
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
             detection_scorer: Scorer::new(),
             world_scorer: Scorer::new(),
@@ -124,9 +126,12 @@ impl Collector {
             let header = frame.header();
             // Rubbish of other programs; the classifier counts it, with the reason.
             let Camera { width, height, .. } = self.base.camera;
-            if header.check(width, height, frame.elements().len()).is_err() {
+            if header.check(width, height, frame.elements().len()).is_err()
+                || !header.follows(self.last_frame.as_ref(), monotonic_ns())
+            {
                 continue;
             }
+            self.last_frame = Some(*header);
             self.flow.captured(header.seq);
             record(&mut self.capture_to_frame, header, header.t_sent_ns);
         }

@@ -1,6 +1,7 @@
 //! How far each stage has come, read off the topics themselves rather than asked of the stages.
 
 use common::bus::{Bus, BusError, Received, Subscriber};
+use common::clock::monotonic_ns;
 use common::instance::Instance;
 use common::messages::{
     DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader, WorldFrame,
@@ -57,8 +58,8 @@ impl Progress {
     pub fn outputs(&mut self, mut report: impl FnMut(ProcessKind, u64)) -> Result<(), BusError> {
         while let Some(frame) = self.frames.receive()? {
             let seq = frame.header().seq;
-            // An old number is somebody's rubbish.
-            if self.last_frame().is_some_and(|last| seq <= last.seq) {
+            let last = self.recent_frames.back().map(|last| last.header());
+            if !frame.header().follows(last, monotonic_ns()) {
                 continue;
             }
             if self.recent_frames.len() == KEPT_FRAMES {

@@ -142,7 +142,27 @@ pub enum FrameFault {
     },
 }
 
+/// No camera is faster than 20,000 frames a second.
+const SHORTEST_PERIOD_NS: u64 = 50_000;
+/// Numbers that may be missing however little time has passed.
+const TOLERATED_GAP: u64 = 1000;
+/// A frame this far from the present is not of this match.
+const PRESENT_NS: u64 = 60_000_000_000;
+
 impl FrameHeader {
+    /// Whether this can be the next frame after `last`, at the time `now_ns`: of the present, with a
+    /// higher number, but not with one that no camera can have reached. For those who only watch; a
+    /// program that publishes rubbish must not mislead them for the rest of the match.
+    pub fn follows(&self, last: Option<&Self>, now_ns: u64) -> bool {
+        let is_present = self.t_capture_ns.abs_diff(now_ns) < PRESENT_NS;
+        is_present
+            && last.is_none_or(|last| {
+                let elapsed_ns = self.t_capture_ns.saturating_sub(last.t_capture_ns);
+                let reachable = TOLERATED_GAP + elapsed_ns / SHORTEST_PERIOD_NS;
+                self.seq > last.seq && self.seq - last.seq <= reachable
+            })
+    }
+
     /// Checks the header against the configured size and the payload that came with it, and
     /// returns what a worker needs to know about the pixels. Nothing about a frame may be used
     /// before this has passed: headers are outside input.
@@ -172,5 +192,24 @@ impl FrameHeader {
             return Err(FrameFault::Truncated { got: payload_bytes, needed });
         }
         Ok(order)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_a_camera_can_have_reached_follows() {
+        let now_ns = 1_000_000_000_000;
+        let frame = |seq, t_capture_ns| FrameHeader { seq, t_capture_ns, ..Default::default() };
+        let last = frame(500, now_ns);
+        let follows = |header: FrameHeader| header.follows(Some(&last), now_ns);
+        assert!(follows(frame(501, now_ns + 12_500_000)));
+        assert!(follows(frame(900, now_ns + 5_000_000_000)), "after an outage");
+        assert!(!follows(frame(500, now_ns)) && !follows(frame(0, now_ns)));
+        assert!(!follows(frame(u64::MAX, now_ns)) && !follows(frame(u64::MAX, u64::MAX)));
+        assert!(!frame(7, 0).follows(None, now_ns), "of another time");
+        assert!(frame(7, now_ns).follows(None, now_ns));
     }
 }

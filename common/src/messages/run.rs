@@ -4,8 +4,8 @@ use super::FrameHeader;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Most runs a message carries. A 640×480 frame of pure noise has about 18,000; a match has a few
-/// hundred. What does not fit is cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
+/// Most runs a message carries. A match has a few hundred; a 640×480 frame of pure noise has some
+/// ten thousand to ninety thousand, depending on how much of the colour space is in use. What does not fit is cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
 pub const MAX_RUNS: usize = 32_768;
 
 /// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
