@@ -12,7 +12,9 @@ use crate::clock::monotonic_ns;
 use crate::config::Config;
 use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
-use crate::messages::{DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState};
+use crate::messages::{
+    DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState, reachable_frames,
+};
 use crate::topics;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::os::unix::net::UnixStream;
@@ -26,10 +28,6 @@ pub const NO_SEQ: u64 = u64::MAX;
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
 /// Time between heartbeats of a process that drops its input: well below the stall deadline.
 const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
-/// No camera is faster.
-const SHORTEST_PERIOD_NS: u64 = 50_000;
-/// Frame numbers that may be missing however little time has passed.
-const TOLERATED_GAP: u64 = 1000;
 /// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
@@ -239,7 +237,7 @@ impl Process {
             }
             let gap = seq - counters.seq_in - 1;
             let since_last_ns = now_ns.saturating_sub(self.accepted_ns);
-            if gap > TOLERATED_GAP + since_last_ns / SHORTEST_PERIOD_NS {
+            if gap >= reachable_frames(since_last_ns) {
                 self.drop_input(DropReason::BadHeader);
                 return false;
             }

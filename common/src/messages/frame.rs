@@ -149,6 +149,11 @@ const TOLERATED_GAP: u64 = 1000;
 /// A frame this far from the present is not of this match.
 const PRESENT_NS: u64 = 60_000_000_000;
 
+/// How far frame numbers can rise in a time, whatever the camera and however many were lost.
+pub fn reachable_frames(elapsed_ns: u64) -> u64 {
+    TOLERATED_GAP + elapsed_ns / SHORTEST_PERIOD_NS
+}
+
 impl FrameHeader {
     /// Whether this can be the next frame after `last`, at the time `now_ns`: of the present, with a
     /// higher number, but not with one that no camera can have reached. For those who only watch; a
@@ -158,8 +163,7 @@ impl FrameHeader {
         is_present
             && last.is_none_or(|last| {
                 let elapsed_ns = self.t_capture_ns.saturating_sub(last.t_capture_ns);
-                let reachable = TOLERATED_GAP + elapsed_ns / SHORTEST_PERIOD_NS;
-                self.seq > last.seq && self.seq - last.seq <= reachable
+                self.seq > last.seq && self.seq - last.seq <= reachable_frames(elapsed_ns)
             })
     }
 
