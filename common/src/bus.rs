@@ -6,7 +6,7 @@
 //! * Waiting survives signals.
 
 use crate::instance::{Instance, InstanceError};
-use crate::topics::Topic;
+use crate::topics::{LOANED, Topic};
 use bytemuck::Pod;
 use iceoryx2::node::NodeView;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
@@ -133,7 +133,7 @@ impl Bus {
             .publisher_builder()
             .initial_max_slice_len(capacity)
             .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(2)
+            .max_loaned_samples(LOANED)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(failed(topic.name, "create a publisher"))?;

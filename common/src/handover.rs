@@ -4,9 +4,9 @@
 //! starts to work, so it knows exactly how far the stage has come, also when nobody else does any
 //! more.
 
-use crate::instance::Instance;
+use crate::instance::{Instance, create_private};
 use crate::messages::ProcessKind;
-use std::io;
+use std::io::{self, Write};
 
 /// How far a stage has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,10 +21,8 @@ impl Handover {
     /// Leaves the note for the next process of a stage, in the place of the last one.
     pub fn write(&self, instance: &Instance, kind: ProcessKind) -> io::Result<()> {
         let skip = if self.skip_next { " skip" } else { "" };
-        std::fs::write(
-            instance.handover_path(kind.name()),
-            format!("{}{skip}\n", self.resume_after),
-        )
+        let mut file = create_private(&instance.handover_path(kind.name()))?;
+        file.write_all(format!("{}{skip}\n", self.resume_after).as_bytes())
     }
 
     /// The note for a stage; `None` when it has not worked yet.

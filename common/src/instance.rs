@@ -5,7 +5,7 @@ use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, Semantic
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// Overrides the directory under which instances keep their runtime directories.
@@ -76,6 +76,16 @@ impl Instance {
         }
     }
 
+    /// All instances that have a runtime directory below `base`.
+    pub fn all_below(base: &Path) -> Vec<Self> {
+        let entries = fs::read_dir(base).into_iter().flatten().flatten();
+        let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+        let mut all: Vec<Self> = names.filter_map(|name| Self::below(base, &name).ok()).collect();
+        all.sort_by(|a, b| a.name.cmp(&b.name));
+        all.retain(|instance| instance.directory.is_dir());
+        all
+    }
+
     /// Its name.
     pub fn name(&self) -> &str {
         &self.name
@@ -99,18 +109,43 @@ impl Instance {
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {
-        let base = self.directory.parent().unwrap_or(Path::new("/"));
-        for path in [base, &self.directory] {
-            if let Err(source) = fs::DirBuilder::new().recursive(true).mode(0o700).create(path) {
-                return Err(InstanceError::Io { path: path.into(), source });
+        for path in self.places() {
+            let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
+            // Something that is there and no directory is described better below.
+            match made {
+                Err(error) if fs::symlink_metadata(path).is_err() => {
+                    return Err(io_error(path)(error));
+                }
+                _ => self.check_directory()?,
             }
-            let data = fs::symlink_metadata(path)
-                .map_err(|source| InstanceError::Io { path: path.into(), source })?;
-            let problem = if !data.is_dir() {
+        }
+        // Made for us by a service manager, say, and more open than need be. What is in it is nobody
+        // else's business.
+        let mode = fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?.mode();
+        if mode & 0o077 != 0 {
+            let private = fs::Permissions::from_mode(0o700);
+            fs::set_permissions(&self.directory, private).map_err(io_error(&self.directory))?;
+        }
+        Ok(())
+    }
+
+    /// Whether the runtime directory and the one it is in, as far as they exist, are ours alone.
+    pub fn check_directory(&self) -> Result<(), InstanceError> {
+        for path in self.places() {
+            let data = match fs::symlink_metadata(path) {
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+                data => data.map_err(io_error(path))?,
+            };
+            let can_be_written = data.mode() & 0o022 != 0;
+            // In a directory like /tmp others can add theirs, but not take ours away.
+            let is_safe_base = path != self.directory && data.mode() & 0o1000 != 0;
+            let problem = if data.is_symlink() {
+                "is a symbolic link"
+            } else if !data.is_dir() {
                 "is not a directory"
             } else if data.uid() != rustix::process::getuid().as_raw() {
                 "belongs to another user"
-            } else if path == self.directory && data.mode() & 0o022 != 0 {
+            } else if can_be_written && !is_safe_base {
                 "can be written by other users"
             } else {
                 continue;
@@ -118,6 +153,11 @@ impl Instance {
             return Err(InstanceError::Directory { path: path.into(), problem });
         }
         Ok(())
+    }
+
+    /// The directory of all instances, and this one's.
+    fn places(&self) -> [&Path; 2] {
+        [self.directory.parent().unwrap_or(Path::new("/")), &self.directory]
     }
 
     /// Takes the supervisor's lock; `None` when a living supervisor holds it. The kernel gives it
@@ -215,6 +255,15 @@ impl Instance {
     }
 }
 
+/// Makes a file, or empties it, readable by nobody else.
+pub fn create_private(path: &Path) -> std::io::Result<File> {
+    OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(path)
+}
+
+fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError {
+    move |source| InstanceError::Io { path: path.into(), source }
+}
+
 fn write_pid(file: &mut File) -> std::io::Result<()> {
     file.set_len(0)?;
     writeln!(file, "{}", std::process::id())
@@ -229,7 +278,8 @@ fn remove(result: std::io::Result<()>, path: &Path) -> Result<(), InstanceError>
     }
 }
 
-fn runtime_base() -> PathBuf {
+/// The directory in which all runtime directories of this user are.
+pub fn runtime_base() -> PathBuf {
     let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
     if let Some(directory) = from(RUNTIME_DIR_VARIABLE) {
         return directory.into();
@@ -260,6 +310,87 @@ mod tests {
         let longest =
             Instance::below(Path::new("/run/user/4294967/touchline"), &"x".repeat(MAX_NAME));
         assert!(longest.is_ok(), "the longest name must fit into the usual place: {longest:?}");
+    }
+
+    /// A directory of its own for each test, removed at the end.
+    struct Scratch(PathBuf);
+
+    impl Scratch {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("tl-{name}-{}", std::process::id()));
+            fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn mode(path: &Path) -> u32 {
+        fs::symlink_metadata(path).unwrap().mode() & 0o7777
+    }
+
+    fn refusal(instance: &Instance) -> String {
+        instance.create_directory().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_runtime_directory_is_for_nobody_else() {
+        let scratch = Scratch::new("instance-private");
+        let base = scratch.0.join("base");
+        let instance = Instance::below(&base, "match").unwrap();
+        instance.create_directory().unwrap();
+        assert_eq!((mode(&base), mode(instance.directory())), (0o700, 0o700));
+        // A service manager has made it, and let everybody look.
+        fs::set_permissions(instance.directory(), fs::Permissions::from_mode(0o755)).unwrap();
+        instance.create_directory().unwrap();
+        assert_eq!(mode(instance.directory()), 0o700);
+        drop(create_private(&instance.config_path()).unwrap());
+        assert_eq!(mode(&instance.config_path()), 0o600);
+        assert_eq!(Instance::all_below(&base), [instance]);
+    }
+
+    #[test]
+    fn a_place_where_others_can_write_is_refused() {
+        let scratch = Scratch::new("instance-open");
+        let base = scratch.0.join("base");
+        let instance = Instance::below(&base, "match").unwrap();
+        instance.create_directory().unwrap();
+        for path in [instance.directory(), &base] {
+            fs::set_permissions(path, fs::Permissions::from_mode(0o777)).unwrap();
+            let refusal = refusal(&instance);
+            assert!(refusal.contains("can be written by other users"), "{refusal}");
+            assert!(refusal.starts_with(&format!("{} ", path.display())), "{refusal}");
+            fs::set_permissions(path, fs::Permissions::from_mode(0o700)).unwrap();
+        }
+        // As /tmp.
+        fs::set_permissions(&base, fs::Permissions::from_mode(0o1777)).unwrap();
+        instance.create_directory().unwrap();
+    }
+
+    #[test]
+    fn links_and_files_in_the_place_of_the_directory_are_refused_and_not_followed() {
+        let scratch = Scratch::new("instance-link");
+        let victim = scratch.0.join("victim");
+        fs::create_dir(&victim).unwrap();
+        let base = scratch.0.join("base");
+        std::os::unix::fs::symlink(&victim, &base).unwrap();
+        let instance = Instance::below(&base, "match").unwrap();
+        assert!(refusal(&instance).contains("is a symbolic link"));
+        assert_eq!(fs::read_dir(&victim).unwrap().count(), 0, "the link was followed");
+
+        fs::remove_file(&base).unwrap();
+        fs::create_dir(&base).unwrap();
+        for target in [&victim, &scratch.0.join("nothing")] {
+            std::os::unix::fs::symlink(target, instance.directory()).unwrap();
+            assert!(refusal(&instance).contains("is a symbolic link"));
+            fs::remove_file(instance.directory()).unwrap();
+        }
+        fs::write(instance.directory(), "").unwrap();
+        assert!(refusal(&instance).contains("is not a directory"));
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub mod geometry;
 pub mod handover;
 pub mod instance;
 pub mod layout;
+pub mod memory;
 pub mod messages;
 pub mod process;
 pub mod topics;

@@ -34,6 +34,9 @@ pub struct Topic<Element, Header = ()> {
     pub seq: fn(&[Element], &Header) -> u64,
 }
 
+/// Messages a writer may be filling at the same time.
+pub const LOANED: usize = 2;
+
 const fn topic<Element, Header>(
     name: &'static str,
     writer: &'static str,

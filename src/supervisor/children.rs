@@ -1,14 +1,15 @@
 //! Starting, signalling and reaping the group's processes.
 
+use super::notify;
 use super::policy::MemberId;
-use common::instance::Instance;
+use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
@@ -78,9 +79,12 @@ impl Process {
             .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(File::create(&log)?)
+            .stderr(create_private(&log)?)
             // Ctrl-C in the terminal is for the supervisor alone, which ends the group in order.
             .process_group(0);
+        for variable in notify::VARIABLES {
+            command.env_remove(variable);
+        }
         if spare {
             command.arg("--spare");
         }

@@ -5,6 +5,7 @@
 
 mod children;
 mod evidence;
+mod notify;
 mod policy;
 mod progress;
 mod takeover;
@@ -19,6 +20,7 @@ use common::config::Config;
 use common::handover::Handover;
 use common::instance::InstanceError;
 use common::messages::{ProcessKind, ProcessState};
+use notify::Notifier;
 use policy::{Action, Cause, Event, MemberId, Policy, Settings};
 use progress::Progress;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -102,6 +104,7 @@ pub struct Supervisor {
     ever_complete: bool,
     finished: bool,
     last_output: Instant,
+    notifier: Notifier,
     view: Arc<GroupView>,
     stop: UnixStream,
 }
@@ -158,6 +161,7 @@ fn supervise(
         ever_complete: !inherited.is_empty(),
         finished: false,
         last_output: Instant::now(),
+        notifier: Notifier::from_environment(),
         view,
         stop,
     };
@@ -225,7 +229,11 @@ impl Supervisor {
             for action in self.policy.tick(monotonic_ns()) {
                 self.act(action)?;
             }
-            self.ever_complete |= self.policy.is_complete();
+            if self.policy.is_complete() {
+                self.ever_complete = true;
+                self.notifier.ready();
+            }
+            self.notifier.alive(Instant::now());
             self.publish_view();
             if until == Until::Finished && self.finished && self.results_are_out() {
                 return Ok(());
@@ -405,6 +413,7 @@ impl Supervisor {
 
     /// Ends the camera, lets the last frame's results come out, and ends everybody else.
     fn end_all(&mut self) {
+        self.notifier.stopping();
         for process in
             self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
         {

@@ -3,10 +3,11 @@
 use super::{GRACE, Launch, SupervisorError};
 use common::bus::{Bus, BusError};
 use common::config::{Config, commented_toml};
-use common::instance::Instance;
+use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -142,7 +143,8 @@ fn launch_text(launch: &Launch) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), SupervisorError> {
-    fs::write(path, text).map_err(|source| SupervisorError::System {
+    let written = create_private(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|source| SupervisorError::System {
         action: format!("write {}", path.display()),
         source,
     })

@@ -1,0 +1,199 @@
+//! How much shared memory a group takes.
+//!
+//! iceoryx2 reserves, for each writer, a place for every message that could possibly be in use at
+//! once: with as many readers as are allowed, each with a full buffer and its hands full. That is
+//! address space; the system gives memory to a place only when it is first written to, and the
+//! place given back last is written to next. So the places of an ordinary match are few, and
+//! the first ones of the segment.
+//!
+//! What happens when the memory is not there is drastic: the writer dies of a SIGBUS. So a group asks
+//! for it before it starts.
+
+use crate::bus::{Header, Message};
+use crate::config::Config;
+use crate::messages::MAX_RUNS;
+use crate::topics::{self, LOANED, Topic};
+use iceoryx2::service::header::publish_subscribe::Header as IpcHeader;
+use std::io;
+use std::path::Path;
+
+/// Where the system keeps shared memory.
+pub const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Shared memory of the messages of one writer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TopicMemory {
+    /// The topic's name.
+    pub topic: &'static str,
+    /// Bytes of one message with all its headers.
+    pub message_bytes: u64,
+    /// Messages for which there is a place.
+    pub places: u64,
+    /// Places that get used when readers keep up, or sleep: what is kept for late readers and in
+    /// full buffers are the same, newest, messages.
+    pub usual_places: u64,
+    /// Bytes that are written of a message of an ordinary picture.
+    pub usual_message_bytes: u64,
+    /// Writers that have written and are not cleaned up yet, at the same time: the old and the new
+    /// one while a stage is handed over.
+    pub writers: u64,
+}
+
+impl TopicMemory {
+    /// Bytes that can come to be used when readers do their worst.
+    pub fn reserved_bytes(&self) -> u64 {
+        self.places * self.message_bytes
+    }
+
+    /// Bytes that get used while readers keep up, whatever is in the pictures.
+    pub fn usual_bytes(&self) -> u64 {
+        self.usual_places * self.message_bytes
+    }
+}
+
+impl<E: Message, H: Header> Topic<E, H> {
+    /// The shared memory of one writer whose messages have up to `capacity` elements.
+    pub fn memory(&self, capacity: usize) -> TopicMemory {
+        let in_readers_hands = self.subscribers * (self.buffer + self.borrowed);
+        let kept = self.buffer.max(self.history);
+        // A late hand or two for each reader, beyond what is kept.
+        let usual = kept + LOANED + self.subscribers;
+        let message_bytes = message_bytes::<E, H>(capacity);
+        TopicMemory {
+            topic: self.name,
+            message_bytes,
+            places: (in_readers_hands + self.history + LOANED) as u64,
+            usual_places: usual as u64,
+            usual_message_bytes: message_bytes,
+            writers: 1,
+        }
+    }
+}
+
+/// iceoryx2's header, ours, and the elements, each aligned.
+fn message_bytes<E, H>(capacity: usize) -> u64 {
+    let headers = (size_of::<IpcHeader>().next_multiple_of(align_of::<H>()) + size_of::<H>())
+        .next_multiple_of(align_of::<E>());
+    let alignment = align_of::<IpcHeader>().max(align_of::<H>()).max(align_of::<E>());
+    (headers + size_of::<E>() * capacity).next_multiple_of(alignment) as u64
+}
+
+/// The shared memory of a group.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GroupMemory {
+    /// Of each topic.
+    pub topics: Vec<TopicMemory>,
+}
+
+/// Queues between writers and readers, iceoryx2's bookkeeping, heartbeats and status.
+const BOOKKEEPING_BYTES: u64 = 8 << 20;
+/// Long lists of a message are written as far as they are filled.
+const ORDINARY_LIST_BYTES: u64 = 48 << 10;
+
+impl GroupMemory {
+    /// What a group with this configuration takes.
+    pub fn new(config: &Config) -> Self {
+        let frame_bytes = config.camera.width as usize * config.camera.height as usize;
+        let handed_over = |memory: TopicMemory| TopicMemory {
+            writers: 2,
+            usual_message_bytes: memory.message_bytes.min(ORDINARY_LIST_BYTES),
+            ..memory
+        };
+        Self {
+            topics: vec![
+                topics::FRAMES.memory(frame_bytes),
+                handed_over(topics::RUNS.memory(MAX_RUNS)),
+                handed_over(topics::DETECTIONS.memory(1)),
+                handed_over(topics::WORLD.memory(1)),
+                topics::COMMANDS.memory(1),
+                topics::TRUTH.memory(1),
+            ],
+        }
+    }
+
+    /// With less than this there is no match at all: what ordinary pictures take, with readers that
+    /// keep up.
+    pub fn least_bytes(&self) -> u64 {
+        let of =
+            |topic: &TopicMemory| topic.usual_places * topic.usual_message_bytes * topic.writers;
+        self.topics.iter().map(of).sum::<u64>() + BOOKKEEPING_BYTES
+    }
+
+    /// With this much no picture and no hand-over makes memory short: pictures full of noise, and a
+    /// new grabber while the old one is not cleaned up yet. Only readers that hold on to many old
+    /// messages for long take more, up to [`TopicMemory::reserved_bytes`].
+    pub fn ample_bytes(&self) -> u64 {
+        self.topics.iter().map(|topic| topic.usual_bytes() * 2).sum::<u64>() + BOOKKEEPING_BYTES
+    }
+}
+
+/// Bytes of shared memory that are still free on this machine.
+pub fn free_bytes() -> io::Result<u64> {
+    let data = rustix::fs::statvfs(Path::new(SHARED_MEMORY))?;
+    Ok(data.f_bavail.saturating_mul(data.f_frsize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::Bus;
+    use crate::instance::Instance;
+    use std::fs;
+
+    #[test]
+    fn a_writers_segment_is_as_large_as_computed() {
+        let base = std::env::temp_dir().join(format!("tl-memory-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        let bus = Bus::join(&instance, "writer").unwrap();
+        let _frames = bus.publisher(&topics::FRAMES, 64 * 48).unwrap();
+        let _runs = bus.publisher(&topics::RUNS, MAX_RUNS).unwrap();
+        let _world = bus.publisher(&topics::WORLD, 1).unwrap();
+        let _status = bus.publisher(&topics::STATUS, 1000).unwrap();
+        let sizes: Vec<u64> = fs::read_dir(SHARED_MEMORY)
+            .unwrap()
+            .flatten()
+            .filter(|entry| {
+                let name = entry.file_name().to_string_lossy().into_owned();
+                name.starts_with(&instance.shared_memory_prefix())
+            })
+            .map(|entry| entry.metadata().unwrap().len())
+            .collect();
+        for memory in [
+            topics::FRAMES.memory(64 * 48),
+            topics::RUNS.memory(MAX_RUNS),
+            topics::WORLD.memory(1),
+            topics::STATUS.memory(1000),
+        ] {
+            let reserved = memory.reserved_bytes();
+            // A place costs some bytes of bookkeeping, a segment a page or two.
+            let most = reserved + memory.places * 16 + (16 << 10);
+            assert!(
+                sizes.iter().any(|size| (reserved..most).contains(size)),
+                "{memory:?} takes {reserved} bytes, but there are {sizes:?}"
+            );
+        }
+        drop((_frames, _runs, _world, _status, bus));
+        instance.wipe().unwrap();
+        instance.remove_directory().unwrap();
+    }
+
+    #[test]
+    fn frames_dominate_and_what_is_needed_grows_with_them() {
+        let memory = GroupMemory::new(&Config::default());
+        let frames = memory.topics[0];
+        assert_eq!(frames.topic, "frames");
+        assert!(frames.message_bytes > 640 * 480);
+        assert!(
+            memory.topics.iter().all(|topic| topic.reserved_bytes() <= frames.reserved_bytes())
+        );
+        assert!(memory.least_bytes() > frames.usual_bytes());
+        assert!(memory.ample_bytes() > memory.least_bytes());
+
+        let mut large = Config::default();
+        (large.camera.width, large.camera.height) = (2448, 2048);
+        let large = GroupMemory::new(&large);
+        assert!(large.least_bytes() > 64 * 2448 * 2048);
+        assert!(large.ample_bytes() > 2 * 64 * 2448 * 2048);
+    }
+}
