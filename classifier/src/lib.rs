@@ -1,4 +1,4 @@
-//! The classifier: from a raw Bayer frame to runs of pixels of one colour.
+//! The classifier: from a raw frame to runs of pixels of one colour.
 //!
 //! **Consumes** `frames`: [`FrameHeader`] and the bytes the sensor gave.
 //!
@@ -7,7 +7,8 @@
 //!
 //! **Does** in one pass over the frame, pixel by pixel: bilinear demosaicing (eqs. 1–3 of the paper),
 //! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
-//! second look at hue and saturation, and run-length encoding. A colour image is never stored.
+//! second look at hue and saturation, and run-length encoding. A colour image is never stored. Other
+//! formats than Bayer are taken too; what comes in YUV is classified in YUV.
 //!
 //! **Guarantees**
 //!
@@ -23,19 +24,24 @@
 
 mod error;
 pub mod kernels;
+mod mask;
+mod picture;
 pub mod process;
 pub mod second_look;
 mod stage;
 mod tables;
+mod yuv;
 
 #[cfg(doc)]
 use common::messages::{FrameHeader, Run, RunsHeader};
 
 pub use error::ClassifierError;
-pub use kernels::BayerImage;
-pub use kernels::scalar::demosaic;
+pub use kernels::scalar::{demosaic, to_rgb};
+pub use mask::{FieldMask, Span};
+pub use picture::{BayerImage, ColorImage, ColorRow, Picture};
 pub use stage::Classifier;
 pub use tables::ClassTables;
+pub use yuv::rgb_from_yuv;
 
 /// Most colours: the bits of a table entry.
 pub const MAX_CLASSES: usize = 32;

@@ -150,6 +150,9 @@ mod tests {
             blue: [0, 255],
             hue_deg,
             saturation,
+            y: None,
+            u: None,
+            v: None,
             looks: [0; 3],
         }
     }

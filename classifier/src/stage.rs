@@ -1,9 +1,11 @@
 //! The stage's core: one frame in, one list of runs out.
 
-use crate::kernels::{BayerImage, scalar};
+use crate::kernels::scalar;
+use crate::mask::FieldMask;
+use crate::picture::Picture;
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
-use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
+use common::messages::{FrameFault, FrameHeader, PixelLayout, Run, RunsHeader};
 
 /// Turns frames into runs. Frames are independent of each other: there is nothing to remember and
 /// nothing to hand over.
@@ -12,6 +14,7 @@ pub struct Classifier {
     width: u32,
     height: u32,
     tables: ClassTables,
+    mask: FieldMask,
 }
 
 impl Classifier {
@@ -24,11 +27,12 @@ impl Classifier {
         if width.max(height) > u32::from(u16::MAX) {
             return Err(ClassifierError::ImageTooLarge { width, height });
         }
-        Ok(Self { width, height, tables: ClassTables::new(&config.colors)? })
+        let tables = ClassTables::new(&config.colors)?;
+        Ok(Self { width, height, tables, mask: FieldMask::everything(width, height) })
     }
 
     /// Whether a frame with this header and so many bytes can be classified.
-    pub fn check(&self, header: &FrameHeader, bytes: usize) -> Result<BayerOrder, FrameFault> {
+    pub fn check(&self, header: &FrameHeader, bytes: usize) -> Result<PixelLayout, FrameFault> {
         header.check(self.width, self.height, bytes)
     }
 
@@ -42,10 +46,10 @@ impl Classifier {
         out_header: &mut RunsHeader,
         out: &mut [Run],
     ) -> Result<(), FrameFault> {
-        let order = self.check(header, pixels.len())?;
-        let image = BayerImage::new(pixels, header.width, header.height, header.stride, order)
+        let layout = self.check(header, pixels.len())?;
+        let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
-        let written = scalar::classify(&image, &self.tables, out);
+        let written = scalar::classify(&picture, &self.tables, &self.mask, out);
         *out_header = RunsHeader {
             frame: *header,
             t_sent_ns: 0,

@@ -3,21 +3,62 @@
 //! Bit i of entry v in the red table says whether v lies in the red range of colour i; likewise for
 //! green and blue. The AND of the entries for a pixel's R, G and B has one bit for each colour
 //! whose box holds the pixel.
+//!
+//! Pixels of YUV pictures have three tables of their own, for the colours that have a box in YUV.
+//! The other colours look at what the pixel is in RGB.
 
 use crate::second_look::SecondLook;
+use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
 
 /// The configured colours, ready for classifying pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClassTables {
-    red: [u32; 256],
-    green: [u32; 256],
-    blue: [u32; 256],
+    rgb: Boxes,
+    /// Only of colours that have a box in YUV.
+    yuv: Boxes,
+    /// Bit set of the colours that have a box in YUV.
+    yuv_bits: u32,
+    /// Bit set of the colours that have none.
+    rgb_only_bits: u32,
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
     second_looks: [SecondLook; MAX_CLASSES],
     version: u64,
+}
+
+/// Three tables: one for each channel, a bit for each colour.
+#[derive(Debug, Clone, PartialEq)]
+struct Boxes([[u32; 256]; 3]);
+
+impl Boxes {
+    const NONE: Self = Self([[0; 256]; 3]);
+
+    fn add(
+        &mut self,
+        class: usize,
+        color: &ColorConfig,
+        ranges: [(&'static str, [u8; 2]); 3],
+    ) -> Result<(), ClassifierError> {
+        for (table, (channel, [low, high])) in self.0.iter_mut().zip(ranges) {
+            if low > high {
+                let (color, low, high) = (color.name.clone(), low.into(), high.into());
+                return Err(ClassifierError::EmptyRange { color, channel, low, high });
+            }
+            for entry in &mut table[usize::from(low)..=usize::from(high)] {
+                *entry |= 1 << class;
+            }
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn holding(&self, pixel: [u8; 3]) -> u32 {
+        let [first, second, third] = &self.0;
+        let [a, b, c] = pixel.map(usize::from);
+        first[a] & second[b] & third[c]
+    }
 }
 
 impl ClassTables {
@@ -27,35 +68,25 @@ impl ClassTables {
             return Err(ClassifierError::TooManyColors(colors.len()));
         }
         let mut tables = Self {
-            red: [0; 256],
-            green: [0; 256],
-            blue: [0; 256],
+            rgb: Boxes::NONE,
+            yuv: Boxes::NONE,
+            yuv_bits: 0,
+            rgb_only_bits: 0,
             second_look_bits: 0,
             second_looks: [SecondLook::ANY; MAX_CLASSES],
             version: version(colors),
         };
         for (class, color) in colors.iter().enumerate() {
-            let bit = 1 << class;
-            for (table, range, channel) in [
-                (&mut tables.red, color.red, "red"),
-                (&mut tables.green, color.green, "green"),
-                (&mut tables.blue, color.blue, "blue"),
-            ] {
-                let [low, high] = range;
-                if low > high {
-                    return Err(ClassifierError::EmptyRange {
-                        color: color.name.clone(),
-                        channel,
-                        low: low.into(),
-                        high: high.into(),
-                    });
-                }
-                for entry in &mut table[usize::from(low)..=usize::from(high)] {
-                    *entry |= bit;
-                }
+            let ranges = [("red", color.red), ("green", color.green), ("blue", color.blue)];
+            tables.rgb.add(class, color, ranges)?;
+            if let Some([y, u, v]) = color.yuv_box() {
+                tables.yuv.add(class, color, [("y", y), ("u", u), ("v", v)])?;
+                tables.yuv_bits |= 1 << class;
+            } else {
+                tables.rgb_only_bits |= 1 << class;
             }
             if let Some(look) = SecondLook::new(color)? {
-                tables.second_look_bits |= bit;
+                tables.second_look_bits |= 1 << class;
                 tables.second_looks[class] = look;
             }
         }
@@ -63,20 +94,48 @@ impl ClassTables {
     }
 
     /// The colours whose RGB box holds the pixel, as a bit set.
-    #[inline]
-    pub fn boxes(&self, [red, green, blue]: [u8; 3]) -> u32 {
-        self.red[usize::from(red)] & self.green[usize::from(green)] & self.blue[usize::from(blue)]
+    #[inline(always)]
+    pub fn boxes(&self, rgb: [u8; 3]) -> u32 {
+        self.rgb.holding(rgb)
+    }
+
+    /// The colours whose box holds the pixel of a YUV picture, as a bit set: their box in YUV, or
+    /// that in RGB if they have no other.
+    #[inline(always)]
+    pub fn boxes_yuv(&self, yuv: [u8; 3]) -> u32 {
+        let mut boxes = self.yuv.holding(yuv);
+        if self.rgb_only_bits != 0 {
+            boxes |= self.rgb.holding(rgb_from_yuv(yuv)) & self.rgb_only_bits;
+        }
+        boxes
     }
 
     /// The pixel's class: the first of the configured colours whose box holds it and whose second
     /// look, if it has one, admits it; [`BACKGROUND`] if there is none.
-    #[inline]
+    #[inline(always)]
     pub fn classify(&self, rgb: [u8; 3]) -> u8 {
         let boxes = self.boxes(rgb);
-        if boxes == 0 { BACKGROUND } else { self.first_admitted(boxes, rgb) }
+        if boxes == 0 { BACKGROUND } else { self.first_admitted(boxes, || rgb) }
     }
 
-    fn first_admitted(&self, mut boxes: u32, rgb: [u8; 3]) -> u8 {
+    /// The class of a pixel of a YUV picture. The second look is at hue and saturation of what it
+    /// is in RGB.
+    #[inline(always)]
+    pub fn classify_yuv(&self, yuv: [u8; 3]) -> u8 {
+        let boxes = self.boxes_yuv(yuv);
+        if boxes == 0 { BACKGROUND } else { self.first_admitted(boxes, || rgb_from_yuv(yuv)) }
+    }
+
+    #[inline(always)]
+    fn first_admitted(&self, boxes: u32, rgb: impl Fn() -> [u8; 3]) -> u8 {
+        if boxes & self.second_look_bits == 0 {
+            return boxes.trailing_zeros() as u8;
+        }
+        self.look_again(boxes, rgb())
+    }
+
+    #[inline(never)]
+    fn look_again(&self, mut boxes: u32, rgb: [u8; 3]) -> u8 {
         while boxes != 0 {
             let class = boxes.trailing_zeros();
             let has_second_look = self.second_look_bits >> class & 1 == 1;
@@ -96,7 +155,9 @@ impl ClassTables {
 }
 
 /// FNV-1a, 64 bits, over the colours' ranges and bounds, with their count and with a mark in front
-/// of optional bounds so that no two lists read the same.
+/// of optional bounds so that no two lists read the same. What came later, boxes in YUV, follows
+/// behind it all with the colours' numbers, and only where there are any: without them the version
+/// is what it was.
 fn version(colors: &[ColorConfig]) -> u64 {
     let mut hash = Fnv1a::new();
     // To be changed together with the meaning of the numbers.
@@ -112,6 +173,12 @@ fn version(colors: &[ColorConfig]) -> u64 {
                 // −0 and 0 bound the same.
                 hash.write(&(bound + 0.0).to_bits().to_le_bytes());
             }
+        }
+    }
+    for (class, color) in colors.iter().enumerate() {
+        if let Some(ranges) = color.yuv_box() {
+            hash.write(&[class as u8]);
+            hash.write(ranges.as_flattened());
         }
     }
     hash.0
@@ -137,7 +204,18 @@ mod tests {
 
     fn color(red: [u8; 2], green: [u8; 2], blue: [u8; 2]) -> ColorConfig {
         let name = "test".into();
-        ColorConfig { name, red, green, blue, hue_deg: None, saturation: None, looks: [0; 3] }
+        ColorConfig {
+            name,
+            red,
+            green,
+            blue,
+            hue_deg: None,
+            saturation: None,
+            y: None,
+            u: None,
+            v: None,
+            looks: [0; 3],
+        }
     }
 
     fn paper_yellow() -> ColorConfig {
@@ -155,10 +233,10 @@ mod tests {
         colors.push(paper_yellow());
         let tables = ClassTables::new(&colors).unwrap();
         for value in 0..=255u8 {
-            let entry = |table: &[u32; 256]| table[usize::from(value)] >> 31 == 1;
-            assert_eq!(entry(&tables.red), (200..=220).contains(&value));
-            assert_eq!(entry(&tables.green), (230..=250).contains(&value));
-            assert_eq!(entry(&tables.blue), (10..=30).contains(&value));
+            let [red, green, blue] = tables.rgb.0.map(|table| table[usize::from(value)] >> 31 == 1);
+            assert_eq!(red, (200..=220).contains(&value));
+            assert_eq!(green, (230..=250).contains(&value));
+            assert_eq!(blue, (10..=30).contains(&value));
         }
         assert_eq!(tables.boxes([210, 240, 20]), 1 << 31);
         for (rgb, class) in [
@@ -210,6 +288,30 @@ mod tests {
     }
 
     #[test]
+    fn yuv_pixels_are_compared_with_yuv_boxes_or_as_rgb() {
+        // Orange, (255, 169, 43) in RGB.
+        let orange = [171, 60, 175];
+        let in_rgb = color([250, 255], [165, 170], [40, 50]);
+        let in_yuv = ColorConfig { v: Some([170, 180]), ..color([0, 0], [0, 0], [0, 0]) };
+        let tables = ClassTables::new(std::slice::from_ref(&in_rgb)).unwrap();
+        assert_eq!(tables.classify_yuv(orange), 0);
+        assert_eq!(tables.classify_yuv([171, 60, 128]), BACKGROUND);
+        let tables = ClassTables::new(&[in_yuv.clone(), in_rgb.clone()]).unwrap();
+        assert_eq!(tables.boxes_yuv(orange), 0b11);
+        assert_eq!(tables.boxes_yuv([0, 255, 180]), 0b01);
+        assert_eq!(tables.boxes_yuv([171, 60, 181]), 0b00);
+        // The box in RGB of a colour that has one in YUV does not count.
+        let elsewhere = ColorConfig { y: Some([0, 9]), ..in_rgb };
+        let tables = ClassTables::new(&[elsewhere, in_yuv.clone()]).unwrap();
+        assert_eq!(tables.classify_yuv(orange), 1);
+        // The second look is at the colour in RGB: a hue of about 36°.
+        let other_hue = ColorConfig { hue_deg: Some([40.0, 60.0]), ..in_yuv.clone() };
+        let hue = ColorConfig { hue_deg: Some([20.0, 40.0]), ..in_yuv };
+        let tables = ClassTables::new(&[other_hue, hue]).unwrap();
+        assert_eq!(tables.classify_yuv(orange), 1);
+    }
+
+    #[test]
     fn impossible_colors_are_refused() {
         let too_many = vec![paper_yellow(); 33];
         assert_eq!(ClassTables::new(&too_many), Err(ClassifierError::TooManyColors(33)));
@@ -241,7 +343,9 @@ mod tests {
             vec![color([200, 220], [230, 250], [10, 31])],
             vec![color([230, 250], [200, 220], [10, 30])],
             vec![ColorConfig { hue_deg: bounds, ..yellow.clone() }],
-            vec![ColorConfig { saturation: bounds, ..yellow }],
+            vec![ColorConfig { saturation: bounds, ..yellow.clone() }],
+            vec![ColorConfig { y: Some([1, 2]), ..yellow.clone() }],
+            vec![ColorConfig { u: Some([1, 2]), ..yellow }],
         ];
         let mut versions: Vec<u64> = others.iter().map(|colors| of(colors)).collect();
         versions.push(reference);

@@ -5,7 +5,7 @@ mod reference;
 use common::config::{ColorConfig, Config};
 use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
 use proptest::prelude::*;
-use reference::{Frame, Noise};
+use reference::{Frame, Noise, any_color, color};
 use touchline_classifier::{BACKGROUND, BayerImage, Classifier, ClassifierError, demosaic};
 
 const STALE: Run = Run { row: 9, begin: 9, end: 9, class: 99, reserved: 99 };
@@ -20,11 +20,6 @@ fn config(width: u32, height: u32, colors: &[ColorConfig]) -> Config {
     config.camera.height = height;
     config.colors = colors.to_vec();
     config
-}
-
-fn color(red: [u8; 2], green: [u8; 2], blue: [u8; 2]) -> ColorConfig {
-    let name = "test".into();
-    ColorConfig { name, red, green, blue, hue_deg: None, saturation: None, looks: [0; 3] }
 }
 
 /// The runs of a frame with room for `capacity`, and whether they were cut off. Checks everything
@@ -43,28 +38,6 @@ fn step(frame: &Frame, colors: &[ColorConfig], capacity: usize) -> (Vec<Run>, bo
     assert_eq!(runs.len(), out_header.run_count as usize);
     assert!(out[runs.len()..].iter().all(|&run| run == STALE), "wrote behind the last run");
     (runs, out_header.flags == RunsHeader::OVERFLOW)
-}
-
-fn range() -> impl Strategy<Value = [u8; 2]> {
-    // Half of them one-sided: boxes that hold something.
-    prop_oneof![
-        any::<(u8, u8)>().prop_map(|(a, b)| [a.min(b), a.max(b)]),
-        any::<u8>().prop_map(|low| [low, 255]),
-        any::<u8>().prop_map(|high| [0, high]),
-    ]
-}
-
-fn any_color() -> impl Strategy<Value = ColorConfig> {
-    // Bounds off the round values, which a colour may meet exactly: there the reference is inexact.
-    let hue = (0u16..360, 0u16..360).prop_map(|(a, b)| [f64::from(a) + 0.37, f64::from(b) + 0.37]);
-    let saturation = (0u16..50, 0u16..100)
-        .prop_map(|(low, extent)| [low, low + extent].map(|v| f64::from(v) / 100.0 + 0.0037));
-    (range(), range(), range(), proptest::option::of(hue), proptest::option::of(saturation))
-        .prop_map(|(red, green, blue, hue_deg, saturation)| ColorConfig {
-            hue_deg,
-            saturation,
-            ..color(red, green, blue)
-        })
 }
 
 /// Any small size, order and padding. Pixels are noise, or patches of a few values so that there

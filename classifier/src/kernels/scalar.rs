@@ -1,28 +1,31 @@
 //! The specification: plain code, one pixel after the other.
 
-use super::{BayerImage, RunWriter, Written};
+use super::{RowRuns, RunWriter, Written};
+use crate::mask::{FieldMask, Span};
+use crate::picture::{BayerImage, ColorImage, Picture, narrowed};
+use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
 
 /// Lists the runs of a picture, as many as fit into `out`; what lies behind them is untouched.
-pub fn classify(image: &BayerImage, tables: &ClassTables, out: &mut [Run]) -> Written {
+/// Pixels outside the mask are background, though their neighbours are interpolated from them.
+pub fn classify(
+    picture: &Picture,
+    tables: &ClassTables,
+    mask: &FieldMask,
+    out: &mut [Run],
+) -> Written {
     let mut runs = RunWriter::new(out);
-    for row in 0..image.height() {
-        let mut class = BACKGROUND;
-        let mut begin = 0;
-        for_each_pixel(image, row, |column, rgb| {
-            let class_here = tables.classify(rgb);
-            if class_here != class {
+    for row in 0..picture.height() {
+        let mut row_runs = RowRuns::new(&mut runs, row);
+        for &span in mask.spans(row) {
+            for_each_class(picture, tables, row, span, |column, class| {
                 if class != BACKGROUND {
-                    runs.push(row, begin, column, class);
+                    row_runs.add(column, class);
                 }
-                class = class_here;
-                begin = column;
-            }
-        });
-        if class != BACKGROUND {
-            runs.push(row, begin, image.width(), class);
+            });
         }
+        row_runs.finish();
         if runs.is_cut_off {
             break;
         }
@@ -30,68 +33,184 @@ pub fn classify(image: &BayerImage, tables: &ClassTables, out: &mut [Run]) -> Wr
     runs.written()
 }
 
+/// Hands out column and class of every pixel of a stretch of a row, from left to right.
+#[inline(always)]
+fn for_each_class(
+    picture: &Picture,
+    tables: &ClassTables,
+    row: usize,
+    span: Span,
+    mut pixel: impl FnMut(usize, u8),
+) {
+    match picture {
+        Picture::Bayer(image) => {
+            for_each_pixel(image, row, span, |column, rgb| pixel(column, tables.classify(rgb)));
+        }
+        Picture::Color(image) => {
+            let colors = image.row(row);
+            for column in span.begin..span.end {
+                let color = colors.pixel(column);
+                let class = match image.is_yuv() {
+                    true => tables.classify_yuv(color),
+                    false => tables.classify(color),
+                };
+                pixel(column, class);
+            }
+        }
+    }
+}
+
 /// Replaces `rgb` by the demosaiced picture, three bytes a pixel, row by row without padding: what
 /// the classifier sees, for overlays and for choosing colours.
 pub fn demosaic(image: &BayerImage, rgb: &mut Vec<u8>) {
     rgb.clear();
     rgb.reserve(3 * image.width() * image.height());
+    let all = Span { begin: 0, end: image.width() };
     for row in 0..image.height() {
-        for_each_pixel(image, row, |_, pixel| rgb.extend_from_slice(&pixel));
+        for_each_pixel(image, row, all, |_, pixel| rgb.extend_from_slice(&pixel));
     }
 }
 
-/// Hands out column and interpolated colour of every pixel of a row, from left to right.
-///
-/// The colours of a row alternate between green and one other, so the inner loop goes by pairs and
-/// has no decisions to make; the columns before and behind the pairs go the slow way.
+/// Replaces `rgb` by the picture in red, green and blue, as [`demosaic`], whatever its format.
+pub fn to_rgb(picture: &Picture, rgb: &mut Vec<u8>) {
+    match picture {
+        Picture::Bayer(image) => demosaic(image, rgb),
+        Picture::Color(image) => {
+            rgb.clear();
+            rgb.reserve(3 * image.width() * image.height());
+            for row in 0..image.height() {
+                for column in 0..image.width() {
+                    rgb.extend_from_slice(&color_at(image, column, row));
+                }
+            }
+        }
+    }
+}
+
+fn color_at(image: &ColorImage, column: usize, row: usize) -> [u8; 3] {
+    let color = image.row(row).pixel(column);
+    if image.is_yuv() { rgb_from_yuv(color) } else { color }
+}
+
+/// Hands out column and interpolated colour of the pixels of a stretch of a row, from left to right.
 #[inline(always)]
-fn for_each_pixel(image: &BayerImage, row: usize, mut pixel: impl FnMut(usize, [u8; 3])) {
-    let rows = ThreeRows::around(image, row);
-    let width = image.width();
-    let mut column = if rows.colored_parity == 1 { 1 } else { 2 };
-    for column in 0..column {
-        pixel(column, rows.pixel(column));
+pub(super) fn for_each_pixel(
+    image: &BayerImage,
+    row: usize,
+    span: Span,
+    pixel: impl FnMut(usize, [u8; 3]),
+) {
+    match image.shift() {
+        None => ThreeRows::around(image, row, |row| row).for_each_pixel(span, pixel),
+        Some(shift) => {
+            ThreeRows::around(image, row, |row| DeepRow { row, shift }).for_each_pixel(span, pixel)
+        }
     }
-    // Both pixels of the pair have a neighbour to the right.
-    while column + 2 < width {
-        pixel(column, rows.at_colored_site(column - 1, column, column + 1));
-        pixel(column + 1, rows.at_green_site(column, column + 1, column + 2));
-        column += 2;
+}
+
+/// The samples of a row as bytes.
+trait Samples: Copy {
+    /// How many there are.
+    fn count(self) -> usize;
+    /// The value of one of them.
+    fn at(self, column: usize) -> u8;
+}
+
+impl Samples for &[u8] {
+    #[inline(always)]
+    fn count(self) -> usize {
+        self.len()
     }
-    for column in column..width {
-        pixel(column, rows.pixel(column));
+
+    #[inline(always)]
+    fn at(self, column: usize) -> u8 {
+        self[column]
+    }
+}
+
+/// Two bytes a sample.
+#[derive(Clone, Copy)]
+struct DeepRow<'a> {
+    row: &'a [u8],
+    shift: u32,
+}
+
+impl Samples for DeepRow<'_> {
+    #[inline(always)]
+    fn count(self) -> usize {
+        self.row.len() / 2
+    }
+
+    #[inline(always)]
+    fn at(self, column: usize) -> u8 {
+        narrowed(self.row[2 * column], self.row[2 * column + 1], self.shift)
     }
 }
 
 /// A row and its neighbours. Beyond the edges the picture is mirrored without repeating the edge
 /// itself (−1 → 1, n → n − 2), which puts the colours where the pattern would continue.
-struct ThreeRows<'a> {
-    above: &'a [u8],
-    here: &'a [u8],
-    below: &'a [u8],
-    /// The row has red and green sites; otherwise blue and green ones.
-    has_red: bool,
-    /// Whether its red or blue sites are in even columns (0) or odd ones (1).
-    colored_parity: usize,
+#[derive(Clone, Copy)]
+struct ThreeRows<S> {
+    above: S,
+    here: S,
+    below: S,
+    sites: Sites,
 }
 
-impl<'a> ThreeRows<'a> {
-    fn around(image: &BayerImage<'a>, row: usize) -> Self {
+/// Where a row's colours are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Sites {
+    /// The row has red and green sites; otherwise blue and green ones.
+    pub has_red: bool,
+    /// Whether its red or blue sites are in even columns (0) or odd ones (1).
+    pub colored_parity: usize,
+}
+
+impl Sites {
+    pub fn of(image: &BayerImage, row: usize) -> Self {
         let (red_column, red_row) = image.order().red_site();
         let has_red = row % 2 == red_row;
+        Self { has_red, colored_parity: if has_red { red_column } else { 1 - red_column } }
+    }
+}
+
+impl<S: Samples> ThreeRows<S> {
+    #[inline(always)]
+    fn around<'a>(image: &BayerImage<'a>, row: usize, samples: impl Fn(&'a [u8]) -> S) -> Self {
         Self {
-            above: image.row(before(row)),
-            here: image.row(row),
-            below: image.row(after(row, image.height())),
-            has_red,
-            colored_parity: if has_red { red_column } else { 1 - red_column },
+            above: samples(image.row(before(row))),
+            here: samples(image.row(row)),
+            below: samples(image.row(after(row, image.height()))),
+            sites: Sites::of(image, row),
+        }
+    }
+
+    /// The colours of a row alternate between green and one other, so the inner loop goes by pairs
+    /// and has no decisions to make; the columns before and behind the pairs go the slow way.
+    #[inline(always)]
+    fn for_each_pixel(&self, span: Span, mut pixel: impl FnMut(usize, [u8; 3])) {
+        let mut column = span.begin;
+        // A pair begins at a coloured site with a neighbour to the left …
+        while column < span.end && (column == 0 || column % 2 != self.sites.colored_parity) {
+            pixel(column, self.pixel(column));
+            column += 1;
+        }
+        // … and ends at a green one with a neighbour to the right.
+        while column + 1 < span.end && column + 2 < self.here.count() {
+            pixel(column, self.at_colored_site(column - 1, column, column + 1));
+            pixel(column + 1, self.at_green_site(column, column + 1, column + 2));
+            column += 2;
+        }
+        for column in column..span.end {
+            pixel(column, self.pixel(column));
         }
     }
 
     /// The colour of any pixel of the row.
+    #[inline(always)]
     fn pixel(&self, column: usize) -> [u8; 3] {
-        let (left, right) = (before(column), after(column, self.here.len()));
-        if column % 2 == self.colored_parity {
+        let (left, right) = (before(column), after(column, self.here.count()));
+        if column % 2 == self.sites.colored_parity {
             self.at_colored_site(left, column, right)
         } else {
             self.at_green_site(left, column, right)
@@ -103,9 +222,9 @@ impl<'a> ThreeRows<'a> {
     #[inline(always)]
     fn at_colored_site(&self, left: usize, column: usize, right: usize) -> [u8; 3] {
         let Self { above, here, below, .. } = self;
-        let green = mean4(above[column], here[left], here[right], below[column]);
-        let other = mean4(above[left], above[right], below[left], below[right]);
-        self.rgb(here[column], green, other)
+        let green = mean4(above.at(column), here.at(left), here.at(right), below.at(column));
+        let other = mean4(above.at(left), above.at(right), below.at(left), below.at(right));
+        self.rgb(here.at(column), green, other)
     }
 
     /// Where green is known: the row's colour is the mean of the neighbours left and right, the
@@ -114,25 +233,27 @@ impl<'a> ThreeRows<'a> {
     #[inline(always)]
     fn at_green_site(&self, left: usize, column: usize, right: usize) -> [u8; 3] {
         let Self { above, here, below, .. } = self;
-        let own = mean2(here[left], here[right]);
-        let other = mean2(above[column], below[column]);
-        self.rgb(own, here[column], other)
+        let own = mean2(here.at(left), here.at(right));
+        let other = mean2(above.at(column), below.at(column));
+        self.rgb(own, here.at(column), other)
     }
 
     /// Sorts the row's own colour and the other one into red and blue.
     #[inline(always)]
     fn rgb(&self, own: u8, green: u8, other: u8) -> [u8; 3] {
-        if self.has_red { [own, green, other] } else { [other, green, own] }
+        if self.sites.has_red { [own, green, other] } else { [other, green, own] }
     }
 }
 
 /// The row or column before, mirrored at the edge.
-fn before(index: usize) -> usize {
+#[inline(always)]
+pub(super) fn before(index: usize) -> usize {
     if index == 0 { 1 } else { index - 1 }
 }
 
 /// The row or column behind, mirrored at the edge.
-fn after(index: usize, count: usize) -> usize {
+#[inline(always)]
+pub(super) fn after(index: usize, count: usize) -> usize {
     if index + 1 == count { count - 2 } else { index + 1 }
 }
 

@@ -1,8 +1,10 @@
 //! The classifier once more, written from the definitions with no thought of speed, and sharing no
 //! code with the library: what every kernel is compared with.
+#![allow(dead_code)] // every test uses a part of it
 
 use common::config::ColorConfig;
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
+use proptest::prelude::*;
 
 /// A frame as it travels: header and padded pixels.
 #[derive(Debug, Clone)]
@@ -81,25 +83,29 @@ impl Frame {
 
     /// The runs that must come out.
     pub fn runs(&self, colors: &[ColorConfig]) -> Vec<Run> {
-        let labels = self.labels(colors);
-        let mut runs: Vec<Run> = Vec::new();
-        for (row, labels) in labels.chunks_exact(self.header.width as usize).enumerate() {
-            let mut begin = 0;
-            for stretch in labels.chunk_by(|a, b| a == b) {
-                let end = begin + stretch.len();
-                if let Some(class) = stretch[0] {
-                    let [row, begin, end] = [row, begin, end].map(|value| value as u16);
-                    runs.push(Run { row, begin, end, class, reserved: 0 });
-                }
-                begin = end;
-            }
-        }
-        runs
+        runs_of_labels(&self.labels(colors), self.header.width)
     }
 }
 
+/// The runs of classified pixels in rows of `width`.
+pub fn runs_of_labels(labels: &[Option<u8>], width: u32) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (row, labels) in labels.chunks_exact(width as usize).enumerate() {
+        let mut begin = 0;
+        for stretch in labels.chunk_by(|a, b| a == b) {
+            let end = begin + stretch.len();
+            if let Some(class) = stretch[0] {
+                let [row, begin, end] = [row, begin, end].map(|value| value as u16);
+                runs.push(Run { row, begin, end, class, reserved: 0 });
+            }
+            begin = end;
+        }
+    }
+    runs
+}
+
 /// The box of section 4.2, then the textbook formulas of HSI.
-fn is_of_color(rgb: [u8; 3], color: &ColorConfig) -> bool {
+pub fn is_of_color(rgb: [u8; 3], color: &ColorConfig) -> bool {
     let in_box = [color.red, color.green, color.blue]
         .iter()
         .zip(rgb)
@@ -133,4 +139,44 @@ impl Noise {
         self.0 ^= self.0 >> 27;
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32) as u32
     }
+}
+
+/// A colour with a box in RGB and nothing else.
+pub fn color(red: [u8; 2], green: [u8; 2], blue: [u8; 2]) -> ColorConfig {
+    let name = "test".into();
+    ColorConfig {
+        name,
+        red,
+        green,
+        blue,
+        hue_deg: None,
+        saturation: None,
+        y: None,
+        u: None,
+        v: None,
+        looks: [0; 3],
+    }
+}
+
+fn range() -> impl Strategy<Value = [u8; 2]> {
+    // Half of them one-sided: boxes that hold something.
+    prop_oneof![
+        any::<(u8, u8)>().prop_map(|(a, b)| [a.min(b), a.max(b)]),
+        any::<u8>().prop_map(|low| [low, 255]),
+        any::<u8>().prop_map(|high| [0, high]),
+    ]
+}
+
+/// A colour of any kind but in YUV.
+pub fn any_color() -> impl Strategy<Value = ColorConfig> {
+    // Bounds off the round values, which a colour may meet exactly: there the reference is inexact.
+    let hue = (0u16..360, 0u16..360).prop_map(|(a, b)| [f64::from(a) + 0.37, f64::from(b) + 0.37]);
+    let saturation = (0u16..50, 0u16..100)
+        .prop_map(|(low, extent)| [low, low + extent].map(|v| f64::from(v) / 100.0 + 0.0037));
+    (range(), range(), range(), proptest::option::of(hue), proptest::option::of(saturation))
+        .prop_map(|(red, green, blue, hue_deg, saturation)| ColorConfig {
+            hue_deg,
+            saturation,
+            ..color(red, green, blue)
+        })
 }

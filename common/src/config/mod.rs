@@ -151,6 +151,10 @@ pub struct GeometryConfig {
 
 /// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optionally
 /// bounds in hue and saturation that classified pixels must also meet.
+///
+/// The paper finds YUV the better space for thresholds, since brightness is one axis of it, and
+/// only advises against converting to it. So where the camera gives YUV, a colour may have a box
+/// there (`y`, `u`, `v`), which is compared with the pixels as they come.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorConfig {
@@ -172,8 +176,31 @@ pub struct ColorConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(inner(range(min = 0, max = 1)), extend("examples" = [[0.4, 1]]))]
     pub saturation: Option<[f64; 2]>,
+    /// For cameras that give YUV: lowest and highest Y (brightness), 0–255. Where any of `y`, `u`
+    /// and `v` is given, these three are the colour's box in YUV pictures, and the one left out is
+    /// unbounded; where none is given, YUV pixels are converted and compared with the box in RGB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("examples" = [[40, 235]]))]
+    pub y: Option<[u8; 2]>,
+    /// For cameras that give YUV: lowest and highest U (blue against yellow), 0–255, 128 is grey.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("examples" = [[90, 120]]))]
+    pub u: Option<[u8; 2]>,
+    /// For cameras that give YUV: lowest and highest V (red against cyan), 0–255, 128 is grey.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("examples" = [[150, 200]]))]
+    pub v: Option<[u8; 2]>,
     /// What it looks like: for overlays, and for painting the synthetic match.
     pub looks: [u8; 3],
+}
+
+impl ColorConfig {
+    /// The box in YUV, if the colour has one of its own: ranges of Y, U and V.
+    pub fn yuv_box(&self) -> Option<[[u8; 2]; 3]> {
+        let ranges = [self.y, self.u, self.v];
+        let is_given = ranges.iter().any(Option::is_some);
+        is_given.then(|| ranges.map(|range| range.unwrap_or([0, 255])))
+    }
 }
 
 /// The colours of the two teams.

@@ -313,6 +313,9 @@ fn standard_colors() -> Vec<ColorConfig> {
         blue,
         hue_deg: None,
         saturation: None,
+        y: None,
+        u: None,
+        v: None,
         looks,
     };
     vec![

@@ -89,6 +89,10 @@ impl Config {
             for (key, bounds) in bounds {
                 problems.extend(check_order(at(key), bounds.map(f64::from)));
             }
+            let yuv = [("y", color.y), ("u", color.u), ("v", color.v)];
+            for (key, bounds) in yuv.into_iter().filter_map(|(key, bounds)| Some((key, bounds?))) {
+                problems.extend(check_order(at(key), bounds.map(f64::from)));
+            }
             if let Some(bounds) = color.saturation {
                 problems.extend(check_order(at("saturation"), bounds));
             }
@@ -162,10 +166,13 @@ fn check_order(path: String, [low, high]: Pair) -> Option<Problem> {
     (low > high).then(|| Problem::new(path, message).help(format!("write [{high}, {low}]")))
 }
 
-/// Whether a pixel in `color`'s box always goes to the `earlier` colour.
+/// Whether a pixel in `color`'s box always goes to the `earlier` colour. Boxes in YUV are not looked
+/// at: a colour may be for cameras of one kind only.
 fn hides(earlier: &ColorConfig, color: &ColorConfig) -> bool {
     let holds = |outer: [u8; 2], inner: [u8; 2]| outer[0] <= inner[0] && inner[1] <= outer[1];
-    earlier.hue_deg.is_none()
+    let is_of_yuv = earlier.yuv_box().is_some() || color.yuv_box().is_some();
+    !is_of_yuv
+        && earlier.hue_deg.is_none()
         && earlier.saturation.is_none()
         && holds(earlier.red, color.red)
         && holds(earlier.green, color.green)
@@ -232,6 +239,7 @@ mod tests {
         refused("colors[3].saturation[1]", "between 0 and 1", |config| {
             config.colors[3].saturation = Some([0.7, 20.0]);
         });
+        refused("colors[3].u", "[7, 200]", |config| config.colors[3].u = Some([200, 7]));
         refused("colors[3].hue_deg[0]", "between 0 and 360", |config| {
             config.colors[3].hue_deg = Some([-20.0, 20.0]);
         });

@@ -1,22 +1,8 @@
 //! One picture as the sensor gave it.
 
+use super::PixelFormat;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
-
-/// What a raw frame's bytes mean.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum PixelFormat {
-    /// One byte a pixel behind a Bayer colour filter array.
-    Bayer8 = 1,
-}
-
-impl PixelFormat {
-    /// The format with this number in a message, if there is one.
-    pub fn from_number(number: u32) -> Option<Self> {
-        (number == Self::Bayer8 as u32).then_some(Self::Bayer8)
-    }
-}
 
 /// Colours of the top-left 2×2 pixels of a Bayer frame, read row by row.
 #[derive(
@@ -71,10 +57,7 @@ impl BayerOrder {
     }
 }
 
-/// Travels with every raw frame; the pixels are the payload.
-///
-/// `stride` is the distance in bytes between the starts of two rows; bytes behind `width` are not
-/// part of the picture.
+/// Travels with every raw frame; the pixels are the payload, laid out as [`PixelFormat`] says.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("touchline/FrameHeader/1")]
 #[repr(C)]
@@ -93,11 +76,12 @@ pub struct FrameHeader {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Bytes from the start of a row to the start of the next.
+    /// Bytes from the start of a row to the start of the next; in planar formats, of the first
+    /// plane.
     pub stride: u32,
     /// A [`PixelFormat`] number.
     pub pixel_format: u32,
-    /// A [`BayerOrder`] number.
+    /// A [`BayerOrder`] number; of no meaning where the format is not a Bayer one.
     pub bayer_order: u32,
     /// Exposure time; 0 when unknown.
     pub exposure_us: u32,
@@ -106,6 +90,15 @@ pub struct FrameHeader {
 }
 
 const _: () = assert!(size_of::<FrameHeader>() == 64);
+
+/// What a checked header says about the bytes of its frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelLayout {
+    /// How the bytes make pixels.
+    pub format: PixelFormat,
+    /// Colours of the top-left 2×2 pixels; of no meaning where the format is not a Bayer one.
+    pub order: BayerOrder,
+}
 
 /// Why a frame cannot be worked on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -116,7 +109,7 @@ pub enum FrameFault {
     /// The Bayer order number is not one of [`BayerOrder`].
     #[error("Bayer order {0} is unknown")]
     BayerOrder(u32),
-    /// The size in the header is not the configured one.
+    /// The size in the header is not the configured one, or its rows overlap.
     #[error(
         "frame is {width}×{height} (stride {stride}), expected {expected_width}×{expected_height}"
     )]
@@ -175,13 +168,18 @@ impl FrameHeader {
         expected_width: u32,
         expected_height: u32,
         payload_bytes: usize,
-    ) -> Result<BayerOrder, FrameFault> {
-        PixelFormat::from_number(self.pixel_format)
+    ) -> Result<PixelLayout, FrameFault> {
+        let format = PixelFormat::from_number(self.pixel_format)
             .ok_or(FrameFault::PixelFormat(self.pixel_format))?;
-        let order = BayerOrder::from_number(self.bayer_order)
-            .ok_or(FrameFault::BayerOrder(self.bayer_order))?;
+        let order = match BayerOrder::from_number(self.bayer_order) {
+            Some(order) => order,
+            None if format.is_bayer() => return Err(FrameFault::BayerOrder(self.bayer_order)),
+            None => BayerOrder::Rggb,
+        };
         let &Self { width, height, stride, .. } = self;
-        if (width, height) != (expected_width, expected_height) || stride < width {
+        if (width, height) != (expected_width, expected_height)
+            || u64::from(stride) < format.row_bytes(width)
+        {
             return Err(FrameFault::Size {
                 width,
                 height,
@@ -190,12 +188,11 @@ impl FrameHeader {
                 expected_height,
             });
         }
-        // The last row need not be padded to a full stride.
-        let needed = u64::from(stride) * u64::from(height.saturating_sub(1)) + u64::from(width);
+        let needed = format.frame_bytes(width, height, stride);
         if (payload_bytes as u64) < needed {
             return Err(FrameFault::Truncated { got: payload_bytes, needed });
         }
-        Ok(order)
+        Ok(PixelLayout { format, order })
     }
 }
 

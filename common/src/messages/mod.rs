@@ -17,6 +17,7 @@ mod command;
 mod detection;
 mod frame;
 mod health;
+mod pixel_format;
 mod run;
 mod truth;
 mod world;
@@ -26,10 +27,11 @@ pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
     Region, RejectReason, Rejected,
 };
-pub use frame::{BayerOrder, FrameFault, FrameHeader, PixelFormat, reachable_frames};
+pub use frame::{BayerOrder, FrameFault, FrameHeader, PixelLayout, reachable_frames};
 pub use health::{
     DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
 };
+pub use pixel_format::PixelFormat;
 pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use truth::{TruthFrame, TruthRobot};
 pub use world::{

@@ -1,0 +1,199 @@
+//! Every pixel format: what comes out is what a picture of the same colours gives.
+
+mod reference;
+
+use common::config::{ColorConfig, Config};
+use common::messages::{BayerOrder, FrameHeader, PixelFormat, PixelLayout, Run, RunsHeader};
+use proptest::prelude::*;
+use reference::{Frame, Noise, any_color, runs_of_labels};
+use touchline_classifier::{Classifier, Picture, rgb_from_yuv, to_rgb};
+
+fn classify(header: &FrameHeader, pixels: &[u8], colors: &[ColorConfig]) -> Vec<Run> {
+    let mut config = Config::default();
+    (config.camera.width, config.camera.height) = (header.width, header.height);
+    config.colors = colors.to_vec();
+    let mut classifier = Classifier::new(&config).unwrap();
+    let mut out_header = RunsHeader::default();
+    let mut out = vec![bytemuck::Zeroable::zeroed(); (header.width * header.height) as usize];
+    classifier.step(header, pixels, &mut out_header, &mut out).unwrap();
+    out_header.valid(&out).to_vec()
+}
+
+fn header(format: PixelFormat, width: u32, height: u32, padding: u32) -> FrameHeader {
+    let stride = format.row_bytes(width) as u32 + padding;
+    let order = BayerOrder::Grbg;
+    let mut header = Frame::new(width, height, stride, order, vec![]).header;
+    header.pixel_format = format as u32;
+    header
+}
+
+/// Writes a picture of colours in a format; the chroma of pixels that share one is that of the top
+/// left of them. Padding is noise.
+fn encode(
+    header: &FrameHeader,
+    noise: &mut Noise,
+    color: impl Fn(usize, usize) -> [u8; 3],
+) -> Vec<u8> {
+    let format = PixelFormat::from_number(header.pixel_format).unwrap();
+    let [width, height, stride] =
+        [header.width, header.height, header.stride].map(|value| value as usize);
+    let bytes = format.frame_bytes(header.width, header.height, header.stride) as usize;
+    let mut pixels: Vec<u8> = (0..bytes).map(|_| noise.next_u32() as u8).collect();
+    let half_stride = stride.div_ceil(2);
+    for y in 0..height {
+        for x in 0..width {
+            let [a, b, c] = color(x, y);
+            let (first, has_chroma) = (y * stride, x % 2 == 0 && y % 2 == 0);
+            let places = match format {
+                PixelFormat::Rgb24 => [first + 3 * x, first + 3 * x + 1, first + 3 * x + 2],
+                PixelFormat::Yuyv => [first + 2 * x, first + x / 2 * 4 + 1, first + x / 2 * 4 + 3],
+                PixelFormat::Uyvy => [first + 2 * x + 1, first + x / 2 * 4, first + x / 2 * 4 + 2],
+                PixelFormat::Nv12 => {
+                    let chroma = height * stride + y / 2 * stride + x / 2 * 2;
+                    [first + x, chroma, chroma + 1]
+                }
+                PixelFormat::I420 => {
+                    let chroma = height * stride + y / 2 * half_stride + x / 2;
+                    [first + x, chroma, chroma + height.div_ceil(2) * half_stride]
+                }
+                _ => unreachable!("not a format of colours"),
+            };
+            pixels[places[0]] = a;
+            let owns_chroma = match format {
+                PixelFormat::Rgb24 => true,
+                PixelFormat::Yuyv | PixelFormat::Uyvy => x % 2 == 0,
+                _ => has_chroma,
+            };
+            if owns_chroma {
+                (pixels[places[1]], pixels[places[2]]) = (b, c);
+            }
+        }
+    }
+    pixels
+}
+
+/// What a pixel's colour is read as: with the chroma of the pixel it shares it with.
+fn decoded(
+    format: PixelFormat,
+    color: &impl Fn(usize, usize) -> [u8; 3],
+    x: usize,
+    y: usize,
+) -> [u8; 3] {
+    let [first, ..] = color(x, y);
+    let [_, second, third] = match format {
+        PixelFormat::Rgb24 => color(x, y),
+        PixelFormat::Yuyv | PixelFormat::Uyvy => color(x & !1, y),
+        _ => color(x & !1, y & !1),
+    };
+    [first, second, third]
+}
+
+fn in_yuv(color: ColorConfig, ranges: Option<[[u8; 2]; 3]>) -> ColorConfig {
+    let [y, u, v] = ranges.map_or([None; 3], |ranges| ranges.map(Some));
+    ColorConfig { y, u, v, ..color }
+}
+
+fn any_yuv_color() -> impl Strategy<Value = ColorConfig> {
+    let range = || any::<(u8, u8)>().prop_map(|(a, b)| [a.min(b), a.max(b)]);
+    let ranges = proptest::option::of([range(), range(), range()]);
+    (any_color(), ranges).prop_map(|(color, ranges)| in_yuv(color, ranges))
+}
+
+const COLOR_FORMATS: [PixelFormat; 5] = [
+    PixelFormat::Rgb24,
+    PixelFormat::Yuyv,
+    PixelFormat::Uyvy,
+    PixelFormat::Nv12,
+    PixelFormat::I420,
+];
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    #[test]
+    fn colors_are_classified_as_they_come(
+        format in proptest::sample::select(&COLOR_FORMATS),
+        (width, height, padding) in (2u32..150, 2u32..8, 0u32..9),
+        seed in 1u64..,
+        patch in 1usize..9,
+        colors in proptest::collection::vec(any_yuv_color(), 0..=32),
+    ) {
+        let header = header(format, width, height, padding);
+        let mut noise = Noise(seed);
+        let levels: [[u8; 3]; 64] =
+            std::array::from_fn(|_| [0; 3].map(|_: i32| noise.next_u32() as u8));
+        let color = |x: usize, y: usize| levels[(x / patch * 7 + y / patch * 13) % 64];
+        let pixels = encode(&header, &mut noise, color);
+
+        let mut rgb = Vec::new();
+        let layout = PixelLayout { format, order: BayerOrder::Rggb };
+        let picture = Picture::new(&pixels, width, height, header.stride, layout).unwrap();
+        to_rgb(&picture, &mut rgb);
+
+        let mut labels = Vec::new();
+        for y in 0..height as usize {
+            for x in 0..width as usize {
+                let color = decoded(format, &color, x, y);
+                let as_rgb = if format.is_yuv() { rgb_from_yuv(color) } else { color };
+                prop_assert_eq!(&rgb[3 * labels.len()..][..3], &as_rgb);
+                labels.push(colors.iter().position(|wanted| match wanted.yuv_box() {
+                    Some(ranges) if format.is_yuv() => {
+                        let holds = |([low, high], value): ([u8; 2], u8)| low <= value && value <= high;
+                        let any_rgb = ColorConfig { red: [0, 255], green: [0, 255], blue: [0, 255], ..wanted.clone() };
+                        ranges.into_iter().zip(color).all(holds) && reference::is_of_color(as_rgb, &any_rgb)
+                    }
+                    _ => reference::is_of_color(as_rgb, wanted),
+                }).map(|class| class as u8));
+            }
+        }
+        prop_assert_eq!(classify(&header, &pixels, &colors), runs_of_labels(&labels, width));
+    }
+
+    #[test]
+    fn deep_bayer_is_used_with_its_upper_bits(
+        (format, bits) in proptest::sample::select(vec![
+            (PixelFormat::Bayer10, 10), (PixelFormat::Bayer12, 12), (PixelFormat::Bayer16, 16),
+        ]),
+        (width, height, padding) in (2u32..150, 2u32..8, 0u32..9),
+        seed in 1u64..,
+        order in 0u32..4,
+        colors in proptest::collection::vec(any_color(), 0..=8),
+    ) {
+        let mut noise = Noise(seed);
+        let bytes: Vec<u8> = (0..width * height).map(|_| noise.next_u32() as u8).collect();
+        let order = BayerOrder::from_number(order).unwrap();
+        let shallow = Frame::new(width, height, width, order, bytes.clone());
+        let mut header = header(format, width, height, padding);
+        header.bayer_order = order as u32;
+        let mut pixels = Vec::new();
+        for row in bytes.chunks(width as usize) {
+            for &byte in row {
+                // Whatever the lower bits are.
+                let low = noise.next_u32() as u16 & ((1 << (bits - 8)) - 1);
+                pixels.extend((u16::from(byte) << (bits - 8) | low).to_le_bytes());
+            }
+            pixels.extend(vec![0x5A; padding as usize]);
+        }
+        let runs = classify(&header, &pixels, &colors);
+        prop_assert_eq!(runs, shallow.runs(&colors));
+    }
+}
+
+#[test]
+fn a_frame_that_is_too_short_for_its_format_is_refused() {
+    for format in PixelFormat::ALL {
+        let header = header(format, 7, 5, 3);
+        let needed = format.frame_bytes(7, 5, header.stride);
+        let layout = header.check(7, 5, needed as usize).unwrap();
+        assert_eq!(layout.format, format);
+        assert!(header.check(7, 5, needed as usize - 1).is_err(), "{format}");
+        let narrow = FrameHeader { stride: format.row_bytes(7) as u32 - 1, ..header };
+        assert!(narrow.check(7, 5, 1000).is_err(), "{format}");
+        let pixels = vec![0; needed as usize];
+        assert!(Picture::new(&pixels, 7, 5, header.stride, layout).is_some());
+        assert!(Picture::new(&pixels[1..], 7, 5, header.stride, layout).is_none());
+        // Only Bayer formats have an order.
+        let disordered = FrameHeader { bayer_order: 99, ..header };
+        assert_eq!(disordered.check(7, 5, needed as usize).is_err(), format.is_bayer());
+    }
+}
