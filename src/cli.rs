@@ -37,6 +37,22 @@ pub enum Command {
     Status(StatusArgs),
     /// Ends a running group.
     Stop(InstanceArgs),
+    /// Replaces the processes of stages in the middle of a match, without losing a frame.
+    ///
+    /// Each stage's spare takes over from its active process, which ends in order. A stage whose
+    /// starts have failed again and again is tried once more, at once. The grabber has no spare:
+    /// restarting it costs the frames until the camera is open again, and they are counted.
+    Restart(RestartArgs),
+    /// Goes over to another version of this program in the middle of a match.
+    ///
+    /// Asks the new program first whether it understands the messages and the configuration of the
+    /// running group; if not, nothing is changed. Then the supervisor goes on as the new program, and
+    /// stage after stage is handed over to a process of it: no frame is lost until at last the
+    /// grabber is started anew, and what that costs is counted.
+    Upgrade(UpgradeArgs),
+    /// Prints, as JSON, what programs must agree on to work in one group.
+    #[command(hide = true)]
+    Interface,
     /// Disturbs a match of its own at random, and checks that nothing is lost.
     ///
     /// Starts a synthetic match that no other group notices, kills, freezes and otherwise troubles
@@ -87,6 +103,9 @@ pub struct RunArgs {
     /// Show nothing while running
     #[arg(long)]
     pub quiet: bool,
+    /// Take over the group that a dead supervisor has left behind, with its configuration and source
+    #[arg(long, conflicts_with_all = ["config", "source", "fps", "frames", "seconds"])]
+    pub adopt: bool,
 }
 
 /// Arguments of `detect`.
@@ -123,6 +142,28 @@ pub struct StatusArgs {
     /// Print the whole report as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Arguments of `restart`.
+#[derive(Debug, Args)]
+pub struct RestartArgs {
+    /// Any of grabber, classifier, tracker and filter
+    #[arg(required = true, value_name = "STAGE", value_parser = parse_stage)]
+    pub stages: Vec<ProcessKind>,
+    /// Which group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+}
+
+/// Arguments of `upgrade`.
+#[derive(Debug, Args)]
+pub struct UpgradeArgs {
+    /// The new program [default: the one that is given this command]
+    #[arg(value_name = "PROGRAM")]
+    pub program: Option<PathBuf>,
+    /// Which group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
 }
 
 /// Arguments of `chaos`.
@@ -252,9 +293,7 @@ fn parse_preset(text: &str) -> Result<Preset, String> {
 }
 
 fn parse_stage(text: &str) -> Result<ProcessKind, String> {
-    ProcessKind::ALL
-        .into_iter()
-        .find(|kind| kind.name() == text)
+    ProcessKind::from_name(text)
         .ok_or_else(|| format!("use {}", ProcessKind::ALL.map(ProcessKind::name).join(", ")))
 }
 

@@ -13,6 +13,13 @@ use support::{Group, Scratch, output_of};
 
 const STAGES: [&str; 4] = ["grabber", "classifier", "tracker", "filter"];
 
+fn has_spares(status: &Value) -> bool {
+    ["classifier", "tracker", "filter"].iter().all(|stage| {
+        let processes = status["stages"][stage]["processes"].as_array().unwrap();
+        processes.iter().any(|process| process["state"] == "spare")
+    })
+}
+
 #[test]
 fn a_bounded_run_loses_nothing_and_finds_everything() {
     let scratch = Scratch::new("bounded-report");
@@ -107,12 +114,6 @@ fn a_stalled_stage_is_replaced() {
 #[test]
 fn a_kill_costs_no_frame_because_a_spare_takes_over() {
     let mut group = Group::start("spares", "", &[]);
-    let has_spares = |status: &Value| {
-        ["classifier", "tracker", "filter"].iter().all(|stage| {
-            let processes = status["stages"][stage]["processes"].as_array().unwrap();
-            processes.iter().any(|process| process["state"] == "spare")
-        })
-    };
     for stage in ["filter", "tracker", "classifier"] {
         let status = group.wait_for("spares", has_spares);
         group.signal(Group::pid_of(&status, stage), Signal::KILL);
@@ -183,6 +184,131 @@ fn a_new_supervisor_takes_over_what_the_old_one_has_left() {
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
     group.assert_nothing_left();
+}
+
+#[test]
+fn stages_are_restarted_on_request_without_losing_a_frame() {
+    let mut group = Group::start("restart", "", &[]);
+    let before = group.wait_for("spares", has_spares);
+    let stages = ["classifier", "tracker", "filter"];
+    let output = group.touchline(&[&["restart"], &stages[..]].concat());
+    assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let world = before["frames"]["world"].as_u64().unwrap();
+    let after = group.wait_for("further frames", |status| {
+        status["complete"] == true && status["frames"]["world"].as_u64() > Some(world + 40)
+    });
+    for stage in stages {
+        let pid = Group::pid_of(&after, stage);
+        assert_ne!(Group::pid_of(&before, stage), pid, "{after:#}");
+        assert!(said.contains(&pid.to_string()), "{stage} {pid}: {said}");
+    }
+    for nothing in ["missing_in_world", "duplicates_in_world", "never_captured"] {
+        assert_eq!(after["frames"][nothing], 0, "{nothing}: {after:#}");
+    }
+
+    let output = group.touchline(&["restart", "referee"]);
+    assert!(!output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("classifier"), "{output:?}");
+}
+
+#[test]
+fn an_upgrade_hands_over_stage_by_stage_without_losing_a_frame() {
+    let mut group = Group::start("upgrade", "", &[]);
+    let before = group.wait_for("spares", has_spares);
+    let subscriber_bus = Bus::join(&group.instance, "witness").unwrap();
+    let world = subscriber_bus.subscriber(&topics::WORLD).unwrap();
+    let mut seen = Vec::new();
+    let mut look = || {
+        while let Some(received) = world.receive().unwrap() {
+            seen.extend(received.message().map(|world| world.frame.seq));
+        }
+    };
+
+    // The same program in another file: to the system another program.
+    let program = group.scratch.path.join("touchline-next");
+    std::fs::copy(env!("CARGO_BIN_EXE_touchline"), &program).unwrap();
+    let mut upgrade = group.start_touchline(&["upgrade", program.to_str().unwrap()]);
+    while upgrade.try_wait().unwrap().is_none() {
+        look();
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    assert!(upgrade.wait().unwrap().success(), "{}", group.stderr());
+    let after = group.wait_for("the upgraded group", |status| {
+        status["complete"] == true && status["frames"]["world"].as_u64() > Some(40)
+    });
+    look();
+
+    assert_eq!(before["supervisor_pid"], after["supervisor_pid"], "it is the same process");
+    for stage in STAGES {
+        let pid = Group::pid_of(&after, stage);
+        let runs = std::fs::read_link(format!("/proc/{pid}/exe")).unwrap();
+        assert_eq!(runs, program, "{stage}");
+    }
+    // Only the grabber's own restart may cost frames, and those were never captured.
+    let gaps: Vec<_> = seen.windows(2).filter(|pair| pair[1] != pair[0] + 1).collect();
+    assert!(gaps.len() <= 1 && seen.is_sorted(), "{gaps:?}\n{}", group.stderr());
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    drop((world, subscriber_bus));
+}
+
+#[test]
+fn an_upgrade_that_does_not_fit_changes_nothing() {
+    let mut group = Group::start("misfit", "", &[]);
+    let before = group.wait_until_working();
+    let real = env!("CARGO_BIN_EXE_touchline");
+    let cases = [
+        (
+            "another message version",
+            format!("exec {real} \"$@\" | sed s,WorldFrame/[0-9]*,WorldFrame/99,"),
+            "WorldFrame/99",
+        ),
+        (
+            "a configuration it does not take",
+            format!("[ $1 = interface ] && exec {real} \"$@\"; echo no such key >&2; exit 1"),
+            "no such key",
+        ),
+        ("no touchline at all", "echo hello".into(), "does not say"),
+    ];
+    for (what, script, hint) in cases {
+        let program = group.scratch.write("next", &format!("#!/bin/sh\n{script}\n"));
+        let mut rights = std::fs::metadata(&program).unwrap().permissions();
+        std::os::unix::fs::PermissionsExt::set_mode(&mut rights, 0o755);
+        std::fs::set_permissions(&program, rights).unwrap();
+        let output = group.touchline(&["upgrade", program.to_str().unwrap()]);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{what}: accepted");
+        assert!(text.contains(hint) && text.contains("nothing was changed"), "{what}: {text}");
+    }
+    let after = group.wait_until_working();
+    for stage in STAGES {
+        assert_eq!(Group::pid_of(&before, stage), Group::pid_of(&after, stage));
+    }
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+}
+
+#[test]
+fn a_group_left_behind_is_adopted_as_it_was_run() {
+    let mut group = Group::start("adopt", "[camera]\nfps = 50\n", &["--frames", "100000"]);
+    let before = group.wait_until_working();
+    group.replace_supervisor_by(&["run", "--instance", "test", "--adopt"]);
+    let after = group.wait_for("a group under the new supervisor", |status| {
+        status["complete"] == true && status["supervisor_pid"] != before["supervisor_pid"]
+    });
+    assert_eq!(after["camera"]["fps"], 50.0, "{after:#}");
+    for stage in STAGES {
+        assert_eq!(Group::pid_of(&before, stage), Group::pid_of(&after, stage), "{stage}");
+    }
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+
+    let output = group.touchline(&["run", "--adopt"]);
+    assert!(!output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("left behind"), "{output:?}");
 }
 
 #[test]

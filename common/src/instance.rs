@@ -106,6 +106,16 @@ impl Instance {
         self.directory.join(format!("{stage}.handover"))
     }
 
+    /// Where the supervisor keeps what its successor needs to know.
+    pub fn record_path(&self) -> PathBuf {
+        self.directory.join("group.json")
+    }
+
+    /// The socket on which the supervisor takes requests.
+    pub fn control_path(&self) -> PathBuf {
+        self.directory.join("control")
+    }
+
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {

@@ -18,6 +18,7 @@ pub mod config;
 pub mod geometry;
 pub mod handover;
 pub mod instance;
+pub mod interface;
 pub mod layout;
 pub mod memory;
 pub mod messages;

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// A living group publishes its status several times a second.
-const STATUS_PATIENCE: Duration = Duration::from_secs(3);
+pub const STATUS_PATIENCE: Duration = Duration::from_secs(3);
 /// Ending in order takes a moment, killing what does not listen two seconds more.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -63,7 +63,8 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn running(args: &InstanceArgs) -> Result<Instance, CommandError> {
+/// The group, if it has a living supervisor.
+pub fn running(args: &InstanceArgs) -> Result<Instance, CommandError> {
     let instance = Instance::new(&args.instance)?;
     if instance.is_supervised() {
         Ok(instance)

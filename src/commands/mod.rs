@@ -4,6 +4,7 @@ pub mod chaos;
 mod config;
 mod detect;
 mod group;
+mod operate;
 mod run;
 
 use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
@@ -26,6 +27,9 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Detect(args)) => detect::detect(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),
+        Some(Command::Restart(args)) => operate::restart(args),
+        Some(Command::Upgrade(args)) => operate::upgrade(args),
+        Some(Command::Interface) => operate::interface(),
         Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),

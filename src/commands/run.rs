@@ -3,33 +3,35 @@
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use crate::monitor::{Monitor, Output, summary};
-use crate::supervisor::{self, Launch, Until};
+use crate::supervisor::{self, Launch, Outcome, Record, Until};
+use common::config::Config;
 use common::instance::Instance;
 use grabber::source::Source;
 use std::fs::File;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
 /// Runs a group until it is done or stopped.
 pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
-    let mut config = load_config(args.config.as_deref())?;
-    if let Some(fps) = args.fps {
-        config.camera.fps = fps;
-    }
-    let source = absolute(args.source)?;
+    let instance = Instance::new(&args.instance)?;
+    let (launch, config) =
+        if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
     // Whatever is wrong with the source is said now, not by a grabber that dies in the background.
-    grabber::source::check(&source, &config)?;
-    let frames = args.frames.or(args.seconds.map(|seconds| frames_in(seconds, config.camera.fps)));
+    grabber::source::check(&launch.source, &config)?;
     // Nor does a match end with a report that cannot be written.
     let report_file = args.report.as_deref().map(create).transpose()?;
 
-    let instance = Instance::new(&args.instance)?;
     let output = if args.quiet { Output::Quiet } else { Output::for_stdout() };
-    let launch = Launch { instance: instance.clone(), source: source.clone(), frames };
-    let until = if frames.is_some() { Until::Finished } else { Until::Stopped };
-    let report = supervisor::run(launch, &config, until, |view| {
-        Monitor::start(&instance, source.to_string(), &config, view, output)
+    let until = if launch.frames.is_some() { Until::Finished } else { Until::Stopped };
+    let source = launch.source.to_string();
+    let outcome = supervisor::run(launch, &config, until, |view| {
+        Monitor::start(&instance, source, &config, view, output)
     })?;
+    let report = match outcome {
+        Outcome::Ended(report) => report,
+        Outcome::Upgrade(program) => return Err(go_on_as(&program, &args)),
+    };
 
     if !args.quiet {
         print!("{}", summary(&report));
@@ -38,6 +40,49 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         serde_json::to_writer_pretty(&file, &report)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// A group as the command line describes it.
+fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
+    let mut config = load_config(args.config.as_deref())?;
+    if let Some(fps) = args.fps {
+        config.camera.fps = fps;
+    }
+    let source = absolute(args.source.clone())?;
+    let frames = args.frames.or(args.seconds.map(|seconds| frames_in(seconds, config.camera.fps)));
+    Ok((Launch { instance: instance.clone(), source, frames }, config))
+}
+
+/// The group that an earlier supervisor has left behind, as that one ran it.
+fn left_behind(instance: &Instance) -> Result<(Launch, Config), CommandError> {
+    let Some(record) = Record::read(instance) else {
+        return Err(format!(
+            "there is nothing to take over: no group {:?} has been left behind",
+            instance.name()
+        )
+        .into());
+    };
+    let config = load_config(Some(&instance.config_path()))?;
+    let source = record.source.parse()?;
+    Ok((Launch { instance: instance.clone(), source, frames: record.frames }, config))
+}
+
+/// Becomes another program, which takes over the group: the same process with the same terminal,
+/// parent and children. Returns only if neither that program nor, then, this one can be run.
+fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
+    let this = Path::new("/proc/self/exe");
+    let run = |program: &Path| {
+        let mut command = Command::new(program);
+        command.arg0("touchline").args(["run", "--adopt", "--instance", &args.instance]);
+        command.args(args.quiet.then_some("--quiet"));
+        if let Some(report) = &args.report {
+            command.arg("--report").arg(report);
+        }
+        command.exec()
+    };
+    let error = run(program);
+    eprintln!("touchline: {}: {error}; the old program goes on", program.display());
+    format!("the supervisor cannot go on: {}", run(this)).into()
 }
 
 fn frames_in(seconds: f64, fps: f64) -> u64 {

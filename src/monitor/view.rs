@@ -81,6 +81,11 @@ impl GroupView {
         }
     }
 
+    /// Takes in events of an earlier supervisor. They have been shown.
+    pub fn remember(&self, events: Vec<Event>) {
+        self.lock().events.extend(events);
+    }
+
     /// Replaces what is known of the processes.
     pub fn update(&self, processes: Vec<ProcessView>, restarts: BTreeMap<ProcessKind, u64>) {
         let mut inner = self.lock();

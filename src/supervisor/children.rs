@@ -7,13 +7,16 @@ use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fd::OwnedFd;
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::fd::{AsFd, OwnedFd};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
+};
 use std::fs;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 
 /// What all processes of the group are started with.
 #[derive(Debug, Clone)]
@@ -128,10 +131,11 @@ impl Process {
     /// How it ended, if it has.
     pub fn reap(&mut self) -> Option<End> {
         let (how, crashed) = match &mut self.child {
-            Some(child) => describe(child.try_wait().ok().flatten()?),
-            // Its exit status went to whoever is its parent now.
-            None if has_ended(&self.pidfd) => ("ended".to_string(), false),
-            None => return None,
+            Some(child) => {
+                let status = child.try_wait().ok().flatten()?;
+                describe(status.code(), status.signal())
+            }
+            None => end_of_adopted(&self.pidfd)?,
         };
         let text = fs::read(&self.log).unwrap_or_default();
         let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
@@ -139,6 +143,17 @@ impl Process {
         let _ = fs::remove_file(&self.log);
         Some(End { how, crashed, last_words })
     }
+}
+
+/// The file that a process runs, also when it has been replaced or removed since.
+pub fn program_of(pid: u32) -> PathBuf {
+    format!("/proc/{pid}/exe").into()
+}
+
+/// Whether two names stand for the very same file.
+pub fn is_same_program(one: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| fs::metadata(path).map(|data| (data.dev(), data.ino()));
+    matches!((identity(one), identity(other)), (Ok(one), Ok(other)) if one == other)
 }
 
 /// The second figure of `schedstat`: nanoseconds spent on a run queue. Stages have one thread.
@@ -152,10 +167,21 @@ fn has_ended(pidfd: &OwnedFd) -> bool {
     poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&at_once)).is_ok_and(|ready| ready > 0)
 }
 
+/// How a process ended that this program has not started. Our own image may have: after an upgrade
+/// its children are still ours. The exit status of others went to whoever is their parent now.
+fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
+    let at_once = WaitIdOptions::EXITED | WaitIdOptions::NOHANG;
+    match waitid(WaitId::PidFd(pidfd.as_fd()), at_once) {
+        Ok(Some(status)) => Some(describe(status.exit_status(), status.terminating_signal())),
+        Ok(None) => None,
+        Err(_) => has_ended(pidfd).then(|| ("ended".into(), false)),
+    }
+}
+
 /// How a process ended, in words, and whether that was its own doing.
-fn describe(status: ExitStatus) -> (String, bool) {
+fn describe(code: Option<i32>, signal: Option<i32>) -> (String, bool) {
     use signal_hook::consts::{SIGKILL, SIGTERM};
-    match (status.code(), status.signal()) {
+    match (code, signal) {
         (Some(code), _) => (format!("exit status {code}"), code != 0),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal);

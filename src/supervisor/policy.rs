@@ -241,6 +241,19 @@ impl Policy {
         Some(id)
     }
 
+    /// Has a stage's active process replaced in good order, by its spare where it has one. Where there
+    /// is none, because starts have failed again and again, the next start comes at once.
+    pub fn renew_stage(&mut self, kind: ProcessKind, now_ns: u64) {
+        let stage = &mut self.stages[kind as usize];
+        match &mut stage.active {
+            Some(active) => active.outdated = true,
+            None => {
+                stage.failures = 0;
+                stage.start_after_ns = now_ns;
+            }
+        }
+    }
+
     /// The active process of a stage that has input it has not dealt with: the one whose waiting
     /// for a processor matters.
     pub fn behind(&self, kind: ProcessKind) -> Option<MemberId> {

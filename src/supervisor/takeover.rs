@@ -1,7 +1,7 @@
 //! What an earlier supervisor has left behind: a group to take over, processes to end, or rubbish.
 
-use super::{GRACE, Launch, SupervisorError};
-use common::bus::{Bus, BusError};
+use super::{GRACE, Launch, Record, SupervisorError};
+use common::bus::{Bus, BusError, LivingProcess};
 use common::config::{Config, commented_toml};
 use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
@@ -18,43 +18,51 @@ pub struct Inherited {
     pub kind: ProcessKind,
     /// The system's number for it.
     pub pid: u32,
+    /// Whether it is a spare, according to the record; `None` when that does not say.
+    pub spare: Option<bool>,
+}
+
+/// What a supervisor begins with.
+#[derive(Debug, Default)]
+pub struct Inheritance {
+    /// Processes to take over.
+    pub stages: Vec<Inherited>,
+    /// Of the group they belong to; an empty one when the group is new.
+    pub record: Record,
 }
 
 /// Makes the instance ready for a supervisor that holds its lock. Living stages that were started
 /// for the same run are returned, to be taken over; others are ended, and it is said why. Programs of
 /// others that have attached to the group are left alone.
-pub fn prepare(launch: &Launch, config: &Config) -> Result<Vec<Inherited>, SupervisorError> {
+pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, SupervisorError> {
     let instance = &launch.instance;
-    let text = [
-        (instance.config_path(), "its configuration differs", commented_toml(config)),
-        (launch_path(instance), "its source differs", launch_text(launch)),
-    ];
-    let inherited = living_stages(instance)?;
-    if !inherited.is_empty() {
-        let differs = |(path, _, text): &&(PathBuf, _, String)| {
-            fs::read_to_string(path).ok().as_ref() != Some(text)
+    let stages = living_stages(instance)?;
+    if !stages.is_empty() {
+        let record = Record::read(instance).unwrap_or_default();
+        let differs = if Config::load(&instance.config_path()).ok().as_ref() != Some(config) {
+            "its configuration differs"
+        } else if !record.serves(launch) {
+            "its source differs"
+        } else {
+            // The dead supervisor's places on the topics are needed.
+            Bus::clean_up_dead(instance)?;
+            remove_logs_of_others(instance, &stages);
+            let recorded = |stage: Inherited| Inherited {
+                spare: record.is_spare(stage.kind, stage.pid),
+                ..stage
+            };
+            let stages = stages.into_iter().map(recorded).collect();
+            return Ok(Inheritance { stages, record });
         };
-        match text.iter().find(differs) {
-            None => {
-                // The dead supervisor's places on the topics are needed.
-                Bus::clean_up_dead(instance)?;
-                remove_logs_of_others(instance, &inherited);
-                return Ok(inherited);
-            }
-            Some((_, why, _)) => {
-                eprintln!(
-                    "touchline: a group without supervisor is running, but {why}: it is ended and \
-                     started afresh"
-                );
-                end(instance)?;
-            }
-        }
+        eprintln!(
+            "touchline: a group without supervisor is running, but {differs}: it is ended and \
+             started afresh"
+        );
+        end(instance)?;
     }
     clean_slate(instance)?;
-    for (path, _, text) in &text {
-        write(path, text)?;
-    }
-    Ok(Vec::new())
+    write(&instance.config_path(), &commented_toml(config))?;
+    Ok(Inheritance::default())
 }
 
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
@@ -98,11 +106,12 @@ pub fn kill(pid: u32) {
 }
 
 fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {
-    let kind_of = |name: &str| ProcessKind::ALL.into_iter().find(|kind| kind.name() == name);
-    let mut stages: Vec<Inherited> = Bus::living_processes(instance)?
-        .into_iter()
-        .filter_map(|process| Some(Inherited { kind: kind_of(&process.name)?, pid: process.pid }))
-        .collect();
+    let stage = |process: LivingProcess| {
+        let kind = ProcessKind::from_name(&process.name)?;
+        Some(Inherited { kind, pid: process.pid, spare: None })
+    };
+    let mut stages: Vec<Inherited> =
+        Bus::living_processes(instance)?.into_iter().filter_map(stage).collect();
     stages.sort_by_key(|stage| stage.pid);
     stages.dedup();
     Ok(stages)
@@ -132,14 +141,6 @@ fn send(pid: u32, signal: Signal) {
     if let Some(pid) = Pid::from_raw(pid as i32) {
         let _ = kill_process(pid, signal);
     }
-}
-
-fn launch_path(instance: &Instance) -> PathBuf {
-    instance.directory().join("launch")
-}
-
-fn launch_text(launch: &Launch) -> String {
-    format!("source {}\nframes {:?}\n", launch.source, launch.frames)
 }
 
 fn write(path: &Path, text: &str) -> Result<(), SupervisorError> {

@@ -107,9 +107,29 @@ impl Group {
 
     /// Kills the supervisor, and nobody else, and starts another one with the same arguments.
     pub fn replace_supervisor(&mut self) {
+        let arguments = self.arguments.clone();
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        self.replace_supervisor_by(&arguments);
+    }
+
+    /// Kills the supervisor, and nobody else, and starts the program with these arguments.
+    pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
         self.signal_supervisor(Signal::KILL);
         self.supervisor.wait().unwrap();
-        self.supervisor = Self::spawn(&self.scratch, &self.arguments, &[]);
+        let arguments: Vec<String> = arguments.iter().map(|text| text.to_string()).collect();
+        self.supervisor = Self::spawn(&self.scratch, &arguments, &[]);
+    }
+
+    /// Runs a subcommand on this group to its end.
+    pub fn touchline(&self, args: &[&str]) -> Output {
+        self.start_touchline(args).wait_with_output().unwrap()
+    }
+
+    /// Starts a subcommand on this group.
+    pub fn start_touchline(&self, args: &[&str]) -> Child {
+        let mut command = touchline(&self.scratch, args);
+        command.args(["--instance", "test"]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     }
 
     /// The report of the running group; `None` while there is none.

@@ -26,6 +26,11 @@ impl ProcessKind {
         Self::ALL.get(number as usize).copied()
     }
 
+    /// The kind of this [name](Self::name), if there is one.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
     /// Subcommand and process name.
     pub fn name(self) -> &'static str {
         match self {

@@ -225,6 +225,46 @@ fn outdated_processes_are_renewed_stage_by_stage() {
 }
 
 #[test]
+fn a_stage_is_renewed_on_request_by_its_spare_and_only_once() {
+    let mut play = Play::new(&[ProcessKind::Filter]);
+    play.run(500);
+    play.policy.renew_stage(ProcessKind::Filter, play.now_ns);
+    let actions = play.run(20);
+    assert!(
+        matches!(
+            actions[..],
+            [
+                Action::Retire { kind: ProcessKind::Filter, .. },
+                Action::Promote { kind: ProcessKind::Filter, .. }
+            ]
+        ),
+        "{actions:?}"
+    );
+    assert_eq!(started(&play.run(300)), [(ProcessKind::Filter, true)], "and all is as before");
+}
+
+#[test]
+fn a_stage_without_spare_is_renewed_by_a_new_start() {
+    let mut play = Play::new(&[]);
+    play.run(500);
+    play.policy.renew_stage(ProcessKind::Grabber, play.now_ns);
+    assert_eq!(started(&play.run(20)), [(ProcessKind::Grabber, false)]);
+}
+
+#[test]
+fn a_stage_that_waits_for_its_next_start_is_started_at_once_on_request() {
+    let mut play = Play::new(&[]);
+    for _ in 0..5 {
+        play.exit(ProcessKind::Tracker);
+        while started(&play.run(5)).is_empty() {}
+    }
+    play.exit(ProcessKind::Tracker);
+    assert!(started(&play.run(100)).is_empty(), "it waits");
+    play.policy.renew_stage(ProcessKind::Tracker, play.now_ns);
+    assert_eq!(started(&play.run(5)), [(ProcessKind::Tracker, false)]);
+}
+
+#[test]
 fn time_without_a_processor_does_not_count() {
     let mut play = Play::new(&[]);
     play.output(ProcessKind::Grabber, 1);

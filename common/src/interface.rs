@@ -1,0 +1,138 @@
+//! What processes of a group must agree on to understand each other: for programs of different
+//! versions in one match, and for clients in other languages.
+
+use crate::topics::{self, Topic};
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// Counts up when the files that the processes of a group leave each other in the runtime directory
+/// (handover notes, the group's record) change their meaning.
+const FILES_VERSION: u32 = 1;
+
+/// Everything one program must share with another to work in the same group.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Interface {
+    /// Version of the files in the runtime directory.
+    pub files_version: u32,
+    /// What travels on the topics.
+    pub topics: Vec<TopicInterface>,
+}
+
+/// What travels on a topic.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TopicInterface {
+    /// Name of the topic.
+    pub topic: String,
+    /// Versioned type name of an element.
+    pub element: String,
+    /// Size of an element in bytes.
+    pub element_bytes: usize,
+    /// Versioned type name of the header; `()` for none.
+    pub header: String,
+    /// Size of the header in bytes.
+    pub header_bytes: usize,
+}
+
+impl Interface {
+    /// That of this program.
+    pub fn own() -> Self {
+        let topics = vec![
+            of(&topics::FRAMES),
+            of(&topics::RUNS),
+            of(&topics::DETECTIONS),
+            of(&topics::WORLD),
+            of(&topics::COMMANDS),
+            of(&topics::HEALTH),
+            of(&topics::TRUTH),
+            of(&topics::STATUS),
+        ];
+        Self { files_version: FILES_VERSION, topics }
+    }
+
+    /// In words, why processes with this interface and with the other cannot work together; empty
+    /// when they can. Topics that only one of them has disturb nobody.
+    pub fn conflicts_with(&self, other: &Self) -> Vec<String> {
+        let mut conflicts = Vec::new();
+        if self.files_version != other.files_version {
+            conflicts.push(format!(
+                "files in the runtime directory: version {} against {}",
+                self.files_version, other.files_version
+            ));
+        }
+        for topic in &self.topics {
+            let counterpart = other.topics.iter().find(|there| there.topic == topic.topic);
+            if let Some(there) = counterpart.filter(|there| *there != topic) {
+                conflicts.push(format!("topic {}: {topic} against {there}", topic.topic));
+            }
+        }
+        conflicts
+    }
+}
+
+impl std::fmt::Display for TopicInterface {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({} bytes)", self.element, self.element_bytes)?;
+        match self.header_bytes {
+            0 => Ok(()),
+            bytes => write!(f, " with {} ({bytes} bytes)", self.header),
+        }
+    }
+}
+
+#[allow(unsafe_code)]
+fn of<Element: ZeroCopySend, Header: ZeroCopySend>(
+    topic: &Topic<Element, Header>,
+) -> TopicInterface {
+    // SAFETY: what the functions ask of their caller, that a name always stands for the same layout,
+    // is checked where the messages are defined, by size assertions; here the name is only printed.
+    let (element, header) =
+        unsafe { (<Element as ZeroCopySend>::type_name(), <Header as ZeroCopySend>::type_name()) };
+    TopicInterface {
+        topic: topic.name.into(),
+        element: element.into(),
+        element_bytes: size_of::<Element>(),
+        header: header.into(),
+        header_bytes: size_of::<Header>(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_changed_is_named_and_what_is_new_disturbs_nobody() {
+        let own = Interface::own();
+        assert_eq!(own.conflicts_with(&own), Vec::<String>::new());
+
+        let mut other = own.clone();
+        other.topics.push(TopicInterface { topic: "new".into(), ..own.topics[0].clone() });
+        assert!(own.conflicts_with(&other).is_empty() && other.conflicts_with(&own).is_empty());
+
+        let world = other.topics.iter_mut().find(|topic| topic.topic == "world").unwrap();
+        world.element = "touchline/WorldFrame/999".into();
+        let [conflict] = &own.conflicts_with(&other)[..] else { panic!("one topic differs") };
+        assert!(conflict.contains("world") && conflict.contains("WorldFrame/999"), "{conflict}");
+
+        let other = Interface { files_version: own.files_version + 1, ..own.clone() };
+        assert_eq!(own.conflicts_with(&other).len(), 1);
+    }
+
+    #[test]
+    fn every_topic_has_a_versioned_name_and_all_are_listed() {
+        let own = Interface::own();
+        for topic in &own.topics {
+            let versioned = |name: &str| {
+                name.starts_with("touchline/")
+                    && name
+                        .rsplit_once("/")
+                        .is_some_and(|(_, version)| version.parse::<u32>().is_ok())
+            };
+            assert!(topic.element == "u8" || versioned(&topic.element), "{topic}");
+            assert!(topic.header_bytes == 0 || versioned(&topic.header), "{topic}");
+        }
+        let table = include_str!("topics.rs");
+        let constants = table.matches("\npub const ").count();
+        assert_eq!(own.topics.len(), constants, "a topic of the table is missing here");
+    }
+}

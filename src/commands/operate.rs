@@ -1,0 +1,202 @@
+//! `touchline restart` and `touchline upgrade`: planned changes in the middle of a match.
+
+use super::CommandError;
+use super::group::{STATUS_PATIENCE, running};
+use crate::cli::{RestartArgs, UpgradeArgs};
+use crate::monitor::{Report, read_status};
+use crate::supervisor::{self, Request, is_same_program, program_of};
+use common::instance::Instance;
+use common::interface::Interface;
+use common::messages::ProcessKind;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Command, ExitCode, Output};
+use std::time::{Duration, Instant};
+
+/// A supervisor answers within its next round, a few milliseconds.
+const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
+/// A spare may first have to be started, and the machine may be busy.
+const RESTART_PATIENCE: Duration = Duration::from_secs(30);
+/// Seven processes, one after the other.
+const UPGRADE_PATIENCE: Duration = Duration::from_secs(120);
+/// Between two looks at a change that takes its time.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Replaces the active processes of stages.
+pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
+    let instance = running(&args.instance)?;
+    let before = active(&status(&instance)?);
+    let stages = args.stages.iter().map(|stage| stage.name().to_string()).collect();
+    ask(&instance, &Request::Restart(stages))?;
+
+    let deadline = Instant::now() + RESTART_PATIENCE;
+    let mut waiting = args.stages;
+    waiting.sort();
+    waiting.dedup();
+    while !waiting.is_empty() {
+        let now = active(&status(&instance)?);
+        waiting.retain(|&stage| {
+            let (old, new) = (before.get(stage.name()), now.get(stage.name()));
+            let is_done = new.is_some() && new != old;
+            if let Some(new) = new.filter(|_| is_done) {
+                let old = old.map_or("none".into(), u32::to_string);
+                println!("{}: {old} → {new}", stage.name());
+            }
+            !is_done
+        });
+        if Instant::now() > deadline {
+            let names: Vec<&str> = waiting.iter().map(|stage| stage.name()).collect();
+            return Err(format!(
+                "{} not replaced yet; `touchline status --instance {}` tells why",
+                names.join(", "),
+                instance.name()
+            )
+            .into());
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Goes over to another program.
+pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
+    let instance = running(&args.instance)?;
+    let program = match args.program {
+        Some(program) => program,
+        None => std::env::current_exe()?,
+    };
+    let program =
+        program.canonicalize().map_err(|error| format!("{}: {error}", program.display()))?;
+    let Some(supervisor) = instance.supervisor_pid() else {
+        return Err("the group is just starting or ending".into());
+    };
+    let runs_it = |pid: u32| is_same_program(&program_of(pid), &program);
+    if processes(&status(&instance)?).into_iter().all(|(pid, _)| runs_it(pid)) {
+        println!("the group {:?} runs {} already", instance.name(), program.display());
+        return Ok(ExitCode::SUCCESS);
+    }
+    check(&program, &instance, supervisor)?;
+    ask(&instance, &Request::Upgrade(program.clone()))?;
+
+    let deadline = Instant::now() + UPGRADE_PATIENCE;
+    let mut told: Vec<u32> = Vec::new();
+    loop {
+        // For a moment there is no supervisor, and nobody to publish a status.
+        if let Ok(report) = status(&instance) {
+            let processes = processes(&report);
+            for (pid, what) in processes.iter().filter(|(pid, _)| runs_it(*pid)) {
+                if !told.contains(pid) {
+                    println!("{what}: {pid}");
+                    told.push(*pid);
+                }
+            }
+            if report.complete && processes.iter().all(|&(pid, _)| runs_it(pid)) {
+                println!("the group {:?} runs {} now", instance.name(), program.display());
+                return Ok(ExitCode::SUCCESS);
+            }
+        }
+        if Instant::now() > deadline {
+            return Err(format!(
+                "the group has not gone over to the new program yet; \
+                 `touchline status --instance {}` tells why",
+                instance.name()
+            )
+            .into());
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Prints what another program asks before an upgrade.
+pub fn interface() -> Result<ExitCode, CommandError> {
+    println!("{}", serde_json::to_string_pretty(&Interface::own())?);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses a program that cannot take over.
+fn check(program: &Path, instance: &Instance, supervisor: u32) -> Result<(), CommandError> {
+    // The running supervisor's own program may be of any version, not this one's.
+    let (old, new) = (interface_of(&program_of(supervisor))?, interface_of(program)?);
+    let conflicts = old.conflicts_with(&new);
+    if !conflicts.is_empty() {
+        return Err(format!(
+            "{} does not understand the running group's messages, so nothing was changed:\n  {}\n\
+             stop the group and start it with the new program",
+            program.display(),
+            conflicts.join("\n  ")
+        )
+        .into());
+    }
+    let snapshot = instance.config_path();
+    let output = run(program, &["config".as_ref(), "check".as_ref(), snapshot.as_os_str()])?;
+    if !output.status.success() {
+        return Err(format!(
+            "{} does not accept the running group's configuration, so nothing was changed:\n{}",
+            program.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        )
+        .into());
+    }
+    Ok(())
+}
+
+fn interface_of(program: &Path) -> Result<Interface, CommandError> {
+    let output = run(program, &["interface".as_ref()])?;
+    serde_json::from_slice(&output.stdout).map_err(|_| {
+        format!(
+            "{} does not say which messages it understands, so nothing was changed: {}",
+            program.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        )
+        .into()
+    })
+}
+
+fn run(program: &Path, args: &[&std::ffi::OsStr]) -> Result<Output, CommandError> {
+    Command::new(program)
+        .args(args)
+        .output()
+        .map_err(|error| format!("{}: {error}", program.display()).into())
+}
+
+fn ask(instance: &Instance, request: &Request) -> Result<(), CommandError> {
+    match supervisor::ask(instance, request, ANSWER_PATIENCE) {
+        Ok(answer) => Ok(answer?),
+        Err(error) => Err(format!(
+            "the supervisor of the group {:?} does not answer ({error}); it may be stopped or of an \
+             older version",
+            instance.name()
+        )
+        .into()),
+    }
+}
+
+fn status(instance: &Instance) -> Result<Report, CommandError> {
+    read_status(instance, STATUS_PATIENCE)?.ok_or_else(|| {
+        format!("the supervisor of the group {:?} says nothing", instance.name()).into()
+    })
+}
+
+/// The active process of each stage that has one.
+fn active(report: &Report) -> BTreeMap<&'static str, u32> {
+    ProcessKind::ALL
+        .into_iter()
+        .filter_map(|kind| {
+            let processes = &report.stages.get(kind.name())?.processes;
+            let active = processes.iter().find(|process| process.state != "spare")?;
+            Some((kind.name(), active.pid))
+        })
+        .collect()
+}
+
+/// All processes of a group, and what they are.
+fn processes(report: &Report) -> Vec<(u32, String)> {
+    let stages = report.stages.iter().flat_map(|(name, stage)| {
+        let describe = move |state: &str| match state {
+            "spare" => format!("{name} (spare)"),
+            _ => name.to_string(),
+        };
+        stage.processes.iter().map(move |process| (process.pid, describe(&process.state)))
+    });
+    std::iter::once((report.supervisor_pid, "supervisor".to_string())).chain(stages).collect()
+}

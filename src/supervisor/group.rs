@@ -1,0 +1,504 @@
+//! A living group: carries events to the rules and the rules' decisions to the processes.
+
+use super::children::{self, Launch, Process, is_same_program};
+use super::control::{Answer, Control, Request};
+use super::evidence;
+use super::janitor::Janitor;
+use super::notify::Notifier;
+use super::policy::{Action, Cause, Event, MemberId, Policy, Settings};
+use super::progress::Progress;
+use super::record::{Member, Record};
+use super::takeover::{self, Inherited};
+use super::{GRACE, SupervisorError, Until};
+use crate::monitor::{Event as LogEvent, GroupView, ProcessView};
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::handover::Handover;
+use common::messages::{ProcessKind, ProcessState};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::Signal;
+use std::cell::Cell;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often topics and heartbeats are looked at.
+const TICK: Duration = Duration::from_millis(5);
+/// How long the last results may take when the group is told to end.
+const DRAIN: Duration = Duration::from_millis(100);
+/// How long after the camera's last frame results are waited for.
+const LAST_RESULTS: Duration = Duration::from_secs(2);
+/// Processes give a sign of life ten times a second.
+const FIRST_WORD: Duration = Duration::from_millis(600);
+/// So many failures before anything ever worked mean that it never will.
+const HOPELESS_STARTS: u32 = 3;
+
+/// A group while it lives.
+pub struct Group {
+    launch: Launch,
+    policy: Policy,
+    processes: HashMap<MemberId, Process>,
+    progress: Progress,
+    outputs: [Option<u64>; ProcessKind::ALL.len()],
+    skip_after: HashMap<ProcessKind, u64>,
+    dropped: HashMap<u32, u64>,
+    states: HashMap<u32, ProcessState>,
+    restarts: BTreeMap<ProcessKind, u64>,
+    start_failures: u32,
+    ever_complete: bool,
+    finished: bool,
+    last_output: Instant,
+    notifier: Notifier,
+    view: Arc<GroupView>,
+    stop: UnixStream,
+    control: Control,
+    /// Something has changed that the record does not say yet.
+    record_is_due: Cell<bool>,
+    janitor: Janitor,
+}
+
+/// Why nobody watches a group any longer.
+pub enum Ending {
+    /// It is to end.
+    Over,
+    /// It goes on under this program.
+    Upgrade(PathBuf),
+}
+
+impl Group {
+    /// A group without processes, with the memories of an earlier supervisor, if there was one.
+    pub fn new(
+        launch: Launch,
+        config: &Config,
+        view: Arc<GroupView>,
+        stop: UnixStream,
+        record: Record,
+    ) -> Result<Self, SupervisorError> {
+        let control = Control::open(&launch.instance).map_err(|source| {
+            SupervisorError::System { action: "open the socket for requests".into(), source }
+        })?;
+        let janitor = Janitor::start(&launch.instance);
+        let restarts = record
+            .restarts
+            .iter()
+            .filter_map(|(stage, &count)| Some((ProcessKind::from_name(stage)?, count)))
+            .collect();
+        view.remember(record.events);
+        Ok(Self {
+            progress: Progress::new(&launch.instance)?,
+            launch,
+            policy: Policy::new(settings(config)),
+            processes: HashMap::new(),
+            outputs: [None; ProcessKind::ALL.len()],
+            skip_after: HashMap::new(),
+            dropped: HashMap::new(),
+            states: HashMap::new(),
+            restarts,
+            start_failures: 0,
+            ever_complete: false,
+            finished: false,
+            last_output: Instant::now(),
+            notifier: Notifier::from_environment(),
+            view,
+            stop,
+            control,
+            record_is_due: Cell::new(true),
+            janitor,
+        })
+    }
+
+    /// Takes over processes of an earlier supervisor. Its record says what they are; of those that
+    /// it does not know, or that were still starting, they say it themselves, several times a second.
+    /// One that says nothing is stuck.
+    pub fn adopt(&mut self, inherited: &[Inherited]) -> Result<(), SupervisorError> {
+        if inherited.is_empty() {
+            return Ok(());
+        }
+        // What is taken over has worked before.
+        self.ever_complete = true;
+        let mut silent = BTreeMap::new();
+        for stage in inherited {
+            match stage.spare {
+                Some(true) => self.take_in(stage, ProcessState::Spare),
+                Some(false) => self.take_in(stage, ProcessState::Active),
+                None => drop(silent.insert(stage.pid, *stage)),
+            }
+        }
+        let deadline = Instant::now() + FIRST_WORD;
+        while !silent.is_empty() && Instant::now() < deadline {
+            let mut signs = Vec::new();
+            self.progress.heartbeats(|sign| signs.push(sign))?;
+            for sign in signs {
+                if let Some(stage) = silent.remove(&sign.pid) {
+                    self.take_in(&stage, sign.state);
+                }
+            }
+            std::thread::sleep(TICK);
+        }
+        for stage in silent.values() {
+            self.log(stage.kind, stage.pid, "killed: it did not answer the new supervisor", "");
+            takeover::kill(stage.pid);
+        }
+        self.act(Action::CleanUp)
+    }
+
+    fn take_in(&mut self, stage: &Inherited, state: ProcessState) {
+        let &Inherited { kind, pid, .. } = stage;
+        // It may just have ended.
+        let Ok(process) = Process::adopt(kind, pid) else { return };
+        let outdated = !is_same_program(Path::new("/proc/self/exe"), &children::program_of(pid));
+        let spare = state == ProcessState::Spare;
+        match self.policy.adopt(kind, spare, outdated, monotonic_ns()) {
+            Some(id) => {
+                self.log(kind, pid, "taken over", "");
+                self.states.insert(pid, state);
+                self.processes.insert(id, process);
+            }
+            None => {
+                self.log(kind, pid, "killed: there is another one", "");
+                process.signal(Signal::KILL);
+            }
+        }
+    }
+
+    /// Looks after the group until it is to end.
+    pub fn watch(&mut self, until: Until) -> Result<Ending, SupervisorError> {
+        loop {
+            if self.wait()? {
+                return Ok(Ending::Over);
+            }
+            self.reap()?;
+            self.look()?;
+            self.excuse_the_starved();
+            for action in self.policy.tick(monotonic_ns()) {
+                self.act(action)?;
+            }
+            if self.policy.is_complete() {
+                self.ever_complete = true;
+                self.notifier.ready();
+            }
+            self.notifier.alive(Instant::now());
+            let upgrade = self.serve_requests();
+            self.publish_view();
+            self.keep_record();
+            if let Some(program) = upgrade {
+                return Ok(Ending::Upgrade(program));
+            }
+            if until == Until::Finished && self.finished && self.results_are_out() {
+                return Ok(Ending::Over);
+            }
+        }
+    }
+
+    /// Sleeps until a process ends, a signal or a request comes, or it is time to look; `true` on a
+    /// signal to stop.
+    fn wait(&self) -> Result<bool, SupervisorError> {
+        let control = self.control.fd();
+        let mut fds =
+            vec![PollFd::new(&self.stop, PollFlags::IN), PollFd::new(&control, PollFlags::IN)];
+        fds.extend(
+            self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)),
+        );
+        let timeout = Timespec { tv_sec: 0, tv_nsec: TICK.as_nanos() as _ };
+        match poll(&mut fds, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(!fds[0].revents().is_empty()),
+            Err(error) => Err(SupervisorError::System {
+                action: "wait for processes".into(),
+                source: error.into(),
+            }),
+        }
+    }
+
+    /// Does what is asked for; returns the program that is to take over, if that is asked for.
+    fn serve_requests(&mut self) -> Option<PathBuf> {
+        let mut upgrade = None;
+        while let Some((request, sender)) = self.control.next() {
+            let answer = match &request {
+                Request::Restart(stages) => self.restart(stages),
+                Request::Upgrade(program) => check_program(program),
+            };
+            self.control.answer(&sender, &answer);
+            if let (Request::Upgrade(program), Ok(())) = (request, answer) {
+                upgrade = Some(program);
+            }
+        }
+        upgrade
+    }
+
+    fn restart(&mut self, stages: &[String]) -> Answer {
+        let kind_of = |stage: &String| {
+            ProcessKind::from_name(stage).ok_or_else(|| format!("there is no stage {stage:?}"))
+        };
+        let kinds = stages.iter().map(kind_of).collect::<Result<BTreeSet<_>, _>>()?;
+        for &kind in &kinds {
+            self.policy.renew_stage(kind, monotonic_ns());
+        }
+        Ok(())
+    }
+
+    fn reap(&mut self) -> Result<(), SupervisorError> {
+        let now = monotonic_ns();
+        let ended: Vec<(MemberId, children::End)> = self
+            .processes
+            .iter_mut()
+            .filter_map(|(&id, process)| process.reap().map(|end| (id, end)))
+            .collect();
+        for (id, end) in ended {
+            let Some(process) = self.processes.remove(&id) else { continue };
+            self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
+            self.states.remove(&process.pid);
+            self.dropped.remove(&process.pid);
+            *self.restarts.entry(process.kind).or_default() += 1;
+            self.log(process.kind, process.pid, &end.how, &end.last_words);
+            if !self.ever_complete {
+                self.start_failures += 1;
+                if self.start_failures >= HOPELESS_STARTS {
+                    let reason = if end.last_words.is_empty() { end.how } else { end.last_words };
+                    return Err(SupervisorError::NoStart { stage: process.kind.name(), reason });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in what topics and heartbeats say.
+    fn look(&mut self) -> Result<(), SupervisorError> {
+        let now = monotonic_ns();
+        let Self { progress, policy, outputs, last_output, .. } = self;
+        progress.outputs(|kind, seq| {
+            outputs[kind as usize] = outputs[kind as usize].max(Some(seq));
+            *last_output = Instant::now();
+            policy.note(Event::Output(kind, seq), now);
+        })?;
+        let Self { progress, policy, processes, states, dropped, finished, record_is_due, .. } =
+            self;
+        progress.heartbeats(|sign| {
+            // Heartbeats of processes that are not ours, or no longer alive, say nothing.
+            let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
+            else {
+                return;
+            };
+            let before = states.insert(sign.pid, sign.state);
+            if before.is_none() {
+                policy.note(Event::Ready(id), now);
+            }
+            if before != Some(sign.state) {
+                record_is_due.set(true);
+            }
+            if dropped.insert(sign.pid, sign.dropped) != Some(sign.dropped) {
+                policy.note(Event::Dropped(sign.kind), now);
+            }
+            if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Finished {
+                policy.note(Event::Finished, now);
+                *finished = true;
+            }
+        })?;
+        Ok(())
+    }
+
+    /// On a busy machine a stage may be late because it gets no processor. That is no stall: a
+    /// replacement would get none either.
+    fn excuse_the_starved(&mut self) {
+        for kind in ProcessKind::ALL {
+            let behind = self.policy.behind(kind);
+            if let Some(process) = behind.and_then(|id| self.processes.get_mut(&id)) {
+                let waited_ns = process.newly_waited_ns();
+                self.policy.note(Event::Waited(kind, waited_ns), monotonic_ns());
+            }
+        }
+    }
+
+    fn act(&mut self, action: Action) -> Result<(), SupervisorError> {
+        match action {
+            Action::Start { id, kind, spare } => {
+                if !spare {
+                    self.hand_over(kind)?;
+                }
+                let last_frame = self.progress.last_frame();
+                let process = Process::start(&self.launch, id, kind, spare, last_frame).map_err(
+                    |source| SupervisorError::System {
+                        action: format!("start the {}", kind.name()),
+                        source,
+                    },
+                )?;
+                self.processes.insert(id, process);
+            }
+            Action::Promote { id, kind } => {
+                self.hand_over(kind)?;
+                if let Some(process) = self.processes.get(&id) {
+                    process.signal(Signal::USR1);
+                    self.log(kind, process.pid, "promoted from spare", "");
+                }
+            }
+            Action::Kill { id, kind, cause } => {
+                if let Some(process) = self.processes.get(&id) {
+                    let what = match cause {
+                        Cause::Stalled => "killed: it has input but gives no output",
+                        Cause::NotReady => "killed: it did not get ready in time",
+                        Cause::DoesNotEnd => "killed: it did not end when asked to",
+                    };
+                    self.log(kind, process.pid, what, "");
+                    process.signal(Signal::KILL);
+                }
+            }
+            Action::Retire { id, kind } => {
+                if let Some(process) = self.processes.get(&id) {
+                    self.log(kind, process.pid, "asked to end: its successor is ready", "");
+                    process.signal(Signal::TERM);
+                }
+            }
+            Action::Skip { kind, after } => self.skip(kind, after),
+            Action::CleanUp => self.janitor.call(),
+        }
+        Ok(())
+    }
+
+    /// Tells the process of a stage that is about to work how far the last one came. That one is
+    /// confirmed dead, and all it has published was looked at since.
+    fn hand_over(&mut self, kind: ProcessKind) -> Result<(), SupervisorError> {
+        let Some(resume_after) = self.outputs[kind as usize] else { return Ok(()) };
+        let skip_next = self.skip_after.remove(&kind) == Some(resume_after);
+        Handover { resume_after, skip_next }.write(&self.launch.instance, kind).map_err(|source| {
+            SupervisorError::System { action: "write how far a stage came".into(), source }
+        })
+    }
+
+    /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
+    fn skip(&mut self, kind: ProcessKind, after: u64) {
+        self.skip_after.insert(kind, after);
+        let what = match self.progress.first_frame_after(after) {
+            Some(frame) => {
+                let path = evidence::save_frame(&self.launch.instance, frame);
+                let seq = frame.header().seq;
+                format!(
+                    "frame {seq} has killed two processes and is skipped; kept in {}",
+                    path.display()
+                )
+            }
+            None => format!("the frame after {after} has killed two processes and is skipped"),
+        };
+        self.log(kind, 0, &what, "");
+    }
+
+    fn results_are_out(&self) -> bool {
+        let of = |kind: ProcessKind| self.outputs[kind as usize];
+        of(ProcessKind::Filter) >= of(ProcessKind::Grabber)
+            || self.last_output.elapsed() > LAST_RESULTS
+    }
+
+    /// Leaves the group to whoever comes next, in a state that can be taken over.
+    pub fn leave(self) {
+        self.janitor.finish();
+    }
+
+    /// Ends the camera, lets the last frame's results come out, and ends everybody else.
+    pub fn end_all(mut self) {
+        self.notifier.stopping();
+        for process in
+            self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
+        {
+            process.signal(Signal::TERM);
+        }
+        let deadline = Instant::now() + DRAIN;
+        let is_capturing = |processes: &HashMap<MemberId, Process>| {
+            processes.values().any(|process| process.kind == ProcessKind::Grabber)
+        };
+        while Instant::now() < deadline
+            && (is_capturing(&self.processes) || !self.results_are_out())
+        {
+            std::thread::sleep(TICK);
+            let _ = self.look();
+            self.processes.retain(|_, process| process.reap().is_none());
+        }
+        let deadline = Instant::now() + GRACE;
+        for process in self.processes.values() {
+            // A stopped process cannot hear; a continued one that was not stopped does not care.
+            process.signal(Signal::TERM);
+            process.signal(Signal::CONT);
+        }
+        while !self.processes.is_empty() {
+            if Instant::now() > deadline {
+                for process in self.processes.values() {
+                    process.signal(Signal::KILL);
+                }
+            }
+            let _ = self.wait();
+            let _ = self.look();
+            self.processes.retain(|_, process| process.reap().is_none());
+        }
+        self.janitor.finish();
+    }
+
+    fn log(&self, kind: ProcessKind, pid: u32, what: &str, evidence: &str) {
+        self.record_is_due.set(true);
+        self.view.log(LogEvent::new(kind, pid, what, evidence));
+    }
+
+    /// Writes down what a successor needs to know. Comes last in a round: whoever waits for a spare
+    /// does not wait for the disk.
+    fn keep_record(&self) {
+        if !self.record_is_due.replace(false) {
+            return;
+        }
+        let by_name = |(kind, &count): (&ProcessKind, &u64)| (kind.name().to_string(), count);
+        let member = |process: &Process| {
+            // One that has not said its first word is still starting.
+            let state = self.states.get(&process.pid)?;
+            Some(Member {
+                stage: process.kind.name().into(),
+                pid: process.pid,
+                spare: *state == ProcessState::Spare,
+            })
+        };
+        let record = Record {
+            members: self.processes.values().filter_map(member).collect(),
+            restarts: self.restarts.iter().map(by_name).collect(),
+            events: self.view.events(),
+            ..Record::new(&self.launch)
+        };
+        // It is a help for a successor, who can do without.
+        let _ = record.write(&self.launch.instance);
+    }
+
+    fn publish_view(&self) {
+        let mut processes: Vec<ProcessView> = self
+            .processes
+            .values()
+            .map(|process| ProcessView {
+                kind: process.kind,
+                pid: process.pid,
+                state: self.states.get(&process.pid).copied(),
+            })
+            .collect();
+        processes.sort_by_key(|process| (process.kind, process.pid));
+        self.view.update(processes, self.restarts.clone());
+    }
+}
+
+fn settings(config: &Config) -> Settings {
+    let supervisor = &config.supervisor;
+    let ns = |ms: f64| (ms * 1e6) as u64;
+    let stall_ms =
+        (supervisor.stall_frames * 1000.0 / config.camera.fps).max(supervisor.stall_min_ms);
+    Settings {
+        stall_ns: ns(stall_ms),
+        grabber_stall_ns: ns(stall_ms.max(2000.0)),
+        ready_timeout_ns: ns(supervisor.ready_timeout_ms),
+        backoff_ns: ns(supervisor.backoff_ms),
+        backoff_max_ns: ns(supervisor.backoff_max_ms),
+        spares: supervisor.spares.iter().map(|&stage| stage.into()).collect(),
+    }
+}
+
+/// Whether a file can be run at all; whether it fits is for whoever asks to find out first.
+fn check_program(program: &Path) -> Answer {
+    use std::os::unix::fs::PermissionsExt;
+    let data =
+        std::fs::metadata(program).map_err(|error| format!("{}: {error}", program.display()))?;
+    match program.is_absolute() && data.is_file() && data.permissions().mode() & 0o111 != 0 {
+        true => Ok(()),
+        false => Err(format!("{} is not a program", program.display())),
+    }
+}

@@ -1,0 +1,98 @@
+//! The supervisor's record of its group: what a successor needs to go on as if nothing had happened.
+//!
+//! It is written after every change and read only when a supervisor takes over from a dead one or
+//! from one of another version, so it may lag behind what is true by the moment in which the old
+//! supervisor died. What a process says itself, and whether it lives, therefore counts for more.
+
+use super::Launch;
+use crate::monitor::Event;
+use common::instance::{Instance, create_private};
+use common::messages::ProcessKind;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, Write};
+
+/// Everything about a group that is not in its configuration or in shared memory.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Where the frames come from, as on the command line.
+    pub source: String,
+    /// How many frames are to be captured.
+    pub frames: Option<u64>,
+    /// The processes.
+    pub members: Vec<Member>,
+    /// How often each stage's processes were replaced.
+    pub restarts: BTreeMap<String, u64>,
+    /// The newest events.
+    pub events: Vec<Event>,
+}
+
+/// A process of the group.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Member {
+    /// Name of its stage.
+    pub stage: String,
+    /// The system's number for it.
+    pub pid: u32,
+    /// Whether it is, or was a moment ago, a spare.
+    pub spare: bool,
+}
+
+impl Record {
+    /// That of a group without processes.
+    pub fn new(launch: &Launch) -> Self {
+        Self { source: launch.source.to_string(), frames: launch.frames, ..Self::default() }
+    }
+
+    /// Whether a group of this record does what is asked for.
+    pub fn serves(&self, launch: &Launch) -> bool {
+        self.source == launch.source.to_string() && self.frames == launch.frames
+    }
+
+    /// Whether a process is recorded as a spare; `None` when it is not recorded.
+    pub fn is_spare(&self, kind: ProcessKind, pid: u32) -> Option<bool> {
+        let it = |member: &&Member| member.pid == pid && member.stage == kind.name();
+        self.members.iter().find(it).map(|member| member.spare)
+    }
+
+    /// Replaces the record as a whole: whoever reads it finds the old one or the new one.
+    pub fn write(&self, instance: &Instance) -> io::Result<()> {
+        let path = instance.record_path();
+        let new = path.with_extension("new");
+        create_private(&new)?.write_all(&serde_json::to_vec_pretty(self)?)?;
+        fs::rename(&new, &path)
+    }
+
+    /// The record an earlier supervisor has left; `None` if there is none that can be understood.
+    pub fn read(instance: &Instance) -> Option<Self> {
+        serde_json::from_slice(&fs::read(instance.record_path()).ok()?).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_written_is_read_and_rubbish_is_not() {
+        let base = std::env::temp_dir().join(format!("tl-record-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        assert_eq!(Record::read(&instance), None);
+        let record = Record {
+            source: "synthetic".into(),
+            frames: Some(7),
+            members: vec![Member { stage: "tracker".into(), pid: 12, spare: true }],
+            restarts: [("tracker".to_string(), 3)].into(),
+            events: vec![Event::new(ProcessKind::Tracker, 12, "taken over", "")],
+        };
+        record.write(&instance).unwrap();
+        assert_eq!(Record::read(&instance), Some(record.clone()));
+        assert_eq!(record.is_spare(ProcessKind::Tracker, 12), Some(true));
+        assert_eq!(record.is_spare(ProcessKind::Filter, 12), None, "the number is used again");
+        fs::write(instance.record_path(), b"{\"source\":").unwrap();
+        assert_eq!(Record::read(&instance), None);
+        instance.remove_directory().unwrap();
+    }
+}
