@@ -8,7 +8,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let name = std::env::args().nth(1).unwrap_or("default".into());
     let bus = Bus::join(&Instance::new(&name)?, "poses")?;
     let world = bus.subscriber(&topics::WORLD)?;
-    let wake_up = bus.wake_up(&topics::WORLD)?;
+    let mut wake_up = bus.wake_up(&topics::WORLD)?;
     loop {
         while let Some(received) = world.receive()? {
             for robot in received.message().into_iter().flat_map(|world| world.robots()) {
@@ -19,6 +19,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 );
             }
         }
-        wake_up.wait(std::time::Duration::from_millis(100))?;
+        wake_up.wait(std::time::Duration::from_millis(100));
     }
 }

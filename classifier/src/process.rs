@@ -16,18 +16,19 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut runs = process.bus.publisher(&topics::RUNS, MAX_RUNS)?;
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let mut wake_up = process.wake_up(&topics::FRAMES)?;
     if !process.activate()? {
         return Ok(());
     }
     process.resume_after_seen(previous.newest()?.map(|runs| runs.header().frame.seq));
     drop(previous);
 
-    let wake_up = process.bus.wake_up(&topics::FRAMES)?;
     while process.keep_running()? {
         let Some(frame) = frames.receive()? else {
-            wake_up.wait(LOOK_AROUND)?;
+            wake_up.wait(LOOK_AROUND);
             continue;
         };
+        let taken_ns = monotonic_ns();
         let seq = frame.header().seq;
         if process.is_done_by_predecessor(seq) {
             continue;
@@ -46,6 +47,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             process.drop_input(DropReason::from(&fault));
             continue;
         }
+        header.t_frame_taken_ns = taken_ns;
         header.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

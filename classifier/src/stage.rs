@@ -37,8 +37,8 @@ impl Classifier {
     }
 
     /// Classifies a frame. On success `out` begins with [`RunsHeader::run_count`] runs and
-    /// `out_header` is complete except for [`RunsHeader::t_sent_ns`], which is 0 until the runs
-    /// are handed on. A frame that fails [`check`](Self::check) leaves both untouched.
+    /// `out_header` is complete except for [`RunsHeader::t_frame_taken_ns`] and
+    /// [`RunsHeader::t_sent_ns`], which are 0 until the runs are handed on. A frame that fails [`check`](Self::check) leaves both untouched.
     pub fn step(
         &mut self,
         header: &FrameHeader,
@@ -52,6 +52,7 @@ impl Classifier {
         let written = scalar::classify(&picture, &self.tables, &self.mask, out);
         *out_header = RunsHeader {
             frame: *header,
+            t_frame_taken_ns: 0,
             t_sent_ns: 0,
             class_table_version: self.tables.version(),
             run_count: written.count,

@@ -1,22 +1,22 @@
 //! Publishing and subscribing: iceoryx2 with this project's rules built in.
 //!
 //! * Writers never wait: safe overflow is on, back-pressure discards.
-//! * A reader that wants to sleep until there is something asks for wake-ups; one that polls
-//!   costs the writer nothing extra.
-//! * Waiting survives signals.
+//! * A reader that wants to sleep until there is something asks for wake-ups; one that polls, or
+//!   only stands by, costs the writer nothing.
 
+use crate::config::WakeUpStrategy;
+use crate::eventcount::EventCount;
 use crate::instance::{Instance, InstanceError};
 use crate::topics::{LOANED, Topic};
+use crate::wake_up::WakeUp;
 use bytemuck::Pod;
 use iceoryx2::node::NodeView;
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IpcPublisher;
 use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
-use iceoryx2::service::port_factory::event::PortFactory as EventFactory;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -57,6 +57,7 @@ fn failed<E: Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E)
 /// A process's membership in an instance.
 pub struct Bus {
     node: Node<ipc::Service>,
+    instance: Instance,
 }
 
 /// A process that has joined an instance.
@@ -81,7 +82,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(failed("node", "join the instance"))?;
-        Ok(Self { node })
+        Ok(Self { node, instance: instance.clone() })
     }
 
     /// Removes what dead processes have left: slots of publishers and subscribers, and their
@@ -137,12 +138,9 @@ impl Bus {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(failed(topic.name, "create a publisher"))?;
-        let notifier = self
-            .open_wake_up(topic.name)?
-            .notifier_builder()
-            .create()
-            .map_err(failed(topic.name, "create a notifier"))?;
-        Ok(Publisher { port, notifier, topic: topic.name })
+        let published = self.event_count(topic.name)?;
+        let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
+        Ok(Publisher { port, bell: Bell { published, notifier }, topic: topic.name })
     }
 
     /// A reader. It is connected at once: from now on the newest messages wait for it.
@@ -190,12 +188,21 @@ impl Bus {
 
     /// What a reader sleeps on until the topic has something new.
     pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, BusError> {
-        let listener = self
-            .open_wake_up(topic.name)?
-            .listener_builder()
-            .create()
-            .map_err(failed(topic.name, "create a listener"))?;
-        Ok(WakeUp { listener, topic: topic.name })
+        self.wake_up_by(topic, WakeUpStrategy::Event)
+    }
+
+    /// What a reader waits on, in the given way, until the topic has something new.
+    pub fn wake_up_by<E, H>(
+        &self,
+        topic: &Topic<E, H>,
+        strategy: WakeUpStrategy,
+    ) -> Result<WakeUp, BusError> {
+        Ok(WakeUp::new(self.event_count(topic.name)?, strategy))
+    }
+
+    fn event_count(&self, topic: &'static str) -> Result<EventCount, BusError> {
+        EventCount::open(&self.instance.event_count_path(topic))
+            .map_err(failed(topic, "open its event count"))
     }
 
     fn open<E: Message, H: Header>(
@@ -217,7 +224,7 @@ impl Bus {
             .map_err(failed(topic.name, "open the topic"))
     }
 
-    fn open_wake_up(&self, topic: &'static str) -> Result<EventFactory<ipc::Service>, BusError> {
+    fn notifier(&self, topic: &'static str) -> Result<Notifier<ipc::Service>, BusError> {
         self.node
             .service_builder(&service_name(topic)?)
             .event()
@@ -225,7 +232,10 @@ impl Bus {
             .max_notifiers(MAX_NODES)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(failed(topic, "open the wake-up event"))
+            .map_err(failed(topic, "open the event"))?
+            .notifier_builder()
+            .create()
+            .map_err(failed(topic, "create a notifier"))
     }
 }
 
@@ -239,8 +249,25 @@ fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {
 /// Writes messages into shared memory and wakes who sleeps on the topic.
 pub struct Publisher<E: Message, H: Header> {
     port: IpcPublisher<ipc::Service, [E], H>,
-    notifier: Notifier<ipc::Service>,
+    bell: Bell,
     topic: &'static str,
+}
+
+/// Wakes who sleeps on a topic.
+struct Bell {
+    published: EventCount,
+    notifier: Option<Notifier<ipc::Service>>,
+}
+
+impl Bell {
+    fn ring(&self) {
+        self.published.advance();
+        if let Some(notifier) = &self.notifier {
+            // A listener that has died, or whose socket is full because it sleeps through
+            // everything, is not the writer's business.
+            let _ = notifier.notify();
+        }
+    }
 }
 
 impl<E: Message, H: Header> Publisher<E, H> {
@@ -248,7 +275,7 @@ impl<E: Message, H: Header> Publisher<E, H> {
     pub fn loan(&mut self, length: usize) -> Result<Loan<'_, E, H>, BusError> {
         let sample =
             self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
-        Ok(Loan { sample, notifier: &self.notifier, topic: self.topic })
+        Ok(Loan { sample, bell: &self.bell, topic: self.topic })
     }
 }
 
@@ -264,7 +291,7 @@ impl<E: Message> Publisher<E, ()> {
 /// A message in shared memory that nobody else can see yet.
 pub struct Loan<'a, E: Message, H: Header> {
     sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
-    notifier: &'a Notifier<ipc::Service>,
+    bell: &'a Bell,
     topic: &'static str,
 }
 
@@ -295,9 +322,7 @@ impl<E: Message, H: Header> Loan<'_, E, H> {
         // SAFETY: initialised, see `elements`.
         let sample = unsafe { self.sample.assume_init() };
         sample.send().map_err(failed(self.topic, "publish"))?;
-        // A listener that has died, or whose socket is full because it sleeps through everything,
-        // is the supervisor's business, not the writer's.
-        let _ = self.notifier.notify();
+        self.bell.ring();
         Ok(())
     }
 }
@@ -369,22 +394,5 @@ impl<E: Message, H: Header> Received<E, H> {
     /// The header.
     pub fn header(&self) -> &H {
         self.sample.user_header()
-    }
-}
-
-/// Sleeps until a topic has something new.
-pub struct WakeUp {
-    listener: Listener<ipc::Service>,
-    topic: &'static str,
-}
-
-impl WakeUp {
-    /// Returns when something was published, when `timeout` has passed, or on a signal; the caller
-    /// looks for itself what has happened.
-    pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
-        match self.listener.timed_wait(|_| {}, timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(error) => Err(failed(self.topic, "wait")(error)),
-        }
     }
 }

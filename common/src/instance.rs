@@ -236,6 +236,11 @@ impl Instance {
         format!("tl_{:08x}_", fnv1a(path.as_bytes()) as u32)
     }
 
+    /// Where the count of a topic's messages is, on which its readers sleep.
+    pub fn event_count_path(&self, topic: &str) -> PathBuf {
+        Path::new("/dev/shm").join(format!("{}{topic}.count", self.shared_memory_prefix()))
+    }
+
     /// Removes everything a group has left behind in shared memory and in the runtime directory.
     /// Only for the holder of the lock, and only when none of the group's processes is alive:
     /// removing one half of what iceoryx2 keeps, or removing it under a living process, is worse

@@ -15,6 +15,7 @@
 pub mod bus;
 pub mod clock;
 pub mod config;
+pub mod eventcount;
 pub mod geometry;
 pub mod handover;
 pub mod instance;
@@ -23,4 +24,7 @@ pub mod layout;
 pub mod memory;
 pub mod messages;
 pub mod process;
+mod rhythm;
+pub mod scheduling;
 pub mod topics;
+pub mod wake_up;

@@ -9,13 +9,15 @@
 
 use crate::bus::{Bus, BusError, Publisher};
 use crate::clock::monotonic_ns;
-use crate::config::Config;
+use crate::config::{Config, WakeUpStrategy};
 use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
 use crate::messages::{
     DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState, reachable_frames,
 };
-use crate::topics;
+use crate::scheduling;
+use crate::topics::{self, Topic};
+use crate::wake_up::WakeUp;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
@@ -85,6 +87,8 @@ pub struct Process {
     skip_next: bool,
     orphan_timeout: Duration,
     orphaned_since_ns: Option<u64>,
+    wake_up: WakeUpStrategy,
+    lock_memory: bool,
     done_by_predecessor: Option<u64>,
     /// When the last input was accepted; 0 before the first.
     accepted_ns: u64,
@@ -111,6 +115,9 @@ impl Process {
         signal_hook::low_level::pipe::register(signal_hook::consts::SIGUSR1, promoter)
             .map_err(system("handle signals"))?;
 
+        for complaint in scheduling::set_up(&config.scheduling, kind) {
+            eprintln!("{}: {complaint}", kind.name());
+        }
         let bus = Bus::join(&options.instance, kind.name())?;
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let counters = Heartbeat {
@@ -141,6 +148,8 @@ impl Process {
             supervised: options.supervised,
             orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
             orphaned_since_ns: None,
+            wake_up: scheduling::wake_up_strategy(&config.scheduling),
+            lock_memory: config.scheduling.lock_memory,
             done_by_predecessor: None,
             accepted_ns: 0,
             beat_ns: 0,
@@ -148,9 +157,19 @@ impl Process {
         })
     }
 
+    /// What the process waits on, in the configured way, until a topic has something new.
+    pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, ProcessError> {
+        Ok(self.bus.wake_up_by(topic, self.wake_up)?)
+    }
+
     /// Call when all topics are connected. Returns when the process is to work: at once, or, for a
     /// spare, on promotion. `false` means that it is to end instead.
     pub fn activate(&mut self) -> Result<bool, ProcessError> {
+        if self.lock_memory
+            && let Some(complaint) = scheduling::lock_memory()
+        {
+            eprintln!("{}: {complaint}", self.kind.name());
+        }
         self.beat(ProcessState::Spare)?;
         if self.spare {
             while self.keep_running()? && !self.promoted_within(LOOK_AROUND)? {}

@@ -29,6 +29,9 @@ pub struct Topic<Element, Header = ()> {
     pub publishers: usize,
     /// Subscribers at the same time.
     pub subscribers: usize,
+    /// Whether its writers also notify the iceoryx2 event of the same name: for readers in other
+    /// languages, which cannot sleep on our [event count](crate::eventcount).
+    pub notifies: bool,
     /// The number by which messages are put in order when several writers have written: those of
     /// a stage's dead process and of its successor. Where it is always 0, as they come.
     pub seq: fn(&[Element], &Header) -> u64,
@@ -52,6 +55,7 @@ const fn topic<Element, Header>(
         borrowed: 4,
         publishers: 4,
         subscribers: 12,
+        notifies: false,
         seq: |_, _| 0,
     }
 }
@@ -87,6 +91,7 @@ pub const DETECTIONS: Topic<DetectionFrame> =
 /// Filtered robots and ball.
 pub const WORLD: Topic<WorldFrame> = Topic {
     borrowed: WHOLE_BUFFER,
+    notifies: true,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
     ..topic("world", "filter", "tracker, monitor, strategies", 64)
 };

@@ -17,6 +17,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let commands = process.bus.subscriber(&topics::COMMANDS)?;
     let mut world = process.bus.publisher(&topics::WORLD, 1)?;
     let mut filter = Filter::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let mut wake_up = process.wake_up(&topics::DETECTIONS)?;
     if !process.activate()? {
         return Ok(());
     }
@@ -30,7 +31,6 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     }
     drop(previous);
 
-    let wake_up = process.bus.wake_up(&topics::DETECTIONS)?;
     while process.keep_running()? {
         while let Some(command) = commands.receive()? {
             if let Some(command) = command.message() {
@@ -38,9 +38,10 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             }
         }
         let Some(input) = detections.receive()? else {
-            wake_up.wait(LOOK_AROUND)?;
+            wake_up.wait(LOOK_AROUND);
             continue;
         };
+        let taken_ns = monotonic_ns();
         let Some(detection) = input.message() else {
             process.drop_input(DropReason::WrongSize);
             continue;
@@ -52,6 +53,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let mut output = world.loan(1)?;
         let state = &mut output.elements()[0];
         filter.step(detection, state);
+        state.t_detections_taken_ns = taken_ns;
         state.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

@@ -122,8 +122,9 @@ impl Filter {
         }
     }
 
-    /// Takes in one frame and writes what is believed now. Fills everything but `t_sent_ns`, which
-    /// is set to 0, and list elements behind their count, which are left as they are.
+    /// Takes in one frame and writes what is believed now. Fills everything but
+    /// `t_detections_taken_ns` and `t_sent_ns`, which are set to 0, and list elements behind their
+    /// count, which are left as they are.
     pub fn step(&mut self, detections: &DetectionFrame, out: &mut WorldFrame) {
         let t_ns = detections.frame.t_capture_ns;
         let from_ns = self.start_over_unless_continuous(t_ns);
@@ -196,8 +197,11 @@ impl Filter {
             .unwrap_or(t_ns);
         let t_predicted_ns = handed_on_ns.saturating_add(self.timing.delay_ns);
         out.frame = detections.frame;
+        out.t_frame_taken_ns = detections.t_frame_taken_ns;
         out.t_runs_ns = detections.t_runs_ns;
+        out.t_runs_taken_ns = detections.t_runs_taken_ns;
         out.t_detections_ns = detections.t_sent_ns;
+        out.t_detections_taken_ns = 0;
         out.t_sent_ns = 0;
         out.t_predicted_ns = t_predicted_ns;
         out.commands_seq = self.commands_seq;

@@ -74,8 +74,11 @@ fn said(world: &WorldFrame) -> Vec<u8> {
     for part in [
         bytemuck::bytes_of(&world.frame),
         bytemuck::cast_slice(&[
+            world.t_frame_taken_ns,
             world.t_runs_ns,
+            world.t_runs_taken_ns,
             world.t_detections_ns,
+            world.t_detections_taken_ns,
             world.t_sent_ns,
             world.t_predicted_ns,
             world.commands_seq,

@@ -2,7 +2,8 @@
 
 use super::accuracy::{ReportedRobot, Scorer};
 use super::flow::Flow;
-use super::report::{Accuracy, Camera, Found, Latency, Percentiles, Process, Rate, Report, Stage};
+use super::latency::LatencyMeter;
+use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Stage};
 use super::usage::{Usage, usage_of};
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Publisher, Subscriber};
@@ -11,7 +12,6 @@ use common::config::Config;
 use common::instance::Instance;
 use common::messages::*;
 use common::topics;
-use hdrhistogram::Histogram;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 
@@ -19,9 +19,6 @@ use std::sync::Arc;
 const KEPT_TRUTH: usize = 512;
 /// Over which rates and processor shares are measured.
 const RATE_PERIOD_NS: u64 = 1_000_000_000;
-
-/// Longest latency told apart from longer ones.
-const LONGEST_NS: u64 = 60_000_000_000;
 
 /// The monitor's eyes and memory.
 pub struct Collector {
@@ -38,10 +35,7 @@ pub struct Collector {
     known_truth: VecDeque<TruthFrame>,
     detection_scorer: Scorer,
     world_scorer: Scorer,
-    capture_to_frame: Histogram<u64>,
-    capture_to_runs: Histogram<u64>,
-    capture_to_detections: Histogram<u64>,
-    capture_to_world: Histogram<u64>,
+    latency: LatencyMeter,
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
     rate: RateMeter,
@@ -75,8 +69,6 @@ impl Collector {
     ) -> Result<(Self, Publisher<u8, StatusHeader>), BusError> {
         let bus = Bus::join(instance, "monitor")?;
         let status = bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?;
-        let histogram =
-            || Histogram::new_with_max(LONGEST_NS, 3).expect("these bounds are allowed");
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),
             instance: instance.name().into(),
@@ -108,10 +100,7 @@ impl Collector {
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
             detection_scorer: Scorer::new(),
             world_scorer: Scorer::new(),
-            capture_to_frame: histogram(),
-            capture_to_runs: histogram(),
-            capture_to_detections: histogram(),
-            capture_to_world: histogram(),
+            latency: LatencyMeter::default(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
             rate: RateMeter::default(),
@@ -133,7 +122,7 @@ impl Collector {
             }
             self.last_frame = Some(*header);
             self.flow.captured(header.seq);
-            record(&mut self.capture_to_frame, header, header.t_sent_ns);
+            self.latency.frame(header);
         }
         while let Some(received) = self.detections.receive()? {
             if let Some(detection) = received.message() {
@@ -194,9 +183,7 @@ impl Collector {
         if self.flow.frames(0, false).duplicates_in_world > before {
             return Ok(());
         }
-        record(&mut self.capture_to_runs, &world.frame, world.t_runs_ns);
-        record(&mut self.capture_to_detections, &world.frame, world.t_detections_ns);
-        record(&mut self.capture_to_world, &world.frame, world.t_sent_ns);
+        self.latency.world(world);
         if let Some(truth) = self.truth_of(world.frame.seq)? {
             let present = |status: u32| status != TrackStatus::Absent as u32;
             let robots: Vec<ReportedRobot> = world
@@ -287,12 +274,7 @@ impl Collector {
             complete: stages.values().all(working),
             frames,
             rate: self.rate.frames.clone(),
-            latency_us: Latency {
-                capture_to_frame: Percentiles::of_ns(&self.capture_to_frame),
-                capture_to_runs: Percentiles::of_ns(&self.capture_to_runs),
-                capture_to_detections: Percentiles::of_ns(&self.capture_to_detections),
-                capture_to_world: Percentiles::of_ns(&self.capture_to_world),
-            },
+            latency_us: self.latency.report(),
             stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
             rejected: self.rejected.clone(),
             accuracy,
@@ -338,8 +320,4 @@ impl RateMeter {
             stage.cpu_percent = self.cpu_percent.get(kind).copied().unwrap_or(0.0);
         }
     }
-}
-
-fn record(histogram: &mut Histogram<u64>, frame: &FrameHeader, t_ns: u64) {
-    histogram.saturating_record(t_ns.saturating_sub(frame.t_capture_ns));
 }

@@ -1,7 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Errors, Percentiles, Report};
+use super::report::{Breakdown, Errors, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
@@ -177,6 +177,7 @@ fn body(report: &Report) -> String {
             stage.rss_bytes / 1_000_000,
         );
     }
+    let _ = writeln!(text, "  of which     {}", pieces(&latency.breakdown));
     let found = &report.found;
     let ball = if found.ball { "the ball" } else { "no ball" };
     let _ = writeln!(
@@ -213,6 +214,20 @@ fn body(report: &Report) -> String {
         );
     }
     text
+}
+
+/// Where the median frame's time goes; `→` is the way from one process to the next.
+fn pieces(breakdown: &Breakdown) -> String {
+    format!(
+        "grabber {:.0} → {:.0} classifier {:.0} → {:.0} tracker {:.0} → {:.0} filter {:.0} µs, p50 each",
+        breakdown.grabber.p50,
+        breakdown.way_to_classifier.p50,
+        breakdown.classifier.p50,
+        breakdown.way_to_tracker.p50,
+        breakdown.tracker.p50,
+        breakdown.way_to_filter.p50,
+        breakdown.filter.p50,
+    )
 }
 
 fn errors_line(errors: &Errors) -> String {

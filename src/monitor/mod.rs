@@ -9,6 +9,7 @@ mod accuracy;
 mod collector;
 mod console;
 mod flow;
+mod latency;
 pub mod report;
 mod usage;
 mod view;

@@ -96,6 +96,28 @@ pub struct Latency {
     pub capture_to_detections: Percentiles,
     /// To the world.
     pub capture_to_world: Percentiles,
+    /// Where that time goes: each stage's share, along the way of a frame.
+    pub breakdown: Breakdown,
+}
+
+/// The way of a frame from capture to `world`, cut into pieces.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Breakdown {
+    /// From the middle of the exposure until the grabber hands the frame on.
+    pub grabber: Percentiles,
+    /// Until the classifier has it: publishing, waking up, taking over.
+    pub way_to_classifier: Percentiles,
+    /// Until the classifier hands the runs on.
+    pub classifier: Percentiles,
+    /// Until the tracker has them.
+    pub way_to_tracker: Percentiles,
+    /// Until the tracker hands the detections on.
+    pub tracker: Percentiles,
+    /// Until the filter has them.
+    pub way_to_filter: Percentiles,
+    /// Until the filter hands the world on.
+    pub filter: Percentiles,
 }
 
 /// A distribution.

@@ -18,6 +18,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
     let mut tracker =
         Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let mut wake_up = process.wake_up(&topics::RUNS)?;
     if !process.activate()? {
         return Ok(());
     }
@@ -26,13 +27,13 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     process.resume_after_seen(seen);
     drop(previous);
 
-    let wake_up = process.bus.wake_up(&topics::RUNS)?;
     let mut prior = None;
     while process.keep_running()? {
         let Some(input) = runs.receive()? else {
-            wake_up.wait(LOOK_AROUND)?;
+            wake_up.wait(LOOK_AROUND);
             continue;
         };
+        let taken_ns = monotonic_ns();
         let header = input.header();
         let seq = header.frame.seq;
         if process.is_done_by_predecessor(seq) || !process.accept(seq) {
@@ -43,6 +44,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let detection = &mut output.elements()[0];
         let prior = prior.as_ref().and_then(Received::message);
         tracker.step(header, header.valid(input.elements()), prior, detection);
+        detection.t_runs_taken_ns = taken_ns;
         detection.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

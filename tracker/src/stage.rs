@@ -51,7 +51,8 @@ impl Tracker {
 
     /// Works on one frame: `runs` is the valid part of the payload that `header` came with, `prior`
     /// the newest `world` there is. Everything in `out` is replaced, except that arrays keep stale
-    /// elements behind their counts, and `t_sent_ns` is left 0 for the sender to fill in.
+    /// elements behind their counts, and `t_runs_taken_ns` and `t_sent_ns` are left 0 for the sender
+    /// to fill in.
     ///
     /// Runs that make no sense are skipped (see [`RegionFinder::find`]), runs beyond [`MAX_RUNS`]
     /// are cut off, which counts as [`DetectionFrame::INPUT_OVERFLOW`], and so is any number of
@@ -68,7 +69,9 @@ impl Tracker {
     ) {
         out.clear();
         out.frame = header.frame;
+        out.t_frame_taken_ns = header.t_frame_taken_ns;
         out.t_runs_ns = header.t_sent_ns;
+        out.t_runs_taken_ns = 0;
         out.t_sent_ns = 0;
         out.class_table_version = header.class_table_version;
         out.prior_world_seq = self.prior.update(&self.pattern, prior, &header.frame);

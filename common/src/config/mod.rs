@@ -54,6 +54,8 @@ pub struct Config {
     pub filter: FilterConfig,
     /// The process group.
     pub supervisor: SupervisorConfig,
+    /// How stages wait for their input, and what the system does for them.
+    pub scheduling: SchedulingConfig,
     /// The synthetic match (`--source synthetic`).
     pub synthetic: SyntheticConfig,
 }
@@ -430,6 +432,66 @@ pub struct SupervisorConfig {
     /// Stages whose supervisor is gone keep the match running for so long and then end themselves.
     #[schemars(range(min = 0, max = 604_800))]
     pub orphan_timeout_s: f64,
+}
+
+/// How a stage waits for its input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum WakeUpStrategy {
+    /// Sleeps until it is woken.
+    Event,
+    /// Never sleeps.
+    Spin,
+    /// Sleeps until shortly before the next input is expected.
+    Predictive,
+}
+
+/// How stages wait for their input, and what the system does for them. What the system does not
+/// permit is done without, with a warning.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SchedulingConfig {
+    /// "event": a stage sleeps until it is woken. "predictive": it sleeps until shortly before the
+    /// next input is expected, and then looks for it without sleeping. "spin": it never sleeps;
+    /// takes a processor for each stage, all the time.
+    pub wake_up: WakeUpStrategy,
+    /// Real-time priority of the stages (SCHED_FIFO), 1–98; 0 for none.
+    #[schemars(range(max = 98))]
+    pub realtime_priority: u8,
+    /// Keep the stages' memory from being paged out, and have it at hand before the first frame.
+    pub lock_memory: bool,
+    /// Processors the stages may run on.
+    pub cpus: StageCpus,
+}
+
+/// Processors the stages may run on, by number; an empty list for all.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct StageCpus {
+    /// Of the grabber.
+    #[schemars(length(max = 1024), inner(range(max = 1023)))]
+    pub grabber: Vec<u16>,
+    /// Of the classifier and its spare.
+    #[schemars(length(max = 1024), inner(range(max = 1023)))]
+    pub classifier: Vec<u16>,
+    /// Of the tracker and its spare.
+    #[schemars(length(max = 1024), inner(range(max = 1023)))]
+    pub tracker: Vec<u16>,
+    /// Of the filter and its spare.
+    #[schemars(length(max = 1024), inner(range(max = 1023)))]
+    pub filter: Vec<u16>,
+}
+
+impl StageCpus {
+    /// Those of a stage.
+    pub fn of(&self, kind: ProcessKind) -> &[u16] {
+        match kind {
+            ProcessKind::Grabber => &self.grabber,
+            ProcessKind::Classifier => &self.classifier,
+            ProcessKind::Tracker => &self.tracker,
+            ProcessKind::Filter => &self.filter,
+        }
+    }
 }
 
 /// The synthetic match.

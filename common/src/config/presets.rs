@@ -44,6 +44,7 @@ impl Preset {
             tracker: TrackerConfig::default(),
             filter: FilterConfig::default(),
             supervisor: SupervisorConfig::default(),
+            scheduling: SchedulingConfig::default(),
             synthetic: SyntheticConfig::default(),
         };
         match self {
@@ -193,6 +194,17 @@ impl Default for SupervisorConfig {
             backoff_max_ms: 5_000.0,
             spares: vec![SpareStage::Classifier, SpareStage::Tracker, SpareStage::Filter],
             orphan_timeout_s: 600.0,
+        }
+    }
+}
+
+impl Default for SchedulingConfig {
+    fn default() -> Self {
+        Self {
+            wake_up: WakeUpStrategy::Event,
+            realtime_priority: 0,
+            lock_memory: false,
+            cpus: StageCpus::default(),
         }
     }
 }

@@ -170,13 +170,17 @@ impl Rejected {
 
 /// Everything the tracker saw in one frame, and why.
 #[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend)]
-#[type_name("touchline/DetectionFrame/1")]
+#[type_name("touchline/DetectionFrame/2")]
 #[repr(C)]
 pub struct DetectionFrame {
     /// The frame it was seen in.
     pub frame: FrameHeader,
+    /// When the classifier took the frame up.
+    pub t_frame_taken_ns: u64,
     /// When the classifier handed its runs on.
     pub t_runs_ns: u64,
+    /// When the tracker took the runs up.
+    pub t_runs_taken_ns: u64,
     /// When the tracker handed this message on.
     pub t_sent_ns: u64,
     /// The colour tables the runs were made with.
@@ -211,7 +215,7 @@ const _: () = assert!(size_of::<Region>() == 32);
 const _: () = assert!(size_of::<DetectedRobot>() == 64);
 const _: () = assert!(
     size_of::<DetectionFrame>()
-        == 120
+        == 136
             + MAX_ROBOTS * 64
             + MAX_BALLS * 24
             + MAX_REJECTED * 16

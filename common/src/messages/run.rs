@@ -39,11 +39,13 @@ impl Run {
 /// Travels with every list of runs. The payload always has [`MAX_RUNS`] elements, of which the
 /// first [`run_count`](Self::run_count) are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("touchline/RunsHeader/1")]
+#[type_name("touchline/RunsHeader/2")]
 #[repr(C)]
 pub struct RunsHeader {
     /// The frame the runs were found in.
     pub frame: FrameHeader,
+    /// When the classifier took the frame up.
+    pub t_frame_taken_ns: u64,
     /// When the classifier handed the runs on.
     pub t_sent_ns: u64,
     /// Identifies the colour tables (a hash of the configured colours): runs made with different
@@ -55,7 +57,7 @@ pub struct RunsHeader {
     pub flags: u32,
 }
 
-const _: () = assert!(size_of::<RunsHeader>() == 88);
+const _: () = assert!(size_of::<RunsHeader>() == 96);
 
 impl RunsHeader {
     /// Flag: the frame had more runs than fit; the rest of the picture is missing.

@@ -189,15 +189,21 @@ pub struct BallMemory {
 /// The filtered state of the match after one frame. A filter that starts anew continues from the
 /// last one of these, and comes to the same results as one that never stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("touchline/WorldFrame/1")]
+#[type_name("touchline/WorldFrame/2")]
 #[repr(C)]
 pub struct WorldFrame {
     /// The frame it belongs to.
     pub frame: FrameHeader,
+    /// When the classifier took the frame up.
+    pub t_frame_taken_ns: u64,
     /// When the classifier handed on the runs.
     pub t_runs_ns: u64,
+    /// When the tracker took the runs up.
+    pub t_runs_taken_ns: u64,
     /// When the tracker handed on the detections.
     pub t_detections_ns: u64,
+    /// When the filter took the detections up.
+    pub t_detections_taken_ns: u64,
     /// When the filter handed on this message.
     pub t_sent_ns: u64,
     /// The instant the predicted poses belong to: when a command sent now will act.
@@ -226,7 +232,7 @@ const _: () =
     assert!(size_of::<RobotMemory>() == ROBOT_HYPOTHESES * 168 + 48 + MAX_QUEUED_COMMANDS * 24);
 const _: () = assert!(size_of::<BallMemory>() == BALL_HYPOTHESES * 120 + 40);
 const _: () =
-    assert!(size_of::<WorldFrame>() == 112 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280);
+    assert!(size_of::<WorldFrame>() == 136 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280);
 
 impl WorldFrame {
     /// Value of `commands_seq` when no commands were used.

@@ -1,0 +1,173 @@
+//! What the system can do for a stage: processors, real-time priority, memory that stays.
+//!
+//! All of it is optional, and much of it needs rights. What is not permitted is done without: each
+//! function says so in one line.
+
+use crate::config::{SchedulingConfig, WakeUpStrategy};
+use crate::messages::ProcessKind;
+use rustix::io::Errno;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
+use std::num::NonZeroU64;
+
+/// Stages that would spin at the same time.
+const SPINNING_STAGES: usize = 3;
+
+/// Sets up the calling thread as a stage's. Returns what could not be done, a line each.
+pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
+    // By default the system may let a sleep take 50 µs longer, to save energy. Cannot fail.
+    let _ = set_current_timer_slack(NonZeroU64::new(1));
+    [restrict_to(config.cpus.of(kind), kind), set_priority(config.realtime_priority)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// What of a configuration this machine does not permit, for whoever starts a group, a line each.
+/// Tried out on a thread of its own.
+pub fn complaints(config: &SchedulingConfig) -> Vec<String> {
+    let tried = || {
+        let mut complaints: Vec<String> = ProcessKind::ALL
+            .iter()
+            .filter_map(|&kind| restrict_to(config.cpus.of(kind), kind))
+            .collect();
+        complaints.extend(set_priority(config.realtime_priority));
+        if config.lock_memory && !may_lock_memory() {
+            complaints.push(LOCK_REFUSED.into());
+        }
+        if config.wake_up == WakeUpStrategy::Spin {
+            complaints.extend(too_few_to_spin(processors()));
+        }
+        complaints
+    };
+    std::thread::scope(|scope| scope.spawn(tried).join().unwrap_or_default())
+}
+
+/// The strategy that suits the machine: not everything waits without sleeping where that would take
+/// the processors from those it waits for.
+pub fn wake_up_strategy(config: &SchedulingConfig) -> WakeUpStrategy {
+    match config.wake_up {
+        WakeUpStrategy::Spin if too_few_to_spin(processors()).is_some() => WakeUpStrategy::Event,
+        strategy => strategy,
+    }
+}
+
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn too_few_to_spin(processors: usize) -> Option<String> {
+    (processors <= SPINNING_STAGES).then(|| {
+        format!(
+            "scheduling.wake_up = \"spin\" takes {SPINNING_STAGES} processors and leaves none of {processors}: \
+             \"event\" is used instead; \"predictive\" needs fewer"
+        )
+    })
+}
+
+fn restrict_to(cpus: &[u16], kind: ProcessKind) -> Option<String> {
+    if cpus.is_empty() {
+        return None;
+    }
+    let mut set = CpuSet::new();
+    for &cpu in cpus {
+        if usize::from(cpu) < CpuSet::MAX_CPU {
+            set.set(cpu.into());
+        }
+    }
+    let error = sched_setaffinity(None, &set).err()?;
+    Some(format!(
+        "scheduling.cpus.{} = {cpus:?} is not possible ({error}): there is none of these processors, \
+         or this program may not use them; the stage runs on any",
+        kind.name()
+    ))
+}
+
+#[allow(unsafe_code)]
+fn set_priority(priority: u8) -> Option<String> {
+    if priority == 0 {
+        return None;
+    }
+    let parameter = libc::sched_param { sched_priority: priority.into() };
+    // SAFETY: `parameter` is what the call expects, and it only reads it. 0 is the calling thread.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) };
+    (result != 0).then(|| {
+        format!(
+            "scheduling.realtime_priority = {priority} is not permitted ({}): the stages run without; \
+             allow it with a line `USER - rtprio {priority}` in /etc/security/limits.conf, or \
+             LimitRTPRIO={priority} in a systemd unit",
+            std::io::Error::last_os_error()
+        )
+    })
+}
+
+const LOCK_REFUSED: &str = "scheduling.lock_memory = true is not permitted: the stages run without; allow it \
+     with a line `USER - memlock unlimited` in /etc/security/limits.conf, or LimitMEMLOCK=infinity in a \
+     systemd unit";
+
+fn may_lock_memory() -> bool {
+    // With a limit, locking succeeds only until it is reached: some time in the middle of a match.
+    getrlimit(Resource::Memlock).current.is_none() || may_exceed_limits()
+}
+
+/// Whether the process has the capability CAP_IPC_LOCK.
+fn may_exceed_limits() -> bool {
+    const IPC_LOCK: u32 = 14;
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    effective
+        .and_then(|text| u64::from_str_radix(text.trim(), 16).ok())
+        .is_some_and(|capabilities| capabilities & (1 << IPC_LOCK) != 0)
+}
+
+/// Locks all memory of the process, as far as it is touched, now or later: most of a topic's places
+/// never are. Returns what could not be done.
+pub fn lock_memory() -> Option<String> {
+    if !may_lock_memory() {
+        return Some(LOCK_REFUSED.into());
+    }
+    let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
+    match mlockall(flags) {
+        Ok(()) => None,
+        Err(Errno::PERM | Errno::NOMEM | Errno::AGAIN) => Some(LOCK_REFUSED.into()),
+        Err(error) => Some(format!("scheduling.lock_memory: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_impossible_is_said_in_a_line_and_nothing_else_is() {
+        assert!(complaints(&SchedulingConfig::default()).is_empty());
+        let mut config = SchedulingConfig::default();
+        config.cpus.tracker = vec![1023];
+        let complaints = complaints(&config);
+        let [complaint] = complaints.as_slice() else { panic!("{complaints:?}") };
+        assert!(complaint.contains("scheduling.cpus.tracker = [1023]"), "{complaint}");
+        assert!(!complaint.contains('\n'));
+    }
+
+    #[test]
+    fn a_stage_keeps_to_its_processors() {
+        let mut config = SchedulingConfig::default();
+        config.cpus.filter = vec![0];
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                // Where processor 0 is forbidden, that is said.
+                if set_up(&config, ProcessKind::Filter).is_empty() {
+                    let set = rustix::thread::sched_getaffinity(None).unwrap();
+                    assert_eq!((set.count(), set.is_set(0)), (1, true));
+                }
+            });
+        });
+    }
+
+    #[test]
+    fn spinning_needs_more_processors_than_spin() {
+        assert!(too_few_to_spin(2).is_some() && too_few_to_spin(3).is_some());
+        assert!(too_few_to_spin(4).is_none());
+    }
+}

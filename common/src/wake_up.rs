@@ -1,0 +1,75 @@
+//! How a reader waits for a topic to have something new.
+
+use crate::clock::monotonic_ns;
+use crate::config::WakeUpStrategy;
+use crate::eventcount::EventCount;
+use crate::rhythm::Rhythm;
+use std::hint::spin_loop;
+use std::time::Duration;
+
+/// Waits until a topic has something new.
+pub struct WakeUp {
+    published: EventCount,
+    /// What the count was when the caller last looked at the topic.
+    seen: u32,
+    strategy: WakeUpStrategy,
+    rhythm: Rhythm,
+}
+
+impl WakeUp {
+    /// Nothing was looked at yet: the first wait returns at once.
+    pub(crate) fn new(published: EventCount, strategy: WakeUpStrategy) -> Self {
+        let seen = published.read().wrapping_sub(1);
+        Self { published, seen, strategy, rhythm: Rhythm::default() }
+    }
+
+    /// Returns when something has been published since the last return, when `timeout` has passed,
+    /// or on a signal; the caller looks for itself what has happened.
+    ///
+    /// To be called when the topic has been emptied. Then nothing is slept through: what is
+    /// published after the caller's last look makes the next wait return.
+    pub fn wait(&mut self, timeout: Duration) {
+        if self.is_unchanged() {
+            let deadline_ns = monotonic_ns() + timeout.as_nanos() as u64;
+            match self.strategy {
+                WakeUpStrategy::Event => self.sleep_until(deadline_ns),
+                WakeUpStrategy::Spin => self.spin_until(deadline_ns),
+                WakeUpStrategy::Predictive => self.wait_in_rhythm(deadline_ns),
+            }
+            // Only of those that were waited for the time of arrival is known.
+            if !self.is_unchanged() {
+                self.rhythm.arrived(monotonic_ns());
+            }
+        }
+        self.seen = self.published.read();
+    }
+
+    fn is_unchanged(&self) -> bool {
+        self.published.read() == self.seen
+    }
+
+    fn sleep_until(&self, deadline_ns: u64) {
+        let now_ns = monotonic_ns();
+        if now_ns < deadline_ns {
+            self.published.sleep(self.seen, Duration::from_nanos(deadline_ns - now_ns));
+        }
+    }
+
+    fn spin_until(&self, deadline_ns: u64) {
+        while self.is_unchanged() && monotonic_ns() < deadline_ns {
+            spin_loop();
+        }
+    }
+
+    /// Sleeps until shortly before the next message is expected, spins while it is expected, and
+    /// sleeps again if it does not come.
+    fn wait_in_rhythm(&self, deadline_ns: u64) {
+        if let Some(expected) = self.rhythm.next() {
+            self.sleep_until(expected.from_ns.min(deadline_ns));
+            self.spin_until(expected.until_ns.min(deadline_ns));
+        }
+        if self.is_unchanged() {
+            self.sleep_until(deadline_ns);
+        }
+    }
+}
