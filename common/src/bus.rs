@@ -7,7 +7,7 @@
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
 use crate::instance::{Instance, InstanceError};
-use crate::topics::{LOANED, Topic};
+use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
 use iceoryx2::node::NodeView;
@@ -22,6 +22,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
+use std::rc::Rc;
 use std::time::Duration;
 
 /// What may travel: plain data of fixed layout with a versioned type name.
@@ -134,13 +135,13 @@ impl Bus {
             .publisher_builder()
             .initial_max_slice_len(capacity)
             .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(LOANED)
+            .max_loaned_samples(topic.loaned)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(failed(topic.name, "create a publisher"))?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
-        Ok(Publisher { port, bell: Bell { published, notifier }, topic: topic.name })
+        Ok(Publisher { port, bell: Rc::new(Bell { published, notifier }), topic: topic.name })
     }
 
     /// A reader. It is connected at once: from now on the newest messages wait for it.
@@ -249,7 +250,7 @@ fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {
 /// Writes messages into shared memory and wakes who sleeps on the topic.
 pub struct Publisher<E: Message, H: Header> {
     port: IpcPublisher<ipc::Service, [E], H>,
-    bell: Bell,
+    bell: Rc<Bell>,
     topic: &'static str,
 }
 
@@ -271,11 +272,12 @@ impl Bell {
 }
 
 impl<E: Message, H: Header> Publisher<E, H> {
-    /// Borrows a message of `length` elements from shared memory, to be filled in place.
-    pub fn loan(&mut self, length: usize) -> Result<Loan<'_, E, H>, BusError> {
+    /// Borrows a message of `length` elements from shared memory, to be filled in place. It goes
+    /// back unpublished when it is dropped.
+    pub fn loan(&mut self, length: usize) -> Result<Loan<E, H>, BusError> {
         let sample =
             self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
-        Ok(Loan { sample, bell: &self.bell, topic: self.topic })
+        Ok(Loan { sample, bell: Rc::clone(&self.bell), topic: self.topic })
     }
 }
 
@@ -289,13 +291,13 @@ impl<E: Message> Publisher<E, ()> {
 }
 
 /// A message in shared memory that nobody else can see yet.
-pub struct Loan<'a, E: Message, H: Header> {
+pub struct Loan<E: Message, H: Header> {
     sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
-    bell: &'a Bell,
+    bell: Rc<Bell>,
     topic: &'static str,
 }
 
-impl<E: Message, H: Header> Loan<'_, E, H> {
+impl<E: Message, H: Header> Loan<E, H> {
     /// The elements. They hold whatever was there before: zeros or an old message.
     #[allow(unsafe_code)]
     pub fn elements(&mut self) -> &mut [E] {

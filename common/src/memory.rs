@@ -12,7 +12,7 @@
 use crate::bus::{Header, Message};
 use crate::config::Config;
 use crate::messages::MAX_RUNS;
-use crate::topics::{self, LOANED, Topic};
+use crate::topics::{self, Topic};
 use iceoryx2::service::header::publish_subscribe::Header as IpcHeader;
 use std::io;
 use std::path::Path;
@@ -57,12 +57,12 @@ impl<E: Message, H: Header> Topic<E, H> {
         let in_readers_hands = self.subscribers * (self.buffer + self.borrowed);
         let kept = self.buffer.max(self.history);
         // A late hand or two for each reader, beyond what is kept.
-        let usual = kept + LOANED + self.subscribers;
+        let usual = kept + self.loaned + self.subscribers;
         let message_bytes = message_bytes::<E, H>(capacity);
         TopicMemory {
             topic: self.name,
             message_bytes,
-            places: (in_readers_hands + self.history + LOANED) as u64,
+            places: (in_readers_hands + self.history + self.loaned) as u64,
             usual_places: usual as u64,
             usual_message_bytes: message_bytes,
             writers: 1,

@@ -24,6 +24,8 @@ pub struct Topic<Element, Header = ()> {
     /// Messages a subscriber may hold at the same time. It takes address space in shared memory for
     /// each, but memory only for those it does hold.
     pub borrowed: usize,
+    /// Messages a writer may be filling at the same time.
+    pub loaned: usize,
     /// Publishers at the same time: the active process, its spare, and predecessors that are dead
     /// but not yet cleaned up.
     pub publishers: usize,
@@ -36,9 +38,6 @@ pub struct Topic<Element, Header = ()> {
     /// a stage's dead process and of its successor. Where it is always 0, as they come.
     pub seq: fn(&[Element], &Header) -> u64,
 }
-
-/// Messages a writer may be filling at the same time.
-pub const LOANED: usize = 2;
 
 const fn topic<Element, Header>(
     name: &'static str,
@@ -53,6 +52,7 @@ const fn topic<Element, Header>(
         buffer,
         history: 0,
         borrowed: 4,
+        loaned: 2,
         publishers: 4,
         subscribers: 12,
         notifies: false,
@@ -78,6 +78,8 @@ const fn work<Element, Header>(
 /// The supervisor holds on to the newest ones, as evidence should one of them kill a stage.
 pub const FRAMES: Topic<u8, FrameHeader> = Topic {
     borrowed: 32 + WHOLE_BUFFER,
+    // A camera is given several to fill.
+    loaned: 16,
     ..work("frames", "grabber", "classifier", |_, header| header.seq)
 };
 /// Runs of classified pixels.
@@ -103,5 +105,7 @@ pub const HEALTH: Topic<Heartbeat> =
     Topic { publishers: 24, ..topic("health", "every process", "supervisor, monitor", 64) };
 /// The synthetic match's own knowledge.
 pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
+/// How the grabber's real camera is.
+pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
 /// The report of the running group, as JSON text.
 pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);

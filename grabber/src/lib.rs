@@ -1,10 +1,12 @@
 //! The grabber: takes frames from a camera and writes them straight into shared memory.
 //!
 //! * Consumes: a camera, picture files, or the synthetic match ([`source`]).
-//! * Produces: `frames`; for the synthetic match also `truth` and `commands`.
+//! * Produces: `frames`; for a real camera also `camera`, for the synthetic match also `truth` and
+//!   `commands`.
 //! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never
 //!   captured. Capture times are the source's own.
 
+mod bulletin;
 pub mod camera;
 pub mod mosaic;
 pub mod pictures;

@@ -1,7 +1,7 @@
 //! Pictures from files as a source of frames: one PNG or JPEG, or a folder of them in the order of
 //! their names, shown round and round.
 
-use crate::camera::{Camera, CameraError, Exposure, Timeline};
+use crate::camera::{CameraError, Exposure, Painter, Timeline};
 use crate::mosaic::mosaic;
 use common::config::CameraConfig;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ pub fn load_frames(path: &Path, camera: &CameraConfig) -> Result<Vec<Vec<u8>>, C
     list_pictures(path)?.iter().map(|path| load_bayer(path, camera)).collect()
 }
 
-impl Camera for PictureCamera {
+impl Painter for PictureCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
         let index = (self.timeline.next_seq() % self.frames.len() as u64) as usize;

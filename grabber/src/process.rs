@@ -1,10 +1,11 @@
 //! The grabber's process: a camera in, frames out. It never waits for anybody but the camera.
 
-use crate::camera::LastFrame;
+use crate::bulletin::Bulletin;
+use crate::camera::{CameraError, FramePool, LastFrame};
 use crate::source::{Source, open};
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::messages::{DropReason, FrameHeader, PixelFormat, ProcessKind, ProcessState};
+use common::messages::{DropReason, ProcessKind, ProcessState};
 use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
 use common::topics;
 
@@ -27,10 +28,11 @@ pub fn run(
 ) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Grabber, options, config)?;
     let frame_bytes = config.camera.width as usize * config.camera.height as usize;
-    let mut frames = process.bus.publisher(&topics::FRAMES, frame_bytes)?;
+    let mut pool = FramePool::new(&process.bus, frame_bytes)?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
-    let stage_error = |error: crate::camera::CameraError| ProcessError::Stage(error.to_string());
+    let mut bulletin = Bulletin::new(&process.bus)?;
+    let stage_error = |error: CameraError| ProcessError::Stage(error.to_string());
     // Opened before reporting ready: loading pictures and painting the pitch take their time.
     let open_camera = open(&grabber.source, config).map_err(stage_error)?;
     if !process.activate()? {
@@ -41,18 +43,22 @@ pub fn run(
     let end = grabber.frames.unwrap_or(u64::MAX);
     let mut next_seq = grabber.resume_after.map_or(0, |last| last.seq + 1);
     while process.keep_running()? && next_seq < end {
-        let mut output = match frames.loan(frame_bytes) {
-            Ok(output) => output,
-            // All of the topic's memory is in readers' hands: possible only if a reader breaks the
-            // rules. The camera goes on.
-            Err(_) => {
+        let captured = camera.capture(&mut pool);
+        if let Some(report) = camera.report() {
+            bulletin.publish(report, &mut process)?;
+        }
+        let mut captured = match captured {
+            Ok(Some(captured)) => captured,
+            Ok(None) => continue,
+            // The camera goes on.
+            Err(CameraError::NoMemory(_)) => {
                 process.drop_input(DropReason::NotPublished);
                 std::thread::sleep(std::time::Duration::from_millis(1));
                 continue;
             }
+            Err(error) => return Err(stage_error(error)),
         };
-        let (pixels, header) = output.parts();
-        let exposure = camera.expose(pixels).map_err(stage_error)?;
+        let exposure = captured.exposure;
         if exposure.seq >= end {
             break;
         }
@@ -68,21 +74,9 @@ pub fn run(
             (frame_commands.seq, frame_commands.t_sent_ns) = (exposure.seq, exposure.t_capture_ns);
             commands.publish(&frame_commands)?;
         }
-        *header = FrameHeader {
-            seq: exposure.seq,
-            t_capture_ns: exposure.t_capture_ns,
-            t_capture_wall_ns: exposure.t_capture_wall_ns,
-            t_sent_ns: monotonic_ns(),
-            camera_id: 0,
-            width: config.camera.width,
-            height: config.camera.height,
-            stride: config.camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: config.camera.bayer_order as u32,
-            exposure_us: config.camera.exposure_us,
-            reserved: 0,
-        };
-        output.send()?;
+        let header = captured.header(monotonic_ns());
+        *captured.frame.parts().1 = header;
+        captured.frame.send()?;
         process.sent(exposure.seq);
     }
 

@@ -1,6 +1,6 @@
 //! Which camera: the table of drivers.
 
-use crate::camera::{Camera, CameraError, Exposure, LastFrame, Timeline};
+use crate::camera::{Camera, CameraError, Exposure, LastFrame, Painted, Painter, Timeline};
 use crate::pictures::{PictureCamera, load_frames};
 use crate::synthetic::SyntheticMatch;
 use common::config::Config;
@@ -49,24 +49,24 @@ pub fn check(source: &Source, config: &Config) -> Result<(), CameraError> {
 /// Makes a source ready. Everything slow and everything that can fail happens here; the timeline
 /// starts with the call of what is returned.
 pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
-    let fps = config.camera.fps;
+    let camera = config.camera.clone();
     match source {
         Source::Synthetic => {
-            let width = config.camera.width as usize;
             let scene = SyntheticMatch::new(config)
                 .map_err(|error| CameraError::Synthetic(error.to_string()))?;
             Ok(Box::new(move |last| {
-                Box::new(SyntheticCamera {
-                    scene,
-                    width,
-                    position: 0,
-                    timeline: Timeline::new(fps, last),
-                })
+                let timeline = Timeline::new(camera.fps, last);
+                let width = camera.width as usize;
+                let painter = SyntheticCamera { scene, width, position: 0, timeline };
+                Box::new(Painted::new(painter, &camera))
             }))
         }
         Source::Pictures(path) => {
-            let frames = load_frames(path, &config.camera)?;
-            Ok(Box::new(move |last| Box::new(PictureCamera::new(frames, Timeline::new(fps, last)))))
+            let frames = load_frames(path, &camera)?;
+            Ok(Box::new(move |last| {
+                let timeline = Timeline::new(camera.fps, last);
+                Box::new(Painted::new(PictureCamera::new(frames, timeline), &camera))
+            }))
         }
     }
 }
@@ -81,7 +81,7 @@ struct SyntheticCamera {
     timeline: Timeline,
 }
 
-impl Camera for SyntheticCamera {
+impl Painter for SyntheticCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
         // Also how a successor gets to where its predecessor was: the match is a function of seed

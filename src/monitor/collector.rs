@@ -252,6 +252,7 @@ impl Collector {
                 Some(ProcessState::Spare) => "spare",
                 Some(ProcessState::Active) => "active",
                 Some(ProcessState::Finished) => "finished",
+                Some(ProcessState::Waiting) => "waiting",
             };
             stage.processes.push(Process { pid: process.pid, state: state.into() });
         }

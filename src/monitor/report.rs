@@ -175,7 +175,7 @@ pub struct Stage {
 pub struct Process {
     /// The system's number for it.
     pub pid: u32,
-    /// `starting`, `spare`, `active` or `finished`.
+    /// `starting`, `spare`, `active`, `waiting` (for its camera) or `finished`.
     pub state: String,
 }
 

@@ -290,6 +290,10 @@ impl Group {
             if dropped.insert(sign.pid, sign.dropped) != Some(sign.dropped) {
                 policy.note(Event::Dropped(sign.kind), now);
             }
+            // A grabber whose camera is away says so; a new one would not find it either.
+            if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Waiting {
+                policy.note(Event::Dropped(sign.kind), now);
+            }
             if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Finished {
                 policy.note(Event::Finished, now);
                 *finished = true;

@@ -52,12 +52,14 @@ pub enum ProcessState {
     Active = 2,
     /// Has done all it was asked to do (a bounded run), and waits to be ended.
     Finished = 3,
+    /// At work, but without input: its camera is away, and it keeps trying.
+    Waiting = 4,
 }
 
 impl ProcessState {
     /// The state with this number in a message, if there is one.
     pub fn from_number(number: u32) -> Option<Self> {
-        [Self::Spare, Self::Active, Self::Finished]
+        [Self::Spare, Self::Active, Self::Finished, Self::Waiting]
             .into_iter()
             .find(|&state| state as u32 == number)
     }
@@ -81,11 +83,13 @@ pub enum DropReason {
     NotPublished = 5,
     /// Two processes in a row have died of it.
     Poisonous = 6,
+    /// The camera's picture came only in part, or damaged.
+    Incomplete = 7,
 }
 
 impl DropReason {
     /// All reasons, in the order of [`Heartbeat::dropped`].
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::OutOfOrder,
         Self::BadHeader,
         Self::WrongSize,
@@ -93,6 +97,7 @@ impl DropReason {
         Self::Late,
         Self::NotPublished,
         Self::Poisonous,
+        Self::Incomplete,
     ];
 
     /// Key in reports.
@@ -105,6 +110,7 @@ impl DropReason {
             Self::Late => "late",
             Self::NotPublished => "not_published",
             Self::Poisonous => "poisonous",
+            Self::Incomplete => "incomplete",
         }
     }
 }
@@ -112,7 +118,7 @@ impl DropReason {
 /// Published by every process about ten times a second and at every change of state. Counters
 /// start at zero with the process.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("touchline/Heartbeat/1")]
+#[type_name("touchline/Heartbeat/2")]
 #[repr(C)]
 pub struct Heartbeat {
     /// When it was published.
@@ -139,7 +145,7 @@ pub struct Heartbeat {
     pub dropped: [u64; DropReason::ALL.len()],
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 120);
+const _: () = assert!(size_of::<Heartbeat>() == 128);
 
 /// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]

@@ -13,6 +13,7 @@
 //! says `wall`. Every output repeats the header of the frame it was made from and the time it left
 //! each stage, so the way of a frame can be read off any one message.
 
+mod camera;
 mod command;
 mod detection;
 mod frame;
@@ -22,6 +23,7 @@ mod run;
 mod truth;
 mod world;
 
+pub use camera::{CameraReport, CameraState, read_text, write_text};
 pub use command::{Commands, MAX_COMMANDS, WheelCommand};
 pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,

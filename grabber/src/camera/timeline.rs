@@ -1,53 +1,9 @@
-//! What the grabber needs from a source of frames.
+//! The clock of sources that have none of their own.
 
+use super::{Exposure, LastFrame};
 use common::clock::{monotonic_ns, wall_ns};
-use common::messages::{Commands, TruthFrame};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
-
-/// When a frame was taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Exposure {
-    /// Frame number; numbers left out are frames that were never captured.
-    pub seq: u64,
-    /// Middle of the exposure, monotonic clock.
-    pub t_capture_ns: u64,
-    /// The same on the wall clock.
-    pub t_capture_wall_ns: u64,
-    /// Frames the source had to skip before this one because the grabber was late.
-    pub skipped: u64,
-}
-
-/// Why a source cannot deliver.
-#[derive(Debug, thiserror::Error)]
-pub enum CameraError {
-    /// A file could not be read, or is not a picture of the right kind.
-    #[error("{path}: {problem}")]
-    Picture {
-        /// The file or folder.
-        path: String,
-        /// What is wrong with it, and what would be right.
-        problem: String,
-    },
-    /// The synthetic match cannot be built.
-    #[error("synthetic match: {0}")]
-    Synthetic(String),
-}
-
-/// A source of raw Bayer frames in the configured size and order, rows without padding.
-///
-/// A camera owns its capture times. It writes into the memory it is given, which is shared memory
-/// and holds an old frame.
-pub trait Camera {
-    /// Waits for the next frame, writes it to `pixels` and says when it was taken.
-    fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError>;
-
-    /// For a source that knows what is really there: the truth of the frame just exposed, and the
-    /// commands sent to the robots at that time.
-    fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
-        None
-    }
-}
 
 /// The clock of a source that has none of its own: frame `seq` is due at `epoch + seq · period`.
 ///
@@ -58,15 +14,6 @@ pub struct Timeline {
     epoch_ns: u64,
     period_ns: f64,
     next_seq: u64,
-}
-
-/// A frame number and its capture time, from which a later grabber can continue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LastFrame {
-    /// Its number.
-    pub seq: u64,
-    /// When it was captured, monotonic clock.
-    pub t_capture_ns: u64,
 }
 
 /// How far the grabber may fall behind before frames are skipped: a hiccup of the machine is made

@@ -1,0 +1,148 @@
+//! How a camera is.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// What a camera does, or what keeps it from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum CameraState {
+    /// Being looked for, opened and set up.
+    Opening = 0,
+    /// Frames come as they should.
+    Streaming = 1,
+    /// Frames come, but fewer than configured.
+    Slow = 2,
+    /// It is not there: unplugged, switched off, or another name.
+    Missing = 3,
+    /// It may not be opened.
+    NoRights = 4,
+    /// Another program has it.
+    Busy = 5,
+    /// It cannot deliver the configured picture.
+    WrongFormat = 6,
+    /// It refuses a configured setting.
+    WrongSetting = 7,
+    /// It is there, but no frames come.
+    Hung = 8,
+    /// A library that drives it is not installed.
+    NoLibrary = 9,
+    /// Something else went wrong.
+    Failed = 10,
+}
+
+impl CameraState {
+    /// All states, in the order of their numbers.
+    pub const ALL: [Self; 11] = [
+        Self::Opening,
+        Self::Streaming,
+        Self::Slow,
+        Self::Missing,
+        Self::NoRights,
+        Self::Busy,
+        Self::WrongFormat,
+        Self::WrongSetting,
+        Self::Hung,
+        Self::NoLibrary,
+        Self::Failed,
+    ];
+
+    /// The state with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
+    }
+
+    /// Key in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Opening => "opening",
+            Self::Streaming => "streaming",
+            Self::Slow => "slow",
+            Self::Missing => "missing",
+            Self::NoRights => "no_rights",
+            Self::Busy => "busy",
+            Self::WrongFormat => "wrong_format",
+            Self::WrongSetting => "wrong_setting",
+            Self::Hung => "hung",
+            Self::NoLibrary => "no_library",
+            Self::Failed => "failed",
+        }
+    }
+
+    /// Whether frames come.
+    pub fn is_delivering(self) -> bool {
+        matches!(self, Self::Streaming | Self::Slow)
+    }
+}
+
+/// Published by a grabber with a real camera, at every change and several times a second.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("touchline/CameraReport/1")]
+#[repr(C)]
+pub struct CameraReport {
+    /// When it was published.
+    pub t_sent_ns: u64,
+    /// Frames dropped because parts of them were missing or damaged.
+    pub incomplete: u64,
+    /// Frames that the camera has captured, but of which nothing has come.
+    pub lost: u64,
+    /// How often it was started; more than once means that it was away.
+    pub starts: u64,
+    /// A [`CameraState`] number.
+    pub state: u32,
+    /// Which camera, counted from 0.
+    pub camera_id: u32,
+    /// Frames a second as the camera or its driver promises; 0 when unknown.
+    pub promised_fps: f32,
+    /// Frames a second that have come, incomplete ones left out; 0 when not measured yet.
+    pub delivered_fps: f32,
+    /// Where frames come from, as named on the command line: UTF-8, ended by a zero.
+    pub device: [u8; 96],
+    /// Model, format and way of transfer, likewise.
+    pub description: [u8; 160],
+    /// What is wrong and what to do about it, likewise; empty when nothing is.
+    pub problem: [u8; 384],
+}
+
+const _: () = assert!(size_of::<CameraReport>() == 688);
+
+/// Writes a text into a field of fixed size, cut between characters where it is too long.
+pub fn write_text(field: &mut [u8], text: &str) {
+    let mut end = text.len().min(field.len().saturating_sub(1));
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    field.fill(0);
+    field[..end].copy_from_slice(&text.as_bytes()[..end]);
+}
+
+/// The text in a field of fixed size; what is no UTF-8 is replaced.
+pub fn read_text(field: &[u8]) -> String {
+    let end = field.iter().position(|&byte| byte == 0).unwrap_or(field.len());
+    String::from_utf8_lossy(&field[..end]).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_are_cut_between_characters() {
+        let mut field = [7; 6];
+        write_text(&mut field, "abcdé");
+        assert_eq!((read_text(&field), field), ("abcd".to_string(), *b"abcd\0\0"));
+        write_text(&mut field, "é");
+        assert_eq!(read_text(&field), "é");
+        assert_eq!(read_text(b"full"), "full");
+        write_text(&mut [], "nothing fits");
+    }
+
+    #[test]
+    fn states_are_found_by_their_numbers() {
+        for (number, state) in CameraState::ALL.into_iter().enumerate() {
+            assert_eq!(state as usize, number);
+            assert_eq!(CameraState::from_number(number as u32), Some(state));
+        }
+        assert_eq!(CameraState::from_number(11), None);
+    }
+}

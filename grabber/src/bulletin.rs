@@ -1,0 +1,50 @@
+//! Telling others how the camera is.
+
+use common::bus::{Bus, BusError, Publisher};
+use common::clock::monotonic_ns;
+use common::messages::{CameraReport, CameraState, DropReason, ProcessState};
+use common::process::{Process, ProcessError};
+use common::topics;
+
+/// The longest time between two reports.
+const PERIOD_NS: u64 = 250_000_000;
+
+/// Publishes the camera's condition, at every change and several times a second, and takes it over
+/// into the process's own heartbeat.
+pub struct Bulletin {
+    publisher: Publisher<CameraReport, ()>,
+    last: Option<CameraReport>,
+}
+
+impl Bulletin {
+    /// Connects to the topic.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        Ok(Self { publisher: bus.publisher(&topics::CAMERA, 1)?, last: None })
+    }
+
+    /// Call after each look at the camera.
+    pub fn publish(
+        &mut self,
+        report: &CameraReport,
+        process: &mut Process,
+    ) -> Result<(), ProcessError> {
+        process.counters.dropped[DropReason::Incomplete as usize] = report.incomplete;
+        let is_delivering =
+            CameraState::from_number(report.state).is_some_and(CameraState::is_delivering);
+        let state = if is_delivering { ProcessState::Active } else { ProcessState::Waiting };
+        if process.counters.state != state as u32 {
+            process.beat(state)?;
+        }
+        let t_sent_ns = monotonic_ns();
+        let is_due = self.last.as_ref().is_none_or(|last| {
+            *report != CameraReport { t_sent_ns: 0, ..*last }
+                || t_sent_ns - last.t_sent_ns >= PERIOD_NS
+        });
+        if is_due {
+            let report = CameraReport { t_sent_ns, ..*report };
+            self.publisher.publish(&report)?;
+            self.last = Some(report);
+        }
+        Ok(())
+    }
+}

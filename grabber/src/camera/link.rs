@@ -1,0 +1,242 @@
+//! The link to a real camera: opens it, watches it, and opens it again when it was away.
+//!
+//! Whatever is wrong with a camera, the grabber lives on, says what it is, and tries again after a
+//! pause. Opening, which may take seconds, happens on a thread of its own, so that the process
+//! keeps giving signs of life.
+
+use super::device::{Arrival, Delivery, Device, Fault, Session, Stream};
+use super::numbering::Numbering;
+use super::pace::Pace;
+use super::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame};
+use common::clock::{monotonic_ns, wall_ns};
+use common::messages::{CameraReport, CameraState, write_text};
+use common::process::LOOK_AROUND;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+/// First pause before a camera is tried again; doubles with each further failure.
+const FIRST_PAUSE_NS: u64 = 100_000_000;
+/// Longest pause: a camera that is plugged in again shall be noticed soon.
+const LONGEST_PAUSE_NS: u64 = 1_000_000_000;
+/// Opening a camera may take so long.
+const OPENING_NS: u64 = 10_000_000_000;
+/// A started camera may take so long until its first frame.
+const FIRST_FRAME_NS: u64 = 3_000_000_000;
+/// A streaming camera may be silent for so long, or two and a half frame periods.
+const SILENCE_NS: u64 = 1_000_000_000;
+/// A camera that has streamed for so long was well: the next failure is the first.
+const WELL_NS: u64 = 2_000_000_000;
+/// A capture time is believed if the frame came within this time of it.
+const BELIEVABLE_NS: u64 = 2_000_000_000;
+
+/// A camera that comes and goes.
+pub struct Link {
+    device: Arc<dyn Device>,
+    fps: f64,
+    numbering: Numbering,
+    report: CameraReport,
+    phase: Phase,
+    failures: u32,
+    /// Incomplete frames when the last whole one came.
+    incomplete_before: u64,
+}
+
+enum Phase {
+    Waiting { until_ns: u64 },
+    Opening { session: Receiver<Result<Box<dyn Session>, Fault>>, since_ns: u64 },
+    Streaming(Running),
+}
+
+struct Running {
+    stream: Box<dyn Stream>,
+    started_ns: u64,
+    arrived_ns: Option<u64>,
+    pace: Pace,
+}
+
+impl Link {
+    /// A link to a camera that is to deliver so many frames a second. Opening begins at once.
+    pub fn new(device: Arc<dyn Device>, fps: f64, last: Option<LastFrame>) -> Self {
+        let mut report: CameraReport = bytemuck::Zeroable::zeroed();
+        write_text(&mut report.device, &device.name());
+        let phase = open_aside(&device);
+        let numbering = Numbering::new(fps, last);
+        Self { device, fps, numbering, report, phase, failures: 0, incomplete_before: 0 }
+    }
+
+    /// Works through one step, which takes [`LOOK_AROUND`] at most.
+    fn step(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, Fault> {
+        match &mut self.phase {
+            Phase::Waiting { until_ns } => {
+                let left = Duration::from_nanos(until_ns.saturating_sub(monotonic_ns()));
+                std::thread::sleep(left.min(LOOK_AROUND));
+                if left <= LOOK_AROUND {
+                    self.phase = open_aside(&self.device);
+                }
+                Ok(None)
+            }
+            Phase::Opening { session, since_ns } => {
+                match session.recv_timeout(LOOK_AROUND) {
+                    Ok(session) => self.start(session?, pool)?,
+                    // Giving up would leave the thread with the device and start another one.
+                    Err(RecvTimeoutError::Timeout) => {
+                        let waited_ns = monotonic_ns() - *since_ns;
+                        if waited_ns > OPENING_NS {
+                            self.report.state = CameraState::Hung as u32;
+                            let problem = "does not answer while it is being opened";
+                            write_text(&mut self.report.problem, problem);
+                        }
+                    }
+                    Err(RecvTimeoutError::Disconnected) => {
+                        let problem = "the thread that opens the camera has died";
+                        return Err(Fault::new(CameraState::Failed, problem));
+                    }
+                }
+                Ok(None)
+            }
+            Phase::Streaming(_) => self.next_frame(pool),
+        }
+    }
+
+    fn start(&mut self, session: Box<dyn Session>, pool: &mut FramePool) -> Result<(), Fault> {
+        write_text(&mut self.report.description, &session.description());
+        self.report.promised_fps = session.promised_fps().unwrap_or(0.0) as f32;
+        let stream = session.start(pool)?;
+        let now_ns = monotonic_ns();
+        let pace = Pace::new(self.fps, now_ns);
+        self.numbering.interrupted();
+        self.report.starts += 1;
+        self.report.delivered_fps = 0.0;
+        self.phase =
+            Phase::Streaming(Running { stream, started_ns: now_ns, arrived_ns: None, pace });
+        Ok(())
+    }
+
+    fn next_frame(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, Fault> {
+        let Phase::Streaming(running) = &mut self.phase else { return Ok(None) };
+        let arrival = running.stream.next(pool, LOOK_AROUND)?;
+        let now_ns = monotonic_ns();
+        if running.arrived_ns.is_some() && running.pace.measure(now_ns) {
+            let fps = running.pace.fps().unwrap_or(0.0);
+            self.report.delivered_fps = fps as f32;
+            let is_slow = running.pace.is_slow();
+            self.report.state =
+                if is_slow { CameraState::Slow } else { CameraState::Streaming } as u32;
+            let problem = if is_slow {
+                too_slow(fps, self.report.promised_fps, self.fps)
+            } else {
+                String::new()
+            };
+            write_text(&mut self.report.problem, &problem);
+        }
+        let Some(arrival) = arrival else {
+            return running.check_silence(now_ns, self.fps).map(|()| None);
+        };
+        if running.arrived_ns.is_none() {
+            running.pace = Pace::new(self.fps, now_ns);
+            self.report.state = CameraState::Streaming as u32;
+            write_text(&mut self.report.problem, "");
+        }
+        running.arrived_ns = Some(now_ns);
+        if now_ns - running.started_ns > WELL_NS {
+            self.failures = 0;
+        }
+        match arrival {
+            Arrival::Frame(delivery) => {
+                running.pace.arrived();
+                Ok(Some(self.number(delivery, now_ns)))
+            }
+            Arrival::Incomplete => {
+                self.report.incomplete += 1;
+                Ok(None)
+            }
+            // The gap in the device's numbers tells of it.
+            Arrival::NoMemory => Ok(None),
+        }
+    }
+
+    fn number(&mut self, delivery: Delivery, now_ns: u64) -> Captured {
+        let Delivery { frame, picture, device_seq, t_capture_ns } = delivery;
+        let age_ns = now_ns.checked_sub(t_capture_ns).filter(|&age_ns| age_ns < BELIEVABLE_NS);
+        let t_capture_ns = now_ns - age_ns.unwrap_or(0);
+        let numbered = self.numbering.number(device_seq, t_capture_ns);
+        let incomplete = self.report.incomplete - self.incomplete_before;
+        self.incomplete_before = self.report.incomplete;
+        let lost = numbered.lost.saturating_sub(incomplete);
+        self.report.lost += lost;
+        let exposure = Exposure {
+            seq: numbered.seq,
+            t_capture_ns,
+            t_capture_wall_ns: wall_ns()
+                .saturating_sub(monotonic_ns().saturating_sub(t_capture_ns)),
+            skipped: lost,
+        };
+        Captured { frame, exposure, picture }
+    }
+
+    /// What was wrong goes into the report; the camera is let go, and tried again later.
+    fn give_up(&mut self, fault: &Fault) {
+        self.report.state = fault.state as u32;
+        write_text(&mut self.report.problem, &fault.problem);
+        self.report.delivered_fps = 0.0;
+        let pause_ns = (FIRST_PAUSE_NS << self.failures.min(10)).min(LONGEST_PAUSE_NS);
+        self.failures += 1;
+        self.phase = Phase::Waiting { until_ns: monotonic_ns() + pause_ns };
+    }
+}
+
+impl Camera for Link {
+    fn capture(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, CameraError> {
+        Ok(self.step(pool).unwrap_or_else(|fault| {
+            self.give_up(&fault);
+            None
+        }))
+    }
+
+    fn report(&self) -> Option<&CameraReport> {
+        Some(&self.report)
+    }
+}
+
+impl Running {
+    /// Whether the camera has been silent for too long.
+    fn check_silence(&self, now_ns: u64, fps: f64) -> Result<(), Fault> {
+        let patience_ns = match self.arrived_ns {
+            None => FIRST_FRAME_NS,
+            Some(_) => SILENCE_NS,
+        };
+        let patience_ns = patience_ns.max((2.5e9 / fps) as u64);
+        let silent_ns = now_ns.saturating_sub(self.arrived_ns.unwrap_or(self.started_ns));
+        if silent_ns <= patience_ns {
+            return Ok(());
+        }
+        Err(Fault::new(
+            CameraState::Hung,
+            format!(
+                "no frame for {:.1} s; if it lasts: check the cable, plug it in again",
+                silent_ns as f64 / 1e9
+            ),
+        ))
+    }
+}
+
+fn too_slow(delivered: f64, promised: f32, configured: f64) -> String {
+    let promise =
+        if promised > 0.0 { format!("the camera promises {promised:.1}, ") } else { String::new() };
+    format!(
+        "only {delivered:.1} frames a second come; {promise}configured are {configured} (in the dark, \
+         automatic exposure slows many cameras down; so does a bus shared with others)"
+    )
+}
+
+/// Opens a device on a thread of its own.
+fn open_aside(device: &Arc<dyn Device>) -> Phase {
+    let (sender, session) = channel();
+    let device = Arc::clone(device);
+    std::thread::spawn(move || {
+        // Nobody waits any more when the process is ending.
+        let _ = sender.send(device.open());
+    });
+    Phase::Opening { session, since_ns: monotonic_ns() }
+}

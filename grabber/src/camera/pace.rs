@@ -1,0 +1,82 @@
+//! How many frames really come.
+
+/// Measures the rate of arrivals, and says when it falls short.
+#[derive(Debug, Clone)]
+pub struct Pace {
+    expected_fps: f64,
+    window_start_ns: u64,
+    count: u32,
+    fps: Option<f64>,
+}
+
+/// Over which the rate is measured.
+const WINDOW_NS: u64 = 2_000_000_000;
+/// Clocks differ, and a frame may fall to the other side of a window's edge.
+const SHARE: f64 = 0.95;
+
+impl Pace {
+    /// Expects so many frames a second, from now on.
+    pub fn new(expected_fps: f64, now_ns: u64) -> Self {
+        Self { expected_fps, window_start_ns: now_ns, count: 0, fps: None }
+    }
+
+    /// A frame has arrived.
+    pub fn arrived(&mut self) {
+        self.count += 1;
+    }
+
+    /// Looks at the clock; `true` when a measurement is new.
+    pub fn measure(&mut self, now_ns: u64) -> bool {
+        let elapsed_ns = now_ns.saturating_sub(self.window_start_ns);
+        if elapsed_ns < WINDOW_NS {
+            return false;
+        }
+        self.fps = Some(f64::from(self.count) * 1e9 / elapsed_ns as f64);
+        (self.window_start_ns, self.count) = (now_ns, 0);
+        true
+    }
+
+    /// Frames a second, when last measured.
+    pub fn fps(&self) -> Option<f64> {
+        self.fps
+    }
+
+    /// Whether clearly fewer frames come than were expected.
+    pub fn is_slow(&self) -> bool {
+        // At a few frames a second one frame more or less is a large share.
+        let tolerance = (1e9 / WINDOW_NS as f64 * 1.5).max((1.0 - SHARE) * self.expected_fps);
+        self.fps.is_some_and(|fps| fps < self.expected_fps - tolerance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after_four_seconds(expected_fps: f64, frames: u64) -> Pace {
+        let mut pace = Pace::new(expected_fps, 0);
+        for frame in 1..=frames {
+            pace.arrived();
+            pace.measure(frame * 4_000_000_000 / frames);
+        }
+        pace
+    }
+
+    #[test]
+    fn a_camera_in_time_is_not_slow() {
+        let pace = after_four_seconds(80.0, 319);
+        assert!((pace.fps().unwrap() - 80.0).abs() < 1.0 && !pace.is_slow());
+        assert!(!after_four_seconds(1.0, 4).is_slow());
+    }
+
+    #[test]
+    fn a_camera_that_delivers_half_is() {
+        let pace = after_four_seconds(80.0, 160);
+        assert!((pace.fps().unwrap() - 40.0).abs() < 1.0 && pace.is_slow());
+    }
+
+    #[test]
+    fn nothing_is_said_before_it_is_known() {
+        assert!(!Pace::new(80.0, 0).is_slow());
+    }
+}

@@ -1,0 +1,31 @@
+//! Shared memory for frames.
+
+use super::CameraError;
+use common::bus::{Bus, BusError, Loan, Publisher};
+use common::messages::FrameHeader;
+use common::topics;
+
+/// Memory for one frame, which nobody else can see until it is published. Its bytes hold an old
+/// frame.
+pub type FrameLoan = Loan<u8, FrameHeader>;
+
+/// Where cameras get memory for frames from.
+pub struct FramePool {
+    publisher: Publisher<u8, FrameHeader>,
+}
+
+impl FramePool {
+    /// Frames a camera may hold at the same time, those on their way to being published included.
+    pub const CAPACITY: usize = topics::FRAMES.loaned;
+
+    /// Memory for frames of up to `frame_bytes`, on the topic `frames`.
+    pub fn new(bus: &Bus, frame_bytes: usize) -> Result<Self, BusError> {
+        let publisher = bus.publisher(&topics::FRAMES, frame_bytes)?;
+        Ok(Self { publisher })
+    }
+
+    /// Memory for a frame.
+    pub fn loan(&mut self, bytes: usize) -> Result<FrameLoan, CameraError> {
+        self.publisher.loan(bytes).map_err(|error| CameraError::NoMemory(error.to_string()))
+    }
+}
