@@ -33,6 +33,13 @@ pub enum Command {
     /// The same code as in a running group, in one process. Pixels: the centre of the top-left
     /// pixel is (0, 0). Angles in the picture: 0 right, 90 up on the screen.
     Detect(DetectArgs),
+    /// Tells how well robots and ball are found on pictures of which is known what they show.
+    ///
+    /// Looks at every labelled picture as `detect` does and compares: robots under their right names
+    /// within the tolerances, wrong identities, misses with their reason and the colours seen there,
+    /// robots where nobody is, the ball. docs/labels.md describes the file of labels.
+    #[command(after_long_help = SCORE_EXAMPLES)]
+    Score(ScoreArgs),
     /// Shows a running group.
     Status(StatusArgs),
     /// Ends a running group.
@@ -124,6 +131,34 @@ pub struct DetectArgs {
     #[arg(long, value_name = "DIR")]
     pub overlay: Option<PathBuf>,
 }
+
+/// Arguments of `score`.
+#[derive(Debug, Args)]
+pub struct ScoreArgs {
+    /// Files of labels (JSON); the pictures are looked for beside them
+    #[arg(required = true, value_name = "LABELS")]
+    pub labels: Vec<PathBuf>,
+    /// Configuration file
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Print one JSON document instead of text
+    #[arg(long)]
+    pub json: bool,
+    /// A robot may be this far from its label
+    #[arg(long, value_name = "PX", default_value = "3", value_parser = parse_tolerance)]
+    pub within_px: f64,
+    /// A robot's heading may be this far from its label
+    #[arg(long, value_name = "DEG", default_value = "6", value_parser = parse_tolerance)]
+    pub within_deg: f64,
+    /// The ball may be this far from its label
+    #[arg(long, value_name = "PX", default_value = "2", value_parser = parse_tolerance)]
+    pub ball_within_px: f64,
+}
+
+const SCORE_EXAMPLES: &str = "\
+Examples:
+  touchline score labels.json --config match.toml          what was found and what not, and why
+  touchline score a.json b.json --config match.toml --json  all figures as one JSON document";
 
 /// Which group.
 #[derive(Debug, Args)]
@@ -280,6 +315,13 @@ fn parse_fps(text: &str) -> Result<f64, String> {
 fn parse_seconds(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(seconds) if seconds > 0.0 && seconds <= 1e9 => Ok(seconds),
+        _ => Err("use a positive number".into()),
+    }
+}
+
+fn parse_tolerance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if value > 0.0 && value <= 1e6 => Ok(value),
         _ => Err("use a positive number".into()),
     }
 }

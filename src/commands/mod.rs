@@ -5,7 +5,9 @@ mod config;
 mod detect;
 mod group;
 mod operate;
+mod pipeline;
 mod run;
+mod score;
 
 use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
 use common::config::Config;
@@ -25,6 +27,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         None => run::run(crate::cli::default_run()),
         Some(Command::Run(args)) => run::run(args),
         Some(Command::Detect(args)) => detect::detect(args),
+        Some(Command::Score(args)) => score::score(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),
         Some(Command::Restart(args)) => operate::restart(args),

@@ -9,22 +9,19 @@ mod canvas;
 mod font;
 mod overlay;
 
+use super::pipeline::Pipeline;
 use super::{CommandError, load_config};
 use crate::cli::DetectArgs;
 use answer::Answer;
-use bytemuck::Zeroable;
-use classifier::{BayerImage, Classifier, demosaic};
+use classifier::{BayerImage, demosaic};
 use common::config::{CameraConfig, Config};
-use common::messages::{
-    DetectionFrame, FrameFault, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader,
-};
+use common::messages::{DetectionFrame, MAX_RUNS};
 use grabber::pictures::{list_pictures, load_bayer};
 use overlay::Overlay;
 use std::collections::HashSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use tracker::Tracker;
 
 /// Looks at every picture and prints what it shows. A picture that cannot be used is complained
 /// about and makes the exit code 1; the others are looked at all the same.
@@ -92,46 +89,6 @@ fn look_at(
         painter.paint(path, &bayer, seen)?;
     }
     Ok(Answer::new(name.to_string(), seen))
-}
-
-/// The stages between a frame and what is seen in it, and the memory they work in.
-struct Pipeline {
-    camera: CameraConfig,
-    classifier: Classifier,
-    tracker: Tracker,
-    runs_header: RunsHeader,
-    runs: Vec<Run>,
-    seen: Box<DetectionFrame>,
-}
-
-impl Pipeline {
-    fn new(config: &Config) -> Result<Self, CommandError> {
-        Ok(Self {
-            camera: config.camera.clone(),
-            classifier: Classifier::new(config)?,
-            tracker: Tracker::new(config)?,
-            runs_header: RunsHeader::default(),
-            runs: vec![Run::zeroed(); MAX_RUNS],
-            seen: Box::new(DetectionFrame::zeroed()),
-        })
-    }
-
-    fn step(&mut self, bayer: &[u8]) -> Result<&DetectionFrame, FrameFault> {
-        let &CameraConfig { width, height, bayer_order, exposure_us, .. } = &self.camera;
-        let header = FrameHeader {
-            width,
-            height,
-            stride: width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: bayer_order as u32,
-            exposure_us,
-            ..FrameHeader::default()
-        };
-        self.classifier.step(&header, bayer, &mut self.runs_header, &mut self.runs)?;
-        let runs = self.runs_header.valid(&self.runs);
-        self.tracker.step(&self.runs_header, runs, None, &mut self.seen);
-        Ok(&self.seen)
-    }
 }
 
 /// Writes overlays into a folder.

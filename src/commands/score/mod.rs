@@ -1,0 +1,66 @@
+//! `touchline score`: how well robots and ball are found on pictures of which is known what they
+//! show.
+
+mod report;
+mod verdict;
+
+use super::pipeline::Pipeline;
+use super::{CommandError, load_config};
+use crate::cli::ScoreArgs;
+use common::config::Config;
+use common::geometry::CameraModel;
+use grabber::pictures::load_bayer;
+use learning::labels::{ImageLabels, Labels};
+use report::Report;
+use std::io::{self, Write};
+use std::process::ExitCode;
+use verdict::{Judge, PictureScore, Tolerances};
+
+/// Looks at every labelled picture and prints how well it was understood. A picture that cannot be
+/// used is complained about and makes the exit code 1; the others count all the same.
+pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
+    let config = load_config(args.config.as_deref())?;
+    let tolerances = Tolerances {
+        robot_px: args.within_px,
+        robot_deg: args.within_deg,
+        ball_px: args.ball_within_px,
+    };
+    // All files first: a typing error shows at once.
+    let labels: Vec<Labels> =
+        args.labels.iter().map(|path| Labels::load(path)).collect::<Result<_, _>>()?;
+    let mut pipeline = Pipeline::new(&config)?;
+    let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height)?;
+    let judge = Judge { config: &config, camera: &camera, tolerances };
+    let mut pictures = Vec::new();
+    let mut all_good = true;
+    for image in labels.iter().flat_map(|labels| &labels.images) {
+        match look_at(image, &config, &mut pipeline, &judge) {
+            Ok(score) => pictures.push(score),
+            Err(error) => {
+                eprintln!("touchline: {error}");
+                all_good = false;
+            }
+        }
+    }
+    let report = Report::new(pictures, tolerances);
+    let text =
+        if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
+    match io::stdout().lock().write_all(text.as_bytes()) {
+        // The reader has seen enough: `touchline score … | head`.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+        written => written?,
+    }
+    Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn look_at(
+    image: &ImageLabels,
+    config: &Config,
+    pipeline: &mut Pipeline,
+    judge: &Judge,
+) -> Result<PictureScore, CommandError> {
+    let name = image.file.display();
+    let bayer = load_bayer(&image.file, &config.camera)?;
+    pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
+    Ok(judge.judge(image, pipeline.seen(), pipeline.runs()))
+}

@@ -1,0 +1,465 @@
+//! Comparing what was seen in a picture with what is there.
+
+use common::config::Config;
+use common::geometry::{CameraModel, ImagePoint, wrap_angle};
+use common::messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Run, Team};
+use learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What counts as right.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tolerances {
+    /// Between a robot's centre and its label.
+    pub robot_px: f64,
+    /// Between a robot's heading and its label.
+    pub robot_deg: f64,
+    /// Between the ball's centre and its label.
+    pub ball_px: f64,
+}
+
+/// How well one picture was understood.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PictureScore {
+    pub image: String,
+    /// Robots labelled clear; empty when nobody labelled robots.
+    pub robots: Vec<RobotVerdict>,
+    /// Robots found where nobody is.
+    pub phantoms: Vec<FoundRobot>,
+    /// `None` when nobody looked for the ball, or it is hard to see.
+    pub ball: Option<BallVerdict>,
+}
+
+/// What became of a labelled robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RobotVerdict {
+    pub team: Team,
+    pub id: u32,
+    /// Where the label has it.
+    pub x_px: f64,
+    pub y_px: f64,
+    pub outcome: Outcome,
+    /// Distance and turn of what was found in its place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub off: Option<Offset>,
+    /// What it was taken for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub taken_for: Option<Name>,
+    /// Why the nearest candidate was rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// For a robot that is not right: pixels on its top by what they were classified as.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub colors_seen: BTreeMap<String, u32>,
+}
+
+/// How a robot was understood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Under its name, within the tolerances.
+    Right,
+    /// Under its name and in its place, but beyond the tolerances.
+    Inaccurate,
+    /// Somebody else was found in its place.
+    WrongIdentity,
+    /// Nobody was found in its place.
+    Missed,
+}
+
+/// How far something is from its label.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Offset {
+    pub px: f64,
+    pub deg: f64,
+}
+
+/// A robot's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Name {
+    pub team: Team,
+    pub id: u32,
+}
+
+/// A robot that was found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FoundRobot {
+    pub team: Team,
+    pub id: u32,
+    pub x_px: f64,
+    pub y_px: f64,
+}
+
+/// What became of the ball.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BallVerdict {
+    pub outcome: BallOutcome,
+    /// Distance of what was found from the label.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub off_px: Option<f64>,
+    /// Why the nearest candidate was rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// How the ball was understood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BallOutcome {
+    /// There, within the tolerance.
+    Right,
+    /// Something else, or too far off.
+    Far,
+    /// Not found.
+    Missed,
+    /// Found, and there is none.
+    Phantom,
+    /// Not found, and there is none.
+    Absent,
+}
+
+/// Compares pictures with their labels.
+pub struct Judge<'a> {
+    pub config: &'a Config,
+    pub camera: &'a CameraModel,
+    pub tolerances: Tolerances,
+}
+
+impl Judge<'_> {
+    /// `seen` and `runs` are what the stages made of the labelled picture.
+    pub fn judge(&self, labels: &ImageLabels, seen: &DetectionFrame, runs: &[Run]) -> PictureScore {
+        let all = labels.robots.as_deref().unwrap_or(&[]);
+        let is_clear = |label: &&RobotLabel| label.quality == Quality::Clear;
+        let robots =
+            all.iter().filter(is_clear).map(|label| self.robot(label, all, seen, runs)).collect();
+        let is_at_a_label = |found: &DetectedRobot| {
+            all.iter().any(|label| {
+                let reach_px = self.robot_size_px(label) / 2.0;
+                distance_px(place(label), (found.x_px, found.y_px)) < reach_px
+            })
+        };
+        let phantoms = seen
+            .robots()
+            .iter()
+            .filter(|found| labels.robots.is_some() && !is_at_a_label(found))
+            .filter_map(found_robot)
+            .collect();
+        PictureScore {
+            image: labels.file.display().to_string(),
+            robots,
+            phantoms,
+            ball: labels.ball.as_ref().and_then(|ball| self.ball(ball.as_ref(), seen)),
+        }
+    }
+
+    fn robot(
+        &self,
+        label: &RobotLabel,
+        all: &[RobotLabel],
+        seen: &DetectionFrame,
+        runs: &[Run],
+    ) -> RobotVerdict {
+        let size_px = self.robot_size_px(label);
+        let near = |found: &&DetectedRobot| {
+            distance_px(place(label), (found.x_px, found.y_px)) < size_px / 2.0
+        };
+        let is_named =
+            |found: &DetectedRobot| (found.team, found.robot_id) == (label.team as u32, label.id);
+        // Where robots touch, the neighbour may be within reach: whoever is at home there, is.
+        let is_at_home = |found: &&DetectedRobot| {
+            all.iter().any(|other| {
+                (found.team, found.robot_id) == (other.team as u32, other.id)
+                    && (other.team, other.id) != (label.team, label.id)
+                    && distance_px(place(other), (found.x_px, found.y_px))
+                        < distance_px(place(label), (found.x_px, found.y_px))
+            })
+        };
+        let here = seen.robots().iter().filter(near);
+        let own = here.clone().find(|found| is_named(found));
+        let other = || {
+            here.filter(|found| !is_at_home(found)).min_by(|a, b| {
+                let distance =
+                    |found: &DetectedRobot| distance_px(place(label), (found.x_px, found.y_px));
+                distance(a).total_cmp(&distance(b))
+            })
+        };
+        let found = own.or_else(other);
+        let off = found.map(|found| Offset {
+            px: rounded(distance_px(place(label), (found.x_px, found.y_px))),
+            deg: rounded({
+                let turned = f64::from(found.orientation_image) - label.heading_deg.to_radians();
+                wrap_angle(turned).abs().to_degrees()
+            }),
+        });
+        let outcome = match (own, off) {
+            (Some(_), Some(off))
+                if off.px <= self.tolerances.robot_px && off.deg <= self.tolerances.robot_deg =>
+            {
+                Outcome::Right
+            }
+            (Some(_), _) => Outcome::Inaccurate,
+            (None, Some(_)) => Outcome::WrongIdentity,
+            (None, None) => Outcome::Missed,
+        };
+        let taken_for = match outcome {
+            Outcome::WrongIdentity => {
+                found.and_then(found_robot).map(|robot| Name { team: robot.team, id: robot.id })
+            }
+            _ => None,
+        };
+        let missed = outcome == Outcome::Missed;
+        RobotVerdict {
+            team: label.team,
+            id: label.id,
+            x_px: label.x_px,
+            y_px: label.y_px,
+            outcome,
+            off,
+            taken_for,
+            reason: missed.then(|| {
+                let is_patch = |rejected: &Rejected| rejected.team != Rejected::BALL;
+                self.reason(place(label), size_px, seen, is_patch)
+                    .unwrap_or_else(|| "no patch of a team's colour was seen there".into())
+            }),
+            colors_seen: match outcome {
+                Outcome::Right => BTreeMap::new(),
+                _ => self.colors_seen(place(label), size_px / 2.0, runs),
+            },
+        }
+    }
+
+    fn ball(&self, label: Option<&BallLabel>, seen: &DetectionFrame) -> Option<BallVerdict> {
+        let found = seen.balls().first();
+        let verdict = |outcome| BallVerdict { outcome, off_px: None, reason: None };
+        let Some(label) = label else {
+            return Some(verdict(match found {
+                Some(_) => BallOutcome::Phantom,
+                None => BallOutcome::Absent,
+            }));
+        };
+        if label.quality != Quality::Clear {
+            return None;
+        }
+        let here = ImagePoint::new(label.x_px, label.y_px);
+        let off_px = found.map(|found| rounded(distance_px(here, (found.x_px, found.y_px))));
+        let outcome = match off_px {
+            Some(px) if px <= self.tolerances.ball_px => BallOutcome::Right,
+            Some(_) => BallOutcome::Far,
+            None => BallOutcome::Missed,
+        };
+        let reason = (outcome != BallOutcome::Right).then(|| {
+            let size_px = self.config.ball.diameter_mm
+                / self.camera.pixel_area_mm2(here, self.config.ball.diameter_mm / 2.0).sqrt();
+            self.reason(here, size_px, seen, |rejected| rejected.team == Rejected::BALL)
+                .unwrap_or_else(|| "nothing of its colour was seen there".into())
+        });
+        Some(BallVerdict { off_px, reason, ..verdict(outcome) })
+    }
+
+    /// Why the nearest candidate within reach became nothing.
+    fn reason(
+        &self,
+        here: ImagePoint,
+        reach_px: f64,
+        seen: &DetectionFrame,
+        counts: impl Fn(&Rejected) -> bool,
+    ) -> Option<String> {
+        let distance = |rejected: &Rejected| distance_px(here, (rejected.x_px, rejected.y_px));
+        let nearest = seen
+            .rejected()
+            .iter()
+            .filter(|rejected| counts(rejected) && distance(rejected) < reach_px)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let reason = RejectReason::from_number(nearest.reason)?.text();
+        Some(match Team::from_number(nearest.team) {
+            Some(team) => format!("{}: {reason}", team.name()),
+            None => reason.to_string(),
+        })
+    }
+
+    /// Pixels within a distance, by the name of their class.
+    fn colors_seen(&self, here: ImagePoint, reach_px: f64, runs: &[Run]) -> BTreeMap<String, u32> {
+        let mut seen = BTreeMap::new();
+        for run in runs {
+            let dy = f64::from(run.row) - here.y_px;
+            let half = (reach_px * reach_px - dy * dy).max(0.0).sqrt();
+            let begin = f64::from(run.begin).max((here.x_px - half).ceil());
+            let end = f64::from(run.end).min((here.x_px + half).floor() + 1.0);
+            let color = self.config.colors.get(usize::from(run.class));
+            if let Some(color) = color.filter(|_| end > begin && half > 0.0) {
+                *seen.entry(color.name.clone()).or_default() += (end - begin) as u32;
+            }
+        }
+        seen
+    }
+
+    /// Side of a robot's top as it appears.
+    fn robot_size_px(&self, label: &RobotLabel) -> f64 {
+        let robots = &self.config.robots;
+        robots.size_mm / self.camera.pixel_area_mm2(place(label), robots.height_mm).sqrt()
+    }
+}
+
+fn place(label: &RobotLabel) -> ImagePoint {
+    ImagePoint::new(label.x_px, label.y_px)
+}
+
+fn distance_px(a: ImagePoint, (x_px, y_px): (f32, f32)) -> f64 {
+    (a.x_px - f64::from(x_px)).hypot(a.y_px - f64::from(y_px))
+}
+
+fn found_robot(robot: &DetectedRobot) -> Option<FoundRobot> {
+    Some(FoundRobot {
+        team: Team::from_number(robot.team)?,
+        id: robot.robot_id,
+        x_px: rounded(robot.x_px.into()),
+        y_px: rounded(robot.y_px.into()),
+    })
+}
+
+/// Thousandths are enough.
+fn rounded(value: f64) -> f64 {
+    (value * 1000.0).round() / 1000.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use common::messages::DetectedBall;
+    use std::path::Path;
+
+    const TOLERANCES: Tolerances = Tolerances { robot_px: 3.0, robot_deg: 6.0, ball_px: 2.0 };
+
+    fn found(team: Team, robot_id: u32, x_px: f32, y_px: f32, degrees: f32) -> DetectedRobot {
+        DetectedRobot {
+            team: team as u32,
+            robot_id,
+            x_px,
+            y_px,
+            orientation_image: degrees.to_radians(),
+            ..DetectedRobot::default()
+        }
+    }
+
+    /// The score of a picture with these labels in which this was seen.
+    fn score(labels: &str, fill: impl FnOnce(&mut DetectionFrame), runs: &[Run]) -> PictureScore {
+        let config = Config::default();
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let text = format!(r#"{{"images": [{{"file": "a.png", {labels}}}]}}"#);
+        let labels = learning::labels::Labels::parse(&text, Path::new("labels.json")).unwrap();
+        let mut seen = Box::new(DetectionFrame::zeroed());
+        fill(&mut seen);
+        let judge = Judge { config: &config, camera: &camera, tolerances: TOLERANCES };
+        judge.judge(&labels.images[0], &seen, runs)
+    }
+
+    const TWO: &str = r#""robots": [
+        {"team": "blue", "id": 0, "x_px": 300, "y_px": 200, "heading_deg": 359},
+        {"team": "yellow", "id": 1, "x_px": 400, "y_px": 200, "heading_deg": 90}
+    ]"#;
+
+    fn outcomes(score: &PictureScore) -> Vec<Outcome> {
+        score.robots.iter().map(|robot| robot.outcome).collect()
+    }
+
+    #[test]
+    fn right_is_right_name_place_and_heading() {
+        let here = |degrees: f32, x_px: f32| {
+            let seen = score(
+                TWO,
+                |seen| {
+                    seen.push_robot(found(Team::Blue, 0, x_px, 201.0, degrees));
+                },
+                &[],
+            );
+            outcomes(&seen)[0]
+        };
+        assert_eq!(here(1.0, 299.0), Outcome::Right);
+        assert_eq!(here(6.0, 299.0), Outcome::Inaccurate);
+        assert_eq!(here(1.0, 305.0), Outcome::Inaccurate);
+        assert_eq!(here(1.0, 330.0), Outcome::Missed);
+    }
+
+    #[test]
+    fn somebody_else_in_its_place_is_a_wrong_identity() {
+        let score = score(
+            TWO,
+            |seen| {
+                seen.push_robot(found(Team::Yellow, 1, 300.0, 200.0, 0.0));
+                seen.push_robot(found(Team::Blue, 4, 100.0, 100.0, 0.0));
+            },
+            &[],
+        );
+        assert_eq!(outcomes(&score), [Outcome::WrongIdentity, Outcome::Missed]);
+        assert_eq!(score.robots[0].taken_for, Some(Name { team: Team::Yellow, id: 1 }));
+        let [phantom] = score.phantoms[..] else { panic!("{score:?}") };
+        assert_eq!((phantom.team, phantom.id), (Team::Blue, 4));
+    }
+
+    #[test]
+    fn a_neighbour_is_not_taken_for_a_missed_robot() {
+        let touching = TWO.replace("400", "307");
+        let neighbour = |seen: &mut DetectionFrame| {
+            seen.push_robot(found(Team::Yellow, 1, 306.5, 200.0, 90.0));
+        };
+        assert_eq!(outcomes(&score(&touching, neighbour, &[])), [Outcome::Missed, Outcome::Right]);
+    }
+
+    #[test]
+    fn a_miss_says_why_and_what_was_seen() {
+        let run = |row, begin, end, class| Run { row, begin, end, class, reserved: 0 };
+        let score = score(
+            TWO,
+            |seen| {
+                seen.push_rejected(Rejected {
+                    team: Team::Blue as u32,
+                    reason: RejectReason::NoIdentificationPatch as u32,
+                    x_px: 303.0,
+                    y_px: 203.0,
+                });
+            },
+            &[run(200, 298, 302, 2), run(201, 300, 600, 1), run(300, 300, 310, 2)],
+        );
+        let missed = &score.robots[0];
+        let reason = missed.reason.as_deref().unwrap();
+        assert_eq!(reason, "blue: no identification patch in range");
+        let colors = &missed.colors_seen;
+        assert_eq!(colors.get("blue"), Some(&4));
+        assert!(colors["yellow"] < 20, "{colors:?}");
+        assert!(score.robots[1].reason.as_deref().unwrap().starts_with("no patch"));
+    }
+
+    #[test]
+    fn hard_robots_are_neither_demanded_nor_phantoms() {
+        let hard = TWO.replace(r#""heading_deg": 359"#, r#""heading_deg": 359, "quality": "hard""#);
+        let score = score(
+            &hard,
+            |seen| {
+                seen.push_robot(found(Team::Blue, 3, 300.0, 200.0, 0.0));
+            },
+            &[],
+        );
+        assert_eq!(outcomes(&score), [Outcome::Missed]);
+        assert!(score.phantoms.is_empty());
+    }
+
+    #[test]
+    fn the_ball_is_scored_when_somebody_looked_for_it() {
+        let ball = |labels: &str, x_px: Option<f32>| {
+            let fill = |seen: &mut DetectionFrame| {
+                if let Some(x_px) = x_px {
+                    seen.push_ball(DetectedBall { x_px, y_px: 50.0, ..DetectedBall::default() });
+                }
+            };
+            score(labels, fill, &[]).ball.map(|ball| ball.outcome)
+        };
+        let there = r#""ball": {"x_px": 100, "y_px": 50}"#;
+        assert_eq!(ball(there, Some(101.0)), Some(BallOutcome::Right));
+        assert_eq!(ball(there, Some(104.0)), Some(BallOutcome::Far));
+        assert_eq!(ball(there, None), Some(BallOutcome::Missed));
+        assert_eq!(ball(r#""ball": null"#, Some(1.0)), Some(BallOutcome::Phantom));
+        assert_eq!(ball(r#""ball": null"#, None), Some(BallOutcome::Absent));
+        assert_eq!(ball(r#""robots": []"#, Some(1.0)), None);
+    }
+}
