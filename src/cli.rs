@@ -70,6 +70,12 @@ pub enum Command {
     /// what they should be, but break no promise, since they depend on the machine.
     #[command(after_long_help = CHAOS_EXAMPLES)]
     Chaos(ChaosArgs),
+    /// Says whether this computer is fit for a match, and what to do where it is not.
+    ///
+    /// Looks at shared memory, rights, processors, clock, directories and disk, and for what
+    /// groups have left that did not end in order. The exit status is 0 unless there is a problem,
+    /// that is, something with which a match cannot run.
+    Doctor(DoctorArgs),
     /// Writes, checks and describes configurations.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -199,6 +205,23 @@ pub struct UpgradeArgs {
     /// Which group.
     #[command(flatten)]
     pub instance: InstanceArgs,
+}
+
+/// Arguments of `doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Configuration file of the match that is to run [default: MiroSot middle league]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Which group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+    /// Remove what dead groups of yours have left; nothing of a living one is touched
+    #[arg(long)]
+    pub clean: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `chaos`.

@@ -127,6 +127,15 @@ impl GroupMemory {
     }
 }
 
+/// How to make so much room.
+pub fn advice(bytes: u64) -> String {
+    let megabytes = bytes.div_ceil(1 << 20).next_multiple_of(64);
+    format!(
+        "`mount -o remount,size={megabytes}m {SHARED_MEMORY}` as root, or start the container with \
+         `--shm-size={megabytes}m`; `touchline doctor --clean` removes what dead groups have left"
+    )
+}
+
 /// Bytes of shared memory that are still free on this machine.
 pub fn free_bytes() -> io::Result<u64> {
     let data = rustix::fs::statvfs(Path::new(SHARED_MEMORY))?;

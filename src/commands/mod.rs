@@ -3,6 +3,7 @@
 pub mod chaos;
 mod config;
 mod detect;
+mod doctor;
 mod group;
 mod operate;
 mod pipeline;
@@ -33,6 +34,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Restart(args)) => operate::restart(args),
         Some(Command::Upgrade(args)) => operate::upgrade(args),
         Some(Command::Interface) => operate::interface(),
+        Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),

@@ -49,7 +49,7 @@ fn picture_of(header: &FrameHeader, bytes: &[u8]) -> Result<DynamicImage, FrameF
 }
 
 /// Where programs keep what should survive them but is no document of the user's.
-fn directory() -> PathBuf {
+pub fn directory() -> PathBuf {
     let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
     let state = from("XDG_STATE_HOME").map(PathBuf::from);
     let home = || from("HOME").map(|home| PathBuf::from(home).join(".local/state"));

@@ -18,6 +18,7 @@ mod takeover;
 
 pub use children::{Launch, is_same_program, program_of};
 pub use control::{Request, ask};
+pub use evidence::directory as evidence_directory;
 pub use record::Record;
 
 use crate::monitor::{GroupView, Monitor, Report};
@@ -56,6 +57,21 @@ pub enum SupervisorError {
         action: String,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// There is not enough shared memory for a match.
+    #[error(
+        "a match with these pictures takes about {} MB of shared memory, but {} MB are free; {}",
+        needed >> 20,
+        free >> 20,
+        common::memory::advice(*ample)
+    )]
+    NoMemory {
+        /// Bytes without which it cannot begin.
+        needed: u64,
+        /// Bytes with which it is safe.
+        ample: u64,
+        /// Bytes that are free.
+        free: u64,
     },
     /// A stage keeps failing at the start of the run.
     #[error("the {stage} does not start: {reason}")]
@@ -100,14 +116,15 @@ pub fn run(
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
     let stop = stop_signals()?;
-    let inheritance = takeover::prepare(&launch, config)?;
-    let outcome = supervise(launch, config, until, stop, inheritance, start_monitor);
-    if !matches!(outcome, Ok(Outcome::Upgrade(_))) {
-        // Also after an error: nothing is left behind.
-        takeover::tidy_up(&instance)?;
+    let outcome = takeover::prepare(&launch, config)
+        .and_then(|inheritance| supervise(launch, config, until, stop, inheritance, start_monitor));
+    if matches!(outcome, Ok(Outcome::Upgrade(_))) {
+        return outcome;
     }
+    // Also after an error, which is of more interest than that something was left behind.
+    let tidied = takeover::tidy_up(&instance);
     drop(lock);
-    outcome
+    outcome.and_then(|outcome| tidied.map(|()| outcome))
 }
 
 fn supervise(

@@ -4,6 +4,7 @@ use super::{GRACE, Launch, Record, SupervisorError};
 use common::bus::{Bus, BusError, LivingProcess};
 use common::config::{Config, commented_toml};
 use common::instance::{Instance, create_private};
+use common::memory::{self, GroupMemory};
 use common::messages::ProcessKind;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs;
@@ -61,8 +62,32 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
         end(instance)?;
     }
     clean_slate(instance)?;
+    check_memory(config)?;
     write(&instance.config_path(), &commented_toml(config))?;
     Ok(Inheritance::default())
+}
+
+/// Whether there is shared memory for a new group. Where it runs out, processes die of touching it.
+fn check_memory(config: &Config) -> Result<(), SupervisorError> {
+    let group = GroupMemory::new(config);
+    let (needed, ample) = (group.least_bytes(), group.ample_bytes());
+    let free = memory::free_bytes().map_err(|source| SupervisorError::System {
+        action: format!("look at {}", memory::SHARED_MEMORY),
+        source,
+    })?;
+    if free < needed {
+        return Err(SupervisorError::NoMemory { needed, ample, free });
+    }
+    if free < ample {
+        eprintln!(
+            "touchline: {} MB of shared memory are free; noisy pictures and hand-overs may need up to \
+             {} MB: {}",
+            free >> 20,
+            ample >> 20,
+            memory::advice(ample)
+        );
+    }
+    Ok(())
 }
 
 /// Removes everything dead processes have left; if none is alive, without asking what it was.

@@ -1,0 +1,131 @@
+//! Where a match puts things: shared memory, runtime directory, disk.
+
+use super::{Finding, bytes};
+use crate::supervisor::evidence_directory;
+use common::config::Config;
+use common::instance::Instance;
+use common::memory::{GroupMemory, SHARED_MEMORY, free_bytes};
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// Less is not worth recording to.
+const DISK_MINUTES: u64 = 10;
+
+/// Whether the configured group fits into shared memory.
+pub fn shared_memory(instance: &Instance, config: &Config) -> Finding {
+    match free_bytes() {
+        Ok(free) => fits(&GroupMemory::new(config), free + used_by(instance)),
+        Err(error) => Finding::problem(
+            "shared memory",
+            format!("{SHARED_MEMORY}: {error}"),
+            format!("mount -t tmpfs tmpfs {SHARED_MEMORY}"),
+        ),
+    }
+}
+
+fn fits(group: &GroupMemory, free: u64) -> Finding {
+    let (least, ample) = (group.least_bytes(), group.ample_bytes());
+    let what = format!(
+        "{} free in {SHARED_MEMORY}; a match takes about {}, and with pictures full of noise and \
+         processes replaced up to {}",
+        bytes(free),
+        bytes(least),
+        bytes(ample)
+    );
+    let advice = common::memory::advice(ample);
+    if free < least {
+        Finding::problem("shared memory", what, advice)
+    } else if free < ample {
+        Finding::warning("shared memory", what, advice)
+    } else {
+        Finding::ok("shared memory", what)
+    }
+}
+
+/// What the group itself, if it runs, has taken already.
+fn used_by(instance: &Instance) -> u64 {
+    let prefix = instance.shared_memory_prefix();
+    let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+    entries
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+        .filter_map(|entry| entry.metadata().ok())
+        .map(|data| data.blocks() * 512)
+        .sum()
+}
+
+/// Whether the runtime directory is, or can be made, ours alone.
+pub fn runtime_directory(instance: &Instance) -> Finding {
+    const ABOUT: &str = "runtime directory";
+    let path = instance.directory();
+    let there = existing(path);
+    if let Err(error) = instance.check_directory() {
+        return Finding::problem(ABOUT, error.to_string(), "see docs/deployment.md");
+    }
+    if rustix::fs::access(&there, rustix::fs::Access::WRITE_OK).is_err() {
+        return Finding::problem(
+            ABOUT,
+            format!("{} cannot be made: no rights to write in {}", path.display(), there.display()),
+            "set TOUCHLINE_RUNTIME_DIR to a directory of yours, or log in so that \
+             XDG_RUNTIME_DIR is set",
+        );
+    }
+    let state = if there == path { "" } else { " (made when needed)" };
+    Finding::ok(ABOUT, format!("{}{state}", path.display()))
+}
+
+/// Whether there is room for evidence and recordings.
+pub fn disk(config: &Config) -> Finding {
+    const ABOUT: &str = "disk";
+    let directory = evidence_directory();
+    let there = existing(&directory);
+    let free = match rustix::fs::statvfs(&there) {
+        Ok(data) => data.f_bavail.saturating_mul(data.f_frsize),
+        Err(error) => {
+            return Finding::warning(
+                ABOUT,
+                format!("{}: {error}", there.display()),
+                "frames that kill a stage cannot be kept for the bug report",
+            );
+        }
+    };
+    let frame = u64::from(config.camera.width) * u64::from(config.camera.height);
+    let minutes = free / ((frame as f64 * config.camera.fps * 60.0) as u64).max(1);
+    let what =
+        format!("{} free in {}: {minutes} minutes of raw frames", bytes(free), there.display());
+    if minutes < DISK_MINUTES {
+        Finding::warning(ABOUT, what, "make room before recording")
+    } else {
+        Finding::ok(ABOUT, what)
+    }
+}
+
+/// The directory itself, or the nearest one above it that exists.
+fn existing(path: &Path) -> PathBuf {
+    let found = path.ancestors().find(|path| path.exists());
+    found.unwrap_or(Path::new("/")).to_path_buf()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::doctor::Level;
+
+    #[test]
+    fn too_little_shared_memory_is_a_problem_with_figures() {
+        let group = GroupMemory::new(&Config::default());
+        let (least, ample) = (group.least_bytes(), group.ample_bytes());
+        assert_eq!(fits(&group, ample).level, Level::Ok);
+        assert_eq!(fits(&group, ample - 1).level, Level::Warning);
+        assert_eq!(fits(&group, least).level, Level::Warning);
+        let problem = fits(&group, least - 1);
+        assert_eq!(problem.level, Level::Problem);
+        assert!(problem.what.contains(&bytes(ample)), "{problem}");
+    }
+
+    #[test]
+    fn the_nearest_directory_that_exists_is_found() {
+        assert_eq!(existing(Path::new("/nonexistent/a/b")), Path::new("/"));
+        assert_eq!(existing(Path::new("/tmp")), Path::new("/tmp"));
+    }
+}
