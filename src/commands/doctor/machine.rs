@@ -1,6 +1,8 @@
 //! Processors, clock, and the rights to be served before others.
 
 use super::Finding;
+use common::config::Config;
+use common::scheduling;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
 use std::path::Path;
@@ -15,12 +17,12 @@ const LIMITS: &str = "as a service: LimitRTPRIO= and LimitMEMLOCK= (scripts/touc
                       /etc/security/limits.conf, then log in anew (docs/deployment.md)";
 
 /// All there is to say about the machine itself.
-pub fn findings() -> Vec<Finding> {
+pub fn findings(config: &Config) -> Vec<Finding> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let capabilities =
         effective_capabilities(&fs::read_to_string("/proc/self/status").unwrap_or_default());
     let has = |bit: u32| capabilities >> bit & 1 == 1;
-    vec![
+    let mut findings = vec![
         processors(cores),
         instructions(),
         real_time(getrlimit(Resource::Rtprio).current, has(CAP_SYS_NICE)),
@@ -30,7 +32,12 @@ pub fn findings() -> Vec<Finding> {
             &fs::read_to_string("/sys/devices/system/clocksource/clocksource0/current_clocksource")
                 .unwrap_or_default(),
         ),
-    ]
+    ];
+    let denied = scheduling::complaints(&config.scheduling);
+    findings.extend(denied.into_iter().map(|complaint| {
+        Finding::warning("scheduling", complaint, "allow it, or change the configuration")
+    }));
+    findings
 }
 
 fn processors(cores: usize) -> Finding {

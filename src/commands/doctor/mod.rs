@@ -79,7 +79,7 @@ pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
 
     let mut findings = vec![places::shared_memory(&instance, &config)];
     findings.extend([places::runtime_directory(&instance), places::disk(&config)]);
-    findings.extend(machine::findings());
+    findings.extend(machine::findings(&config));
     findings.extend(left);
     findings.extend(undecided);
     let text = if args.json {
