@@ -76,6 +76,9 @@ pub enum Command {
     /// groups have left that did not end in order. The exit status is 0 unless there is a problem,
     /// that is, something with which a match cannot run.
     Doctor(DoctorArgs),
+    /// Attaches to a group and reads, for `chaos`.
+    #[command(hide = true)]
+    Bystander(InstanceArgs),
     /// Writes, checks and describes configurations.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -245,6 +248,10 @@ pub struct ChaosArgs {
     /// Repeat the sequence of an earlier run, which prints its seed [default: a new one]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Meanwhile have two programs attach that read poses and behave badly: one freezes for ten
+    /// seconds at a time, one is killed every 100 ms
+    #[arg(long)]
+    pub bystanders: bool,
     /// Configuration file [default: MiroSot middle league on a synthetic pitch]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -259,6 +266,7 @@ Examples:
   touchline chaos --signals kill --every 200         kills only, as fast as spares can be started
   touchline chaos --signals double --every 3000      stage and spare at once: losses are counted
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
+  touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON";
 
 /// What to do with configurations.

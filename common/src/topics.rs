@@ -94,6 +94,8 @@ pub const DETECTIONS: Topic<DetectionFrame> =
 pub const WORLD: Topic<WorldFrame> = Topic {
     borrowed: WHOLE_BUFFER,
     notifies: true,
+    // What people's programs attach to; those that have died keep their place until it is cleared.
+    subscribers: 24,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
     ..topic("world", "filter", "tracker, monitor, strategies", 64)
 };

@@ -36,6 +36,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Interface) => operate::interface(),
         Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
+        Some(Command::Bystander(args)) => chaos::attach(&args.instance),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
         Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),

@@ -4,7 +4,9 @@ use super::leaks::{self, Leftovers};
 use super::population;
 use crate::commands::CommandError;
 use crate::monitor::{Report, read_status};
+use crate::supervisor::{self, Request};
 use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
+use common::messages::ProcessKind;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::DirBuilderExt;
@@ -68,6 +70,12 @@ impl Group {
         self.supervisor.wait()?;
         self.supervisor = spawn(&self.place, &self.args)?;
         Ok(())
+    }
+
+    /// Asks the supervisor to replace a stage's active process.
+    pub fn restart(&self, stage: ProcessKind) -> Result<(), CommandError> {
+        let request = Request::Restart(vec![stage.name().into()]);
+        Ok(supervisor::ask(&self.instance, &request, PATIENCE)??)
     }
 
     /// An error, with its last words, when the supervisor has ended by itself.

@@ -2,11 +2,13 @@
 //!
 //! * [`plan`]: what is done to whom and when, repeatable by its seed.
 //! * [`group`]: the match, which is the real program in processes of its own.
+//! * [`bystanders`]: programs that attach to it and behave badly.
 //! * [`population`]: who is alive, and sending signals to them and nobody else.
 //! * [`observer`]: subscribers of our own; [`tally`] counts what they see.
 //! * [`leaks`]: what the group uses before and after, and leaves at the end.
 //! * [`report`] and [`verdict`]: the figures, and which promises they keep.
 
+mod bystanders;
 mod group;
 mod leaks;
 mod observer;
@@ -16,11 +18,13 @@ mod report;
 mod tally;
 mod verdict;
 
+pub use bystanders::attach;
 pub use plan::Disturbance;
 
 use super::CommandError;
 use crate::cli::ChaosArgs;
 use crate::monitor::Report;
+use bystanders::Bystanders;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
 use common::messages::ProcessKind;
@@ -111,6 +115,7 @@ fn settings(args: &ChaosArgs, config: &Config) -> Settings {
         signals,
         stages,
         fps: config.camera.fps,
+        bystanders: args.bystanders,
         seed: args.seed.unwrap_or_else(|| wall_ns() / 1_000_000 % 1_000_000),
         stall_deadline_ms: (supervisor.stall_frames * 1000.0 / config.camera.fps)
             .max(supervisor.stall_min_ms),
@@ -134,6 +139,8 @@ struct Session {
     stop: Arc<AtomicBool>,
     // Before the group: nobody may be attached when the group ends.
     observer: Observer,
+    bystanders: Option<Bystanders>,
+    fate: Option<bystanders::Fate>,
     group: Group,
     population: Population,
     began_ns: u64,
@@ -157,6 +164,8 @@ impl Session {
             settings,
             stop,
             observer,
+            bystanders: None,
+            fate: None,
             group,
             began_ns: monotonic_ns(),
             calm: None,
@@ -223,6 +232,9 @@ impl Session {
             self.settings.signals.clone(),
             self.settings.stages.clone(),
         );
+        if self.settings.bystanders {
+            self.bystanders = Some(Bystanders::start(&self.group.instance)?);
+        }
         self.began_ns = monotonic_ns();
         let began = Instant::now();
         let end = began + Duration::from_secs_f64(self.settings.seconds);
@@ -248,6 +260,7 @@ impl Session {
                 break;
             }
         }
+        self.fate = self.bystanders.take().map(|bystanders| bystanders.fate);
         Ok(())
     }
 
@@ -277,6 +290,10 @@ impl Session {
                 pid = active;
                 let people = &mut self.population;
                 match step.what {
+                    Disturbance::Restart => {
+                        self.group.restart(stage)?;
+                        people.expect_end(active);
+                    }
                     Disturbance::Kill | Disturbance::Supervisor => people.kill(active),
                     Disturbance::Stop => people.stop(active),
                     Disturbance::Pause => people.pause(active, Instant::now() + step.pause),
@@ -368,6 +385,7 @@ impl Session {
             left,
             group: group_says,
             group_log,
+            bystanders: self.fate,
             settings: self.settings,
         };
         report.promises = verdict::judge(&report);
@@ -397,6 +415,9 @@ impl Session {
             self.population.note(&beat);
         }
         self.population.resume(Instant::now());
+        if let Some(bystanders) = &mut self.bystanders {
+            bystanders.look()?;
+        }
         let now_ns = monotonic_ns();
         for death in self.population.bury() {
             self.deaths += 1;

@@ -17,6 +17,8 @@ pub enum Disturbance {
     Pause,
     /// Make it panic (SIGUSR2)
     Panic,
+    /// Ask the supervisor to replace it, as `touchline restart` does
+    Restart,
     /// Kill a stage and its spare at once; frames may be lost, and are counted
     Double,
     /// Kill the supervisor and start a new one
@@ -31,6 +33,7 @@ impl Disturbance {
             Self::Stop => "stop",
             Self::Pause => "pause",
             Self::Panic => "panic",
+            Self::Restart => "restart",
             Self::Double => "double",
             Self::Supervisor => "supervisor",
         }

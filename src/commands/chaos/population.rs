@@ -131,6 +131,13 @@ impl Population {
         self.disturb(pid, Signal::USR2, |member| member.doomed = true);
     }
 
+    /// Takes note that a process is going to end in order.
+    pub fn expect_end(&mut self, pid: u32) {
+        if let Some(member) = self.members.get_mut(&pid) {
+            (member.disturbed, member.doomed) = (true, true);
+        }
+    }
+
     fn disturb(&mut self, pid: u32, signal: Signal, note: impl FnOnce(&mut Member)) {
         if let Some(member) = self.members.get_mut(&pid) {
             send(member, signal);

@@ -1,5 +1,6 @@
 //! The report: what was done, what was seen, and how long it was felt.
 
+use super::bystanders::Fate;
 use super::leaks::{Leftovers, Usage};
 use super::observer::Sight;
 use super::plan::Disturbance;
@@ -40,6 +41,9 @@ pub struct ChaosReport {
     /// Processes that ended before they were ready, as the group counts them; 0 when a new
     /// supervisor began to count anew.
     pub started_in_vain: u64,
+    /// What the programs that attach and behave badly have been through, if there were any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bystanders: Option<Fate>,
     /// Longest time for which the observer itself was kept from looking.
     pub observer_longest_absence_ms: f64,
     /// What the group used before the first disturbance.
@@ -68,6 +72,8 @@ pub struct Settings {
     pub stages: Vec<ProcessKind>,
     /// Frames a second.
     pub fps: f64,
+    /// Whether programs attach meanwhile and behave badly.
+    pub bystanders: bool,
     /// What makes the sequence.
     pub seed: u64,
     /// Input without output for so long counts as a stall.

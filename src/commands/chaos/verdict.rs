@@ -95,6 +95,16 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
             report.started_in_vain
         ),
     );
+    if let Some(fate) = report.bystanders {
+        promise(
+            "programs can attach at any time",
+            fate.failed == 0 && fate.killed > 0,
+            format!(
+                "{} attached and were killed, {} could not attach or fell; one was frozen {} times",
+                fate.killed, fate.failed, fate.frozen
+            ),
+        );
+    }
     if let Some((agrees, figure)) = own_counts(report) {
         promise("the group counts its losses exactly", agrees, figure);
     }
@@ -198,7 +208,7 @@ fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
 fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(String, bool)> {
     let period_ms = 1000.0 / settings.fps;
     match what {
-        Disturbance::Kill | Disturbance::Panic => {
+        Disturbance::Kill | Disturbance::Panic | Disturbance::Restart => {
             let median = period_ms.max(12.5);
             let met = times.median <= median && times.p99 <= 40.0;
             Some((format!("median ≤ {median:.1}, p99 ≤ 40"), met))
@@ -292,6 +302,7 @@ pub fn next_name(what: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::bystanders::Fate;
     use super::super::leaks::{Leftovers, Usage};
     use super::super::report::{Ended, Frames, tests::done};
     use super::*;
@@ -317,6 +328,7 @@ mod tests {
                 signals: vec![Disturbance::Kill],
                 stages: vec![ProcessKind::Filter],
                 fps: 80.0,
+                bystanders: false,
                 seed: 1,
                 stall_deadline_ms: 40.0,
                 spares: vec![ProcessKind::Filter],
@@ -330,6 +342,7 @@ mod tests {
             supervisor_failure: None,
             ended_by_themselves: vec![],
             started_in_vain: 0,
+            bystanders: Some(Fate { killed: 10, frozen: 1, failed: 0 }),
             observer_longest_absence_ms: 1.0,
             usage_before: usage.clone(),
             usage_after: usage,
@@ -377,6 +390,10 @@ mod tests {
             ["the supervisor stays"]
         );
         assert_eq!(broken(|r| r.started_in_vain = 1), ["no process ends without cause"]);
+        assert_eq!(
+            broken(|r| r.bystanders = Some(Fate { killed: 9, frozen: 1, failed: 1 })),
+            ["programs can attach at any time"]
+        );
         assert_eq!(broken(|r| r.group = None), ["the group counts its losses exactly"]);
         assert_eq!(
             broken(|r| r.usage_after.shared_memory_entries += 17),
