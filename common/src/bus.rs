@@ -87,22 +87,39 @@ impl Bus {
     }
 
     /// Removes what dead processes have left: slots of publishers and subscribers, and their
-    /// shared memory. Takes milliseconds for each; returns how many were found.
+    /// shared memory. Takes milliseconds for each; returns how many were found. After an error it is
+    /// worth trying again.
     pub fn clean_up_dead(instance: &Instance) -> Result<usize, BusError> {
+        Self::clean_up_dead_named(instance, |_| true)
+    }
+
+    /// As [`clean_up_dead`](Self::clean_up_dead), for processes that had joined under certain names.
+    /// The name of one that died while it joined is empty.
+    pub fn clean_up_dead_named(
+        instance: &Instance,
+        concerns: impl Fn(&str) -> bool,
+    ) -> Result<usize, BusError> {
         let mut dead = Vec::new();
         Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
             if let NodeState::Dead(view) = state {
-                dead.push(view);
+                let name = view.details().as_ref().map(|details| details.name().to_string());
+                if concerns(&name.unwrap_or_default()) {
+                    dead.push(view);
+                }
             }
             CallbackProgression::Continue
         })
         .map_err(failed("node", "list the processes"))?;
         let found = dead.len();
+        let mut outcome = Ok(found);
         for view in dead {
-            view.blocking_remove_stale_resources(Duration::from_secs(1))
-                .map_err(failed("node", "remove what a dead process left"))?;
+            // One that cannot be cleared now, since somebody died while clearing it, say, is no reason
+            // to leave the others.
+            if let Err(error) = view.blocking_remove_stale_resources(Duration::from_secs(1)) {
+                outcome = Err(failed("node", "remove what a dead process left")(error));
+            }
         }
-        Ok(found)
+        outcome
     }
 
     /// The living processes in the instance.

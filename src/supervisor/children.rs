@@ -2,6 +2,7 @@
 
 use super::notify;
 use super::policy::MemberId;
+use super::starvation::{ProcessorWait, SchedulerTimes};
 use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
@@ -40,7 +41,7 @@ pub struct Process {
     /// `None` for a process that another supervisor has started.
     child: Option<Child>,
     log: PathBuf,
-    waited_ns: u64,
+    wait: ProcessorWait,
 }
 
 /// How a process ended.
@@ -103,7 +104,7 @@ impl Process {
         let child = command.spawn()?;
         let pid = child.id();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
-        Ok(Self { kind, pid, pidfd, child: Some(child), log, waited_ns: 0 })
+        Ok(Self { kind, pid, pidfd, child: Some(child), log, wait: Default::default() })
     }
 
     /// Takes in a process that another supervisor has started.
@@ -111,7 +112,7 @@ impl Process {
         let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
         let pidfd = pidfd_open(id, PidfdFlags::empty())?;
         let log = fs::read_link(format!("/proc/{pid}/fd/2")).unwrap_or_default();
-        Ok(Self { kind, pid, pidfd, child: None, log, waited_ns: 0 })
+        Ok(Self { kind, pid, pidfd, child: None, log, wait: Default::default() })
     }
 
     /// Sends a signal. That the process has ended in the meantime is not an error: its end is
@@ -121,11 +122,9 @@ impl Process {
     }
 
     /// How long it has been ready to run without getting a processor since the last call.
-    pub fn newly_waited_ns(&mut self) -> u64 {
-        let total = scheduler_wait_ns(self.pid).unwrap_or(self.waited_ns);
-        let new = total.saturating_sub(self.waited_ns);
-        self.waited_ns = total;
-        new
+    pub fn newly_waited_ns(&mut self, now_ns: u64) -> u64 {
+        let Some(times) = SchedulerTimes::of(self.pid) else { return 0 };
+        self.wait.newly_waited_ns(times, now_ns)
     }
 
     /// How it ended, if it has.
@@ -154,12 +153,6 @@ pub fn program_of(pid: u32) -> PathBuf {
 pub fn is_same_program(one: &Path, other: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|data| (data.dev(), data.ino()));
     matches!((identity(one), identity(other)), (Ok(one), Ok(other)) if one == other)
-}
-
-/// The second figure of `schedstat`: nanoseconds spent on a run queue. Stages have one thread.
-fn scheduler_wait_ns(pid: u32) -> Option<u64> {
-    let text = fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
-    text.split_whitespace().nth(1)?.parse().ok()
 }
 
 fn has_ended(pidfd: &OwnedFd) -> bool {

@@ -308,8 +308,9 @@ impl Group {
         for kind in ProcessKind::ALL {
             let behind = self.policy.behind(kind);
             if let Some(process) = behind.and_then(|id| self.processes.get_mut(&id)) {
-                let waited_ns = process.newly_waited_ns();
-                self.policy.note(Event::Waited(kind, waited_ns), monotonic_ns());
+                let now_ns = monotonic_ns();
+                let waited_ns = process.newly_waited_ns(now_ns);
+                self.policy.note(Event::Waited(kind, waited_ns), now_ns);
             }
         }
     }

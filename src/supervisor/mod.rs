@@ -1,9 +1,10 @@
 //! The supervisor: starts the group, watches it, replaces what fails, and cleans up at the end.
 //!
-//! [`policy`] decides, [`children`] does, [`progress`] looks, [`control`] listens to requests,
-//! [`takeover`] deals with what an earlier supervisor has left, of which [`record`] tells,
-//! [`evidence`] keeps what a bug report needs, [`janitor`] removes what the dead leave; [`group`] ties
-//! them together while a group lives, and this file is its beginning and its end.
+//! [`policy`] decides, [`children`] does, [`progress`] looks, [`starvation`] sees who gets no
+//! processor, [`control`] listens to requests, [`takeover`] deals with what an earlier supervisor has
+//! left, of which [`record`] tells, [`evidence`] keeps what a bug report needs, [`janitor`] removes what
+//! the dead leave; [`group`] ties them together while a group lives, and this file is its beginning and
+//! its end.
 
 mod children;
 mod control;
@@ -14,6 +15,7 @@ mod notify;
 mod policy;
 mod progress;
 mod record;
+mod starvation;
 mod takeover;
 
 pub use children::{Launch, is_same_program, program_of};

@@ -45,8 +45,11 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
         } else if !record.serves(launch) {
             "its source differs"
         } else {
-            // The dead supervisor's places on the topics are needed.
-            Bus::clean_up_dead(instance)?;
+            // The dead supervisor's places on the topics are needed. Programs of others may have left
+            // so much that clearing it would take longer than a stage can do without a supervisor.
+            let is_ours =
+                |name: &str| OWN_NAMES.contains(&name) || ProcessKind::from_name(name).is_some();
+            warn(Bus::clean_up_dead_named(instance, is_ours));
             remove_logs_of_others(instance, &stages);
             let recorded = |stage: Inherited| Inherited {
                 spare: record.is_spare(stage.kind, stage.pid),
@@ -95,9 +98,16 @@ fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     if Bus::living_processes(instance)?.is_empty() {
         instance.wipe()?;
     } else {
-        Bus::clean_up_dead(instance)?;
+        warn(Bus::clean_up_dead(instance));
     }
     Ok(())
+}
+
+/// What cannot be removed now is tried again by the janitor, and is no reason to give up a match.
+fn warn(cleaned: Result<usize, BusError>) {
+    if let Err(error) = cleaned {
+        eprintln!("touchline: {error}; it is tried again");
+    }
 }
 
 /// Leaves nothing of a group that has ended. What programs of others that are still attached need
@@ -129,6 +139,9 @@ fn remove_logs_of_others(instance: &Instance, living: &[Inherited]) {
 pub fn kill(pid: u32) {
     send(pid, Signal::KILL);
 }
+
+/// Under which a supervisor's own process joins the group.
+const OWN_NAMES: [&str; 2] = ["supervisor", "monitor"];
 
 fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {
     let stage = |process: LivingProcess| {

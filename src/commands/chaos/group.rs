@@ -72,10 +72,13 @@ impl Group {
         Ok(())
     }
 
-    /// Asks the supervisor to replace a stage's active process.
-    pub fn restart(&self, stage: ProcessKind) -> Result<(), CommandError> {
+    /// Asks the supervisor to replace a stage's active process; `false` when it is not there.
+    pub fn restart(&self, stage: ProcessKind) -> Result<bool, CommandError> {
         let request = Request::Restart(vec![stage.name().into()]);
-        Ok(supervisor::ask(&self.instance, &request, PATIENCE)??)
+        match supervisor::ask(&self.instance, &request, PATIENCE) {
+            Ok(answer) => Ok(answer.map(|()| true)?),
+            Err(_) => Ok(false),
+        }
     }
 
     /// An error, with its last words, when the supervisor has ended by itself.

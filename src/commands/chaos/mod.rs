@@ -291,7 +291,9 @@ impl Session {
                 let people = &mut self.population;
                 match step.what {
                     Disturbance::Restart => {
-                        self.group.restart(stage)?;
+                        if !self.group.restart(stage)? {
+                            return Ok(false);
+                        }
                         people.expect_end(active);
                     }
                     Disturbance::Kill | Disturbance::Supervisor => people.kill(active),
