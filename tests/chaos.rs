@@ -18,7 +18,8 @@ fn a_match_goes_on_through_kills_and_pauses_without_losing_a_frame() {
             "--every",
             "500",
             "--signals",
-            "kill,pause",
+            "kill,pause,restart",
+            "--bystanders",
             "--seed",
             "3",
             "--report",
@@ -36,7 +37,7 @@ fn a_match_goes_on_through_kills_and_pauses_without_losing_a_frame() {
         .unwrap_or_else(|| panic!("no report:\n{text}\n{errors}"));
 
     let done = report["disturbances"].as_array().unwrap();
-    for what in ["kill", "pause"] {
+    for what in ["kill", "pause", "restart"] {
         assert!(
             done.iter().any(|done| done["what"] == what),
             "no {what}: the test is too weak\n{text}"
@@ -50,6 +51,9 @@ fn a_match_goes_on_through_kills_and_pauses_without_losing_a_frame() {
     for nothing in ["lost", "duplicates", "out_of_order"] {
         assert_eq!(frames["slow_reader"][nothing], 0, "slow reader: {nothing}\n{text}");
     }
+    let bystanders = &report["bystanders"];
+    assert_eq!(bystanders["failed"], 0, "a program could not attach\n{text}\n{errors}");
+    assert!(bystanders["killed"].as_u64() > Some(3), "{text}");
     assert_eq!(report["left_out"], 0, "a stage did not come back\n{text}");
     let left = &report["left"];
     assert_eq!(left["ended_in_order"], true, "{text}\n{errors}");

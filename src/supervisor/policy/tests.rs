@@ -227,7 +227,6 @@ fn outdated_processes_are_renewed_stage_by_stage() {
 #[test]
 fn a_stage_is_renewed_on_request_by_its_spare_and_only_once() {
     let mut play = Play::new(&[ProcessKind::Filter]);
-    play.run(500);
     play.policy.renew_stage(ProcessKind::Filter, play.now_ns);
     let actions = play.run(20);
     assert!(
