@@ -352,6 +352,8 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
                 && dropped(status, "bad_header") == 1
         });
         assert_eq!(Group::pid_of(&status, "classifier"), pid, "it was not replaced: {status:#}");
+        let events = status["events"].to_string();
+        assert!(events.contains("dropped input") && events.contains("wrong_size"), "{events}");
         assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
     }
     group.signal_supervisor(Signal::TERM);

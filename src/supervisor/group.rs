@@ -2,6 +2,7 @@
 
 use super::children::{self, Launch, Process, is_same_program};
 use super::control::{Answer, Control, Request};
+use super::drops::Drops;
 use super::evidence;
 use super::janitor::Janitor;
 use super::notify::Notifier;
@@ -43,7 +44,7 @@ pub struct Group {
     progress: Progress,
     outputs: [Option<u64>; ProcessKind::ALL.len()],
     skip_after: HashMap<ProcessKind, u64>,
-    dropped: HashMap<u32, u64>,
+    drops: Drops,
     states: HashMap<u32, ProcessState>,
     restarts: BTreeMap<ProcessKind, u64>,
     start_failures: u32,
@@ -93,7 +94,7 @@ impl Group {
             processes: HashMap::new(),
             outputs: [None; ProcessKind::ALL.len()],
             skip_after: HashMap::new(),
-            dropped: HashMap::new(),
+            drops: Drops::default(),
             states: HashMap::new(),
             restarts,
             start_failures: 0,
@@ -249,7 +250,9 @@ impl Group {
             let Some(process) = self.processes.remove(&id) else { continue };
             self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
             self.states.remove(&process.pid);
-            self.dropped.remove(&process.pid);
+            if let Some(tale) = self.drops.forget(process.pid) {
+                self.log(tale.kind, tale.pid, &tale.what, "");
+            }
             *self.restarts.entry(process.kind).or_default() += 1;
             self.log(process.kind, process.pid, &end.how, &end.last_words);
             if !self.ever_complete {
@@ -272,8 +275,7 @@ impl Group {
             *last_output = Instant::now();
             policy.note(Event::Output(kind, seq), now);
         })?;
-        let Self { progress, policy, processes, states, dropped, finished, record_is_due, .. } =
-            self;
+        let Self { progress, policy, processes, states, drops, finished, record_is_due, .. } = self;
         progress.heartbeats(|sign| {
             // Heartbeats of processes that are not ours, or no longer alive, say nothing.
             let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
@@ -287,7 +289,7 @@ impl Group {
             if before != Some(sign.state) {
                 record_is_due.set(true);
             }
-            if dropped.insert(sign.pid, sign.dropped) != Some(sign.dropped) {
+            if drops.note(sign.kind, sign.pid, sign.dropped) {
                 policy.note(Event::Dropped(sign.kind), now);
             }
             // A grabber whose camera is away says so; a new one would not find it either.
@@ -299,6 +301,9 @@ impl Group {
                 *finished = true;
             }
         })?;
+        for tale in self.drops.tell(now) {
+            self.log(tale.kind, tale.pid, &tale.what, "");
+        }
         Ok(())
     }
 

@@ -2,12 +2,13 @@
 //!
 //! [`policy`] decides, [`children`] does, [`progress`] looks, [`starvation`] sees who gets no
 //! processor, [`control`] listens to requests, [`takeover`] deals with what an earlier supervisor has
-//! left, of which [`record`] tells, [`evidence`] keeps what a bug report needs, [`janitor`] removes what
-//! the dead leave; [`group`] ties them together while a group lives, and this file is its beginning and
+//! left, of which [`record`] tells, [`evidence`] keeps what a bug report needs, [`drops`] tells which input
+//! was dropped and why, [`janitor`] removes what the dead leave; [`group`] ties them together while a group lives, and this file is its beginning and
 //! its end.
 
 mod children;
 mod control;
+mod drops;
 mod evidence;
 mod group;
 mod janitor;

@@ -1,5 +1,6 @@
 //! How far each stage has come, read off the topics themselves rather than asked of the stages.
 
+use super::drops::Dropped;
 use common::bus::{Bus, BusError, Received, Subscriber};
 use common::clock::monotonic_ns;
 use common::instance::Instance;
@@ -35,8 +36,8 @@ pub struct Sign {
     pub kind: ProcessKind,
     /// Where it is in its life.
     pub state: ProcessState,
-    /// Inputs it has dropped so far.
-    pub dropped: u64,
+    /// Inputs it has dropped so far, by reason.
+    pub dropped: Dropped,
 }
 
 impl Progress {
@@ -87,9 +88,7 @@ impl Progress {
             let kind = ProcessKind::from_number(beat.process);
             let state = ProcessState::from_number(beat.state);
             if let (Some(kind), Some(state)) = (kind, state) {
-                let dropped =
-                    beat.dropped.iter().fold(0u64, |sum, &count| sum.saturating_add(count));
-                report(Sign { pid: beat.pid, kind, state, dropped });
+                report(Sign { pid: beat.pid, kind, state, dropped: beat.dropped });
             }
         }
         Ok(())

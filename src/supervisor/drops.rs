@@ -1,0 +1,129 @@
+//! Which inputs stages have dropped, and why: as events, of which a flood of rubbish makes no flood.
+
+use common::messages::{DropReason, ProcessKind};
+use std::collections::BTreeMap;
+
+/// Drops by reason, in the order of [`DropReason::ALL`].
+pub type Dropped = [u64; DropReason::ALL.len()];
+
+/// From one event about a process's drops to the next.
+const PAUSE_NS: u64 = 1_000_000_000;
+
+/// Follows the counters of all processes.
+#[derive(Debug, Default)]
+pub struct Drops {
+    processes: BTreeMap<u32, Counted>,
+}
+
+#[derive(Debug)]
+struct Counted {
+    kind: ProcessKind,
+    now: Dropped,
+    told: Dropped,
+    /// `None` before the first event.
+    told_ns: Option<u64>,
+}
+
+/// Something to be told.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tale {
+    /// The stage.
+    pub kind: ProcessKind,
+    /// Its process.
+    pub pid: u32,
+    /// How many were dropped, and why.
+    pub what: String,
+}
+
+impl Drops {
+    /// Takes in a process's counters; whether it has dropped something since it last said so.
+    pub fn note(&mut self, kind: ProcessKind, pid: u32, dropped: Dropped) -> bool {
+        let counted = self.processes.entry(pid).or_insert(Counted {
+            kind,
+            now: [0; DropReason::ALL.len()],
+            told: [0; DropReason::ALL.len()],
+            told_ns: None,
+        });
+        std::mem::replace(&mut counted.now, dropped) != dropped
+    }
+
+    /// What is to be told now.
+    pub fn tell(&mut self, now_ns: u64) -> Vec<Tale> {
+        let mut tales = Vec::new();
+        for (&pid, counted) in &mut self.processes {
+            let is_due = counted.told_ns.is_none_or(|told| now_ns.saturating_sub(told) >= PAUSE_NS);
+            if is_due && counted.now != counted.told {
+                tales.push(Tale { kind: counted.kind, pid, what: counted.difference() });
+                (counted.told, counted.told_ns) = (counted.now, Some(now_ns));
+            }
+        }
+        tales
+    }
+
+    /// Forgets a process that has ended, and returns what it had not been asked to tell yet.
+    pub fn forget(&mut self, pid: u32) -> Option<Tale> {
+        let counted = self.processes.remove(&pid)?;
+        let has_more = counted.now != counted.told;
+        has_more.then(|| Tale { kind: counted.kind, pid, what: counted.difference() })
+    }
+}
+
+impl Counted {
+    fn difference(&self) -> String {
+        let new = |reason: DropReason| {
+            self.now[reason as usize].saturating_sub(self.told[reason as usize])
+        };
+        let words: Vec<String> = DropReason::ALL
+            .into_iter()
+            .filter(|&reason| new(reason) > 0)
+            .map(|reason| format!("{} {}", new(reason), reason.name()))
+            .collect();
+        format!("dropped input: {}", words.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn dropped(wrong_size: u64, bad_header: u64) -> Dropped {
+        let mut dropped = Dropped::default();
+        dropped[DropReason::WrongSize as usize] = wrong_size;
+        dropped[DropReason::BadHeader as usize] = bad_header;
+        dropped
+    }
+
+    fn texts(tales: Vec<Tale>) -> Vec<String> {
+        tales.into_iter().map(|tale| tale.what).collect()
+    }
+
+    #[test]
+    fn the_first_drop_is_told_at_once_and_a_flood_once_a_second() {
+        let mut drops = Drops::default();
+        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(0, 0)), "nothing happened");
+        assert!(drops.note(ProcessKind::Tracker, 7, dropped(1, 0)));
+        assert_eq!(texts(drops.tell(0)), ["dropped input: 1 wrong_size"]);
+        let mut told = Vec::new();
+        for step in 1..=200 {
+            drops.note(ProcessKind::Tracker, 7, dropped(1 + step, step / 10));
+            told.extend(texts(drops.tell(step * 10 * MS)));
+        }
+        let second = "dropped input: 10 bad_header, 100 wrong_size".to_string();
+        assert_eq!(told, [second.clone(), second]);
+    }
+
+    #[test]
+    fn what_the_dead_had_not_told_is_told() {
+        let mut drops = Drops::default();
+        drops.note(ProcessKind::Filter, 7, dropped(1, 0));
+        drops.tell(0);
+        drops.note(ProcessKind::Filter, 7, dropped(3, 0));
+        let tale = drops.forget(7).unwrap();
+        assert_eq!((tale.pid, tale.what.as_str()), (7, "dropped input: 2 wrong_size"));
+        assert_eq!(drops.forget(7), None);
+        // The number is used again.
+        assert!(drops.note(ProcessKind::Filter, 7, dropped(1, 0)));
+    }
+}
