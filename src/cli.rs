@@ -33,6 +33,15 @@ pub enum Command {
     /// The same code as in a running group, in one process. Pixels: the centre of the top-left
     /// pixel is (0, 0). Angles in the picture: 0 right, 90 up on the screen.
     Detect(DetectArgs),
+    /// Learns colours from pictures of which is known what they show.
+    ///
+    /// From labelled robots and balls (the layout says where on a robot which colour is), or from
+    /// marked places, to boxes and bounds of hue and saturation that tell the colours apart, and from
+    /// the background, with the widest margins. Prints what is taken for what, and warns of colours
+    /// too alike. With the pitch's own colour, which is written down too, colours learned under some
+    /// lamps hold under others. docs/labels.md describes the file of labels.
+    #[command(after_long_help = LEARN_EXAMPLES)]
+    Learn(LearnArgs),
     /// Tells how well robots and ball are found on pictures of which is known what they show.
     ///
     /// Looks at every labelled picture as `detect` does and compares: robots under their right names
@@ -140,6 +149,35 @@ pub struct DetectArgs {
     #[arg(long, value_name = "DIR")]
     pub overlay: Option<PathBuf>,
 }
+
+/// Arguments of `learn`.
+#[derive(Debug, Args)]
+pub struct LearnArgs {
+    /// Pictures to learn from; folders stand for all pictures in them [default: all labelled ones]
+    #[arg(value_name = "PICTURE")]
+    pub pictures: Vec<PathBuf>,
+    /// File of labels (JSON): robots, balls, or marked places
+    #[arg(long, value_name = "FILE")]
+    pub samples: PathBuf,
+    /// Configuration with geometry, layout, and the colours' names
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Where to write the configuration with the colours learned [default: print the colours alone]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Overwrite an existing file
+    #[arg(long)]
+    pub force: bool,
+    /// Take pictures as they are: every lamp there will be is among them
+    #[arg(long)]
+    pub fixed_light: bool,
+}
+
+const LEARN_EXAMPLES: &str = "\
+Examples:
+  touchline learn --samples labels.json --config match.toml -o learned.toml
+  touchline learn a.png b.png --samples labels.json --config match.toml -o learned.toml
+      from two of the labelled pictures; `touchline score` then tells how it does on the others";
 
 /// Arguments of `score`.
 #[derive(Debug, Args)]

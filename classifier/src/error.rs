@@ -1,5 +1,7 @@
 //! Why a classifier cannot be built from a configuration.
 
+use common::geometry::GeometryError;
+
 /// A configuration no classifier can work with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ClassifierError {
@@ -19,6 +21,9 @@ pub enum ClassifierError {
         /// As configured.
         height: u32,
     },
+    /// Without it nobody knows where in the picture the pitch is, whose colour tells the light.
+    #[error("geometry: {0}")]
+    Geometry(#[from] GeometryError),
     /// A table entry has one bit for each colour.
     #[error("{0} colours are configured, at most 32 are possible")]
     TooManyColors(usize),

@@ -8,7 +8,8 @@
 //! **Does** in one pass over the frame, pixel by pixel: bilinear demosaicing (eqs. 1–3 of the paper),
 //! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
 //! second look at hue and saturation, and run-length encoding. A colour image is never stored. Other
-//! formats than Bayer are taken too; what comes in YUV is classified in YUV.
+//! formats than Bayer are taken too; what comes in YUV is classified in YUV. If the configuration says
+//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]).
 //!
 //! **Guarantees**
 //!
@@ -24,6 +25,7 @@
 
 mod error;
 pub mod kernels;
+pub mod lamp;
 mod mask;
 mod picture;
 pub mod process;

@@ -1,6 +1,7 @@
 //! The stage's core: one frame in, one list of runs out.
 
 use crate::kernels::scalar;
+use crate::lamp::{Gains, Lamp, NO_GAINS};
 use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::{ClassTables, ClassifierError};
@@ -14,6 +15,10 @@ pub struct Classifier {
     width: u32,
     height: u32,
     tables: ClassTables,
+    lamp: Option<Lamp>,
+    /// The light of the last frame, and the tables for it: a cache, not a memory.
+    gains: Gains,
+    lit_tables: ClassTables,
     mask: FieldMask,
 }
 
@@ -28,7 +33,10 @@ impl Classifier {
             return Err(ClassifierError::ImageTooLarge { width, height });
         }
         let tables = ClassTables::new(&config.colors)?;
-        Ok(Self { width, height, tables, mask: FieldMask::everything(width, height) })
+        let lamp = Lamp::new(config)?;
+        let mask = FieldMask::everything(width, height);
+        let lit_tables = tables.clone();
+        Ok(Self { width, height, tables, lamp, gains: NO_GAINS, lit_tables, mask })
     }
 
     /// Whether a frame with this header and so many bytes can be classified.
@@ -49,19 +57,35 @@ impl Classifier {
         let layout = self.check(header, pixels.len())?;
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
-        let written = scalar::classify(&picture, &self.tables, &self.mask, out);
+        self.follow_lamp(&picture);
+        let written = scalar::classify(&picture, &self.lit_tables, &self.mask, out);
         *out_header = RunsHeader {
             frame: *header,
             t_frame_taken_ns: 0,
             t_sent_ns: 0,
-            class_table_version: self.tables.version(),
+            class_table_version: self.lit_tables.version(),
             run_count: written.count,
             flags: if written.is_cut_off { RunsHeader::OVERFLOW } else { 0 },
         };
         Ok(())
     }
 
-    /// The colours in use.
+    /// Brings the tables up to date with the light of a picture.
+    fn follow_lamp(&mut self, picture: &Picture) {
+        let Some(lamp) = &self.lamp else { return };
+        let gains = lamp.gains(picture);
+        if gains != self.gains {
+            self.gains = gains;
+            self.lit_tables = self.tables.under(gains);
+        }
+    }
+
+    /// What the light of the last frame was corrected by.
+    pub fn gains(&self) -> Gains {
+        self.gains
+    }
+
+    /// The colours in use, before any correction.
     pub fn tables(&self) -> &ClassTables {
         &self.tables
     }

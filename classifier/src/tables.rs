@@ -7,6 +7,7 @@
 //! Pixels of YUV pictures have three tables of their own, for the colours that have a box in YUV.
 //! The other colours look at what the pixel is in RGB.
 
+use crate::lamp::{self, Gains, NO_GAINS};
 use crate::second_look::SecondLook;
 use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
@@ -25,6 +26,8 @@ pub struct ClassTables {
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
     second_looks: [SecondLook; MAX_CLASSES],
+    /// What the values of each channel are taken for; `None` for what they are.
+    corrections: Option<[[u8; 256]; 3]>,
     version: u64,
 }
 
@@ -74,6 +77,7 @@ impl ClassTables {
             rgb_only_bits: 0,
             second_look_bits: 0,
             second_looks: [SecondLook::ANY; MAX_CLASSES],
+            corrections: None,
             version: version(colors),
         };
         for (class, color) in colors.iter().enumerate() {
@@ -91,6 +95,26 @@ impl ClassTables {
             }
         }
         Ok(tables)
+    }
+
+    /// The tables for another light: what each pixel is classified as is what these classify it as
+    /// once its channels are corrected by the gains. Boxes in YUV stay as they are.
+    pub fn under(&self, gains: Gains) -> Self {
+        let mut tables = self.clone();
+        if gains == NO_GAINS {
+            return tables;
+        }
+        let corrections = lamp::corrections(gains);
+        for (channel, table) in tables.rgb.0.iter_mut().enumerate() {
+            let entry =
+                |value: usize| self.rgb.0[channel][usize::from(corrections[channel][value])];
+            *table = std::array::from_fn(entry);
+        }
+        tables.corrections = Some(corrections);
+        let mut hash = Fnv1a(self.version);
+        gains.iter().for_each(|steps| hash.write(&steps.to_le_bytes()));
+        tables.version = hash.0;
+        tables
     }
 
     /// The colours whose RGB box holds the pixel, as a bit set.
@@ -136,6 +160,12 @@ impl ClassTables {
 
     #[inline(never)]
     fn look_again(&self, mut boxes: u32, rgb: [u8; 3]) -> u8 {
+        let rgb = match &self.corrections {
+            Some(tables) => {
+                [0, 1, 2].map(|channel: usize| tables[channel][usize::from(rgb[channel])])
+            }
+            None => rgb,
+        };
         while boxes != 0 {
             let class = boxes.trailing_zeros();
             let has_second_look = self.second_look_bits >> class & 1 == 1;
@@ -309,6 +339,28 @@ mod tests {
         let hue = ColorConfig { hue_deg: Some([20.0, 40.0]), ..in_yuv };
         let tables = ClassTables::new(&[other_hue, hue]).unwrap();
         assert_eq!(tables.classify_yuv(orange), 1);
+    }
+
+    #[test]
+    fn other_lights_are_corrections_of_pixels() {
+        let red =
+            ColorConfig { hue_deg: Some([340.0, 20.0]), ..color([90, 255], [0, 90], [0, 90]) };
+        let grey =
+            ColorConfig { saturation: Some([0.0, 0.1]), ..color([0, 200], [0, 200], [0, 200]) };
+        let tables = ClassTables::new(&[red, paper_yellow(), grey]).unwrap();
+        assert_eq!(tables.under(NO_GAINS), tables);
+        for gains in [[3, -2, 10], [-21, 0, 21], [5, 5, 5]] {
+            let corrections = lamp::corrections(gains);
+            let under = tables.under(gains);
+            assert_ne!(under.version(), tables.version());
+            for index in 0..17u32.pow(3) {
+                let rgb =
+                    [index % 17, index / 17 % 17, index / 289].map(|value| (15 * value) as u8);
+                let corrected =
+                    [0, 1, 2].map(|channel: usize| corrections[channel][usize::from(rgb[channel])]);
+                assert_eq!(under.classify(rgb), tables.classify(corrected), "{rgb:?} {gains:?}");
+            }
+        }
     }
 
     #[test]

@@ -1,5 +1,14 @@
 //! What is learned from pictures, off line: nothing here runs while a match is on.
 //!
-//! [`labels`]: what somebody says is to be seen in a picture.
+//! * [`labels`]: what somebody says is to be seen in pictures.
+//! * [`samples`]: pixels of known colour, out of labelled pictures.
+//! * [`separate`]: from samples to the bounds of colours.
+//! * [`confusion`]: how well bounds tell samples apart.
+//!
+//! Everything here is a pure function of what it is given, except [`labels::Labels::load`].
 
+pub mod confusion;
 pub mod labels;
+pub mod picture;
+pub mod samples;
+pub mod separate;

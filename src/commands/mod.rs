@@ -5,6 +5,7 @@ mod config;
 mod detect;
 mod doctor;
 mod group;
+mod learn;
 mod operate;
 mod pipeline;
 mod run;
@@ -28,6 +29,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         None => run::run(crate::cli::default_run()),
         Some(Command::Run(args)) => run::run(args),
         Some(Command::Detect(args)) => detect::detect(args),
+        Some(Command::Learn(args)) => learn::learn(args),
         Some(Command::Score(args)) => score::score(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),

@@ -39,6 +39,8 @@ pub struct Config {
     /// Where the camera hangs and how its picture lies on the field, in pictures of the size above.
     /// What is left out follows from field and picture: a camera above the middle that sees it all.
     pub geometry: GeometryConfig,
+    /// The light, and whether colours follow it.
+    pub light: LightConfig,
     /// The colours on the pitch, at most 32. Where boxes overlap, the colour listed first wins.
     #[schemars(length(min = 1, max = 32))]
     pub colors: Vec<ColorConfig>,
@@ -149,6 +151,22 @@ pub struct GeometryConfig {
     /// Radial lens distortion: a point at distance r from `center_px`, in units of half the
     /// picture's diagonal, appears at r·(1 + k1·r² + k2·r⁴).
     pub distortion: DistortionConfig,
+}
+
+/// The light under which the colours were set. A picture whose pitch looks different is corrected,
+/// channel by channel, so that other lamps and a camera's white balance do not matter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct LightConfig {
+    /// Red, green and blue of the empty pitch when the colours were set, as `touchline learn`
+    /// writes it. Left out, pictures are taken as they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(inner(range(min = 0, max = 255)), extend("examples" = [[48.5, 50, 41.2]]))]
+    pub pitch_rgb: Option<[f64; 3]>,
+    /// How much of a change in the pitch's brightness the patches share, 0–1: little where it comes
+    /// from a lamp mirrored in a dark floor, all of it on a dull one.
+    #[schemars(range(min = 0, max = 1))]
+    pub brightness: f64,
 }
 
 /// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optionally

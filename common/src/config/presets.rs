@@ -37,6 +37,7 @@ impl Preset {
             field: FieldConfig::default(),
             camera: CameraConfig::default(),
             geometry: GeometryConfig::default(),
+            light: LightConfig::default(),
             colors: standard_colors(),
             teams: TeamsConfig::default(),
             ball: BallConfig::default(),
@@ -119,6 +120,12 @@ impl Default for DistortionConfig {
 impl Default for GeometryConfig {
     fn default() -> Self {
         Self::above(&FieldConfig::default(), &CameraConfig::default(), 2200.0)
+    }
+}
+
+impl Default for LightConfig {
+    fn default() -> Self {
+        Self { pitch_rgb: None, brightness: 0.5 }
     }
 }
 

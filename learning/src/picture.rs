@@ -1,0 +1,63 @@
+//! Pictures in full colour, as the classifier sees them.
+
+use common::geometry::ImagePoint;
+
+/// A demosaiced picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Row by row, without padding.
+    pub rgb: Vec<[u8; 3]>,
+}
+
+impl Picture {
+    /// From rows of three bytes a pixel.
+    ///
+    /// # Panics
+    ///
+    /// When `width` is 0 or does not divide the number of pixels.
+    pub fn new(width: usize, bytes: &[u8]) -> Self {
+        assert!(width > 0 && bytes.len().is_multiple_of(3 * width), "not a picture");
+        Self { width, rgb: bytes.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect() }
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.rgb.len() / self.width
+    }
+
+    /// Where a pixel is.
+    pub fn point(&self, index: usize) -> ImagePoint {
+        ImagePoint::new((index % self.width) as f64, (index / self.width) as f64)
+    }
+
+    /// Index and place of all pixels within a distance of a point.
+    pub fn around(
+        &self,
+        center: ImagePoint,
+        reach_px: f64,
+    ) -> impl Iterator<Item = (usize, ImagePoint)> {
+        let span = |middle: f64, size: usize| {
+            let clip = |value: f64| value.clamp(0.0, size as f64) as usize;
+            clip((middle - reach_px).ceil())..clip((middle + reach_px).floor() + 1.0)
+        };
+        let columns = span(center.x_px, self.width);
+        let width = self.width;
+        span(center.y_px, self.height()).flat_map(move |row| {
+            columns.clone().filter_map(move |column| {
+                let point = ImagePoint::new(column as f64, row as f64);
+                let distance = (point.x_px - center.x_px).hypot(point.y_px - center.y_px);
+                (distance <= reach_px).then_some((row * width + column, point))
+            })
+        })
+    }
+
+    /// The same picture, each channel through a table of its own.
+    pub fn corrected(&self, tables: &[[u8; 256]; 3]) -> Self {
+        let correct = |rgb: &[u8; 3]| {
+            [0, 1, 2].map(|channel: usize| tables[channel][usize::from(rgb[channel])])
+        };
+        Self { width: self.width, rgb: self.rgb.iter().map(correct).collect() }
+    }
+}

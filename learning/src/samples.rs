@@ -1,0 +1,380 @@
+//! Samples: pixels of which is known what they show, out of labelled pictures.
+//!
+//! Where a robot is labelled, the layout says which of its pixels show which patch. Pixels near the
+//! edge of a patch show a mixture and are left out, and so is everything else on a robot, whose sides
+//! and rims may have any colour. What lies on the pitch and on no robot is background.
+
+use crate::labels::{BACKGROUND, ImageLabels, Quality, RobotLabel, SampleArea};
+use crate::picture::Picture;
+use common::config::{Config, PatchRole};
+use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
+use common::layout::topmost_patch;
+use std::collections::BTreeMap;
+
+/// Why labels give no samples.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SamplesError {
+    /// The geometry, which says where a labelled robot's patches are, is unusable.
+    #[error("geometry: {0}")]
+    Geometry(#[from] GeometryError),
+    /// A label names a colour that is not configured.
+    #[error("{image}: the colour \"{color}\" is not one of the configured ones: {known}")]
+    UnknownColor {
+        /// The picture.
+        image: String,
+        /// What it is called.
+        color: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A label names a robot that is not configured.
+    #[error("{image}: {team} {id} is labelled, and is not among robots.identities")]
+    UnknownRobot {
+        /// The picture.
+        image: String,
+        /// The robot's team.
+        team: &'static str,
+        /// The robot's number.
+        id: u32,
+    },
+}
+
+/// A pixel inside a patch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sample {
+    /// What it looks like.
+    pub rgb: [u8; 3],
+    /// What it is: index of the configured colour.
+    pub class: u8,
+    /// Pixels of one patch have one number; numbers rise.
+    pub patch: u32,
+}
+
+/// What is known about colours from a set of pictures.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Samples {
+    /// Pixels inside patches.
+    pub pixels: Vec<Sample>,
+    /// Colours of the background, and how many pixels a picture have each. Colours are coarse: a
+    /// value stands for [`BACKGROUND_STEP`] neighbouring ones.
+    pub background: Vec<([u8; 3], f64)>,
+    /// Patches seen so far.
+    pub patches: u32,
+    /// Pictures seen so far.
+    pub pictures: u32,
+}
+
+/// Backgrounds are kept in steps of so many grey levels.
+pub const BACKGROUND_STEP: u8 = 8;
+
+/// This much of a patch's rim shows a mixture: in pixels, demosaicing reaches one to each side.
+const RIM_PX: f64 = 0.75;
+/// Up to this multiple of half a robot's size from its centre nothing is background: its corners,
+/// and its sides as the camera sees them.
+const ROBOT_REACH: f64 = 2.0;
+/// The same for the ball, in radii.
+const BALL_REACH: f64 = 2.2;
+/// Within this fraction of its radius the ball shows its colour.
+const BALL_CORE: f64 = 0.7;
+
+/// Gathers samples from one picture after the other.
+pub struct Gatherer<'a> {
+    config: &'a Config,
+    camera: CameraModel,
+    samples: Samples,
+    background: BTreeMap<[u8; 3], u64>,
+}
+
+/// What a pixel is known to show.
+#[derive(Clone, Copy, PartialEq)]
+enum Shows {
+    Nothing,
+    /// Something that is not to be learned.
+    Mixture,
+    Color(u8),
+}
+
+impl<'a> Gatherer<'a> {
+    /// For the configured layout, geometry and colours.
+    pub fn new(config: &'a Config) -> Result<Self, SamplesError> {
+        let (width, height) = (config.camera.width, config.camera.height);
+        Ok(Self {
+            config,
+            camera: CameraModel::new(&config.geometry, width, height)?,
+            samples: Samples::default(),
+            background: BTreeMap::new(),
+        })
+    }
+
+    /// Adds a labelled picture.
+    pub fn add(&mut self, labels: &ImageLabels, picture: &Picture) -> Result<(), SamplesError> {
+        let image = labels.file.display().to_string();
+        let mut map = vec![Shows::Nothing; picture.rgb.len()];
+        self.samples.pictures += 1;
+        for robot in labels.robots.iter().flatten() {
+            self.add_robot(&image, robot, picture, &mut map)?;
+        }
+        if let Some(Some(ball)) = &labels.ball {
+            let radius_mm = self.config.ball.diameter_mm / 2.0;
+            let center = ImagePoint::new(ball.x_px, ball.y_px);
+            let radius_px = radius_mm / self.camera.pixel_area_mm2(center, radius_mm).sqrt();
+            let class = self.class(&image, &self.config.ball.color)?;
+            self.samples.patches += u32::from(ball.quality == Quality::Clear);
+            for (index, point) in picture.around(center, BALL_REACH * radius_px) {
+                let distance = (point.x_px - center.x_px).hypot(point.y_px - center.y_px);
+                let is_core = distance <= BALL_CORE * radius_px;
+                if is_core && ball.quality == Quality::Clear && map[index] == Shows::Nothing {
+                    self.push(picture.rgb[index], class);
+                }
+                map[index] = if is_core { Shows::Color(class) } else { Shows::Mixture };
+            }
+        }
+        for sample in &labels.samples {
+            let class = match sample.color.as_str() {
+                BACKGROUND => None,
+                color => Some(self.class(&image, color)?),
+            };
+            self.samples.patches += u32::from(class.is_some());
+            for index in area(picture, &sample.area) {
+                match class {
+                    Some(class) => {
+                        self.push(picture.rgb[index], class);
+                        map[index] = Shows::Color(class);
+                    }
+                    None => self.push_background(picture.rgb[index]),
+                }
+            }
+        }
+        if labels.robots.is_some() {
+            self.add_background(picture, &map);
+        }
+        Ok(())
+    }
+
+    /// Everything gathered.
+    pub fn finish(mut self) -> Samples {
+        let pictures = f64::from(self.samples.pictures.max(1));
+        let counted = self.background.iter().map(|(&rgb, &count)| (rgb, count as f64 / pictures));
+        self.samples.background = counted.collect();
+        self.samples
+    }
+
+    fn add_robot(
+        &mut self,
+        image: &str,
+        label: &RobotLabel,
+        picture: &Picture,
+        map: &mut [Shows],
+    ) -> Result<(), SamplesError> {
+        let robots = &self.config.robots;
+        let identity = robots
+            .identities
+            .iter()
+            .find(|identity| (identity.team, identity.id) == (label.team, label.id));
+        let identity = identity.ok_or_else(|| SamplesError::UnknownRobot {
+            image: image.to_string(),
+            team: label.team.name(),
+            id: label.id,
+        })?;
+        let mut names = identity.colors.iter();
+        let mut classes = Vec::with_capacity(robots.patches.len());
+        for patch in &robots.patches {
+            let name = match patch.role {
+                PatchRole::Team => Some(self.config.teams.color(label.team)),
+                PatchRole::Identification => names.next().map(String::as_str),
+            };
+            classes.push(name.map(|name| self.class(image, name)).transpose()?);
+        }
+
+        let center = ImagePoint::new(label.x_px, label.y_px);
+        let pose = pose_of(&self.camera, label, robots.height_mm);
+        let px_per_mm = 1.0 / self.camera.pixel_area_mm2(center, robots.height_mm).sqrt();
+        let rim_mm = RIM_PX / px_per_mm;
+        let first = self.samples.patches;
+        self.samples.patches += classes.len() as u32;
+        let reach_px = ROBOT_REACH * robots.size_mm / 2.0 * px_per_mm;
+        for (index, point) in picture.around(center, reach_px) {
+            let [x, y] = robot_point(&pose, self.camera.field_from_image(point, robots.height_mm));
+            let here = topmost_patch(robots, [x, y]);
+            let is_inside = (0..8).all(|step| {
+                let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
+                topmost_patch(robots, [x + rim_mm * cos, y + rim_mm * sin]) == here
+            });
+            let class = here.filter(|_| is_inside).and_then(|patch| classes[patch]);
+            if let (Some(class), Some(patch)) = (class, here)
+                && label.quality == Quality::Clear
+                && !matches!(map[index], Shows::Color(_))
+            {
+                let patch = first + patch as u32;
+                self.samples.pixels.push(Sample { rgb: picture.rgb[index], class, patch });
+            }
+            if here.is_some() || map[index] == Shows::Nothing {
+                map[index] = class.map_or(Shows::Mixture, Shows::Color);
+            }
+        }
+        Ok(())
+    }
+
+    fn add_background(&mut self, picture: &Picture, map: &[Shows]) {
+        for (index, &shows) in map.iter().enumerate() {
+            let point = picture.point(index);
+            let place = self.camera.field_from_image(point, self.config.robots.height_mm);
+            if shows == Shows::Nothing && is_on_pitch(self.config, place) {
+                self.push_background(picture.rgb[index]);
+            }
+        }
+    }
+
+    fn push(&mut self, rgb: [u8; 3], class: u8) {
+        self.samples.pixels.push(Sample { rgb, class, patch: self.samples.patches - 1 });
+    }
+
+    fn push_background(&mut self, rgb: [u8; 3]) {
+        let coarse = rgb.map(|value| value / BACKGROUND_STEP * BACKGROUND_STEP);
+        *self.background.entry(coarse.map(|value| value + BACKGROUND_STEP / 2)).or_default() += 1;
+    }
+
+    fn class(&self, image: &str, name: &str) -> Result<u8, SamplesError> {
+        let colors = &self.config.colors;
+        match colors.iter().position(|color| color.name == name) {
+            Some(class) => Ok(class as u8),
+            None => {
+                let known: Vec<&str> = colors.iter().map(|color| color.name.as_str()).collect();
+                Err(SamplesError::UnknownColor {
+                    image: image.to_string(),
+                    color: name.to_string(),
+                    known: known.join(", "),
+                })
+            }
+        }
+    }
+}
+
+/// The pose on the field of a robot whose top is labelled in the picture.
+pub fn pose_of(camera: &CameraModel, label: &RobotLabel, height_mm: f64) -> Pose {
+    const AHEAD_PX: f64 = 4.0;
+    let (sin, cos) = label.heading_deg.to_radians().sin_cos();
+    let at = |ahead: f64| {
+        let point = ImagePoint::new(label.x_px + ahead * cos, label.y_px - ahead * sin);
+        camera.field_from_image(point, height_mm)
+    };
+    let (behind, ahead) = (at(-AHEAD_PX), at(AHEAD_PX));
+    let orientation = (ahead.y_mm - behind.y_mm).atan2(ahead.x_mm - behind.x_mm);
+    Pose { position: at(0.0), orientation }
+}
+
+/// A point of the field in the robot's frame: x forward, y left.
+pub fn robot_point(pose: &Pose, place: FieldPoint) -> [f64; 2] {
+    let (sin, cos) = pose.orientation.sin_cos();
+    let (dx, dy) = (place.x_mm - pose.position.x_mm, place.y_mm - pose.position.y_mm);
+    [cos * dx + sin * dy, cos * dy - sin * dx]
+}
+
+/// Whether robots and balls are looked for at a place: the field, its margin, and the goals.
+pub fn is_on_pitch(config: &Config, place: FieldPoint) -> bool {
+    let field = &config.field;
+    let (x, y) = (place.x_mm.abs(), place.y_mm.abs());
+    let (length, width) = (field.length_mm / 2.0 + field.margin_mm, field.width_mm / 2.0);
+    (x <= length && y <= width + field.margin_mm)
+        || (x <= length + field.goal_depth_mm && y <= field.goal_width_mm / 2.0 + field.margin_mm)
+}
+
+/// Pixels of a marked part of the picture.
+fn area(picture: &Picture, area: &SampleArea) -> Vec<usize> {
+    match *area {
+        SampleArea::Rectangle { rect_px: [left, top, right, bottom] } => (0..picture.rgb.len())
+            .filter(|&index| {
+                let point = picture.point(index);
+                (left..=right).contains(&point.x_px) && (top..=bottom).contains(&point.y_px)
+            })
+            .collect(),
+        SampleArea::Disc { x_px, y_px, radius_px } => {
+            picture.around(ImagePoint::new(x_px, y_px), radius_px).map(|(index, _)| index).collect()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::labels::Labels;
+    use std::path::Path;
+
+    fn labels(text: &str) -> ImageLabels {
+        let text = format!(r#"{{"images": [{{"file": "a.png", {text}}}]}}"#);
+        Labels::parse(&text, Path::new("labels.json")).unwrap().images.remove(0)
+    }
+
+    /// A picture of the default pitch in which every pixel has the colour of what it shows.
+    fn painted(config: &Config, robot: &Pose, classes: &[usize]) -> Picture {
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let mut picture = Picture { width: 640, rgb: vec![[10; 3]; 640 * 480] };
+        for index in 0..picture.rgb.len() {
+            let place = camera.field_from_image(picture.point(index), config.robots.height_mm);
+            if let Some(patch) = topmost_patch(&config.robots, robot_point(robot, place)) {
+                picture.rgb[index] = config.colors[classes[patch]].looks;
+            }
+        }
+        picture
+    }
+
+    #[test]
+    fn a_labelled_robot_shows_its_colors_and_nothing_else() {
+        let config = Config::default();
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let class = |name: &str| config.colors.iter().position(|c| c.name == name).unwrap();
+        let pose = Pose { position: FieldPoint::new(500.0, -300.0), orientation: 0.7 };
+        let identity = config.robots.identities.iter().find(|i| i.team.name() == "blue").unwrap();
+        let classes = [class("blue"), class(&identity.colors[0])];
+        let picture = painted(&config, &pose, &classes);
+        let at = |x: f64| camera.image_from_field(pose.field_from_robot([x, 0.0]), 75.0);
+        let (center, ahead) = (at(0.0), at(30.0));
+        let heading = (center.y_px - ahead.y_px).atan2(ahead.x_px - center.x_px).to_degrees();
+        let labels = labels(&format!(
+            r#""robots": [{{"team": "blue", "id": {}, "x_px": {}, "y_px": {}, "heading_deg": {heading}}}]"#,
+            identity.id, center.x_px, center.y_px
+        ));
+        let mut gatherer = Gatherer::new(&config).unwrap();
+        gatherer.add(&labels, &picture).unwrap();
+        let samples = gatherer.finish();
+        for class in classes {
+            let own = samples.pixels.iter().filter(|sample| usize::from(sample.class) == class);
+            assert!(own.clone().count() > 20, "{}", config.colors[class].name);
+            assert!(own.clone().all(|sample| sample.rgb == config.colors[class].looks));
+        }
+        assert_eq!(samples.patches, 2);
+        // Nothing of the robot is background.
+        assert_eq!(samples.background.len(), 1, "{:?}", samples.background);
+    }
+
+    #[test]
+    fn marked_places_are_samples() {
+        let config = Config::default();
+        let picture = Picture { width: 640, rgb: vec![[10, 90, 10]; 640 * 480] };
+        let mut gatherer = Gatherer::new(&config).unwrap();
+        let marks = r#""samples": [
+            {"color": "green", "x_px": 50, "y_px": 60, "radius_px": 1},
+            {"color": "background", "rect_px": [0, 0, 9, 4]},
+            {"color": "green", "x_px": -500, "y_px": 1e5}
+        ]"#;
+        gatherer.add(&labels(marks), &picture).unwrap();
+        let samples = gatherer.finish();
+        assert_eq!(samples.pixels.len(), 5);
+        assert_eq!(samples.background, [([12, 92, 12], 50.0)]);
+    }
+
+    #[test]
+    fn unknown_names_are_complained_about() {
+        let config = Config::default();
+        let picture = Picture { width: 640, rgb: vec![[10; 3]; 640 * 480] };
+        let complaint = |text: &str| {
+            let mut gatherer = Gatherer::new(&config).unwrap();
+            gatherer.add(&labels(text), &picture).unwrap_err().to_string()
+        };
+        let mauve = complaint(r#""samples": [{"color": "mauve", "x_px": 1, "y_px": 1}]"#);
+        assert!(mauve.contains("mauve") && mauve.contains("orange"), "{mauve}");
+        let robot =
+            r#""robots": [{"team": "blue", "id": 9, "x_px": 1, "y_px": 2, "heading_deg": 3}]"#;
+        assert!(complaint(robot).contains("blue 9"), "{}", complaint(robot));
+    }
+}

@@ -1,0 +1,201 @@
+//! `touchline learn`: colours out of pictures.
+
+use super::{CommandError, load_config};
+use crate::cli::LearnArgs;
+use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
+use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
+use common::config::{ColorConfig, Config, commented_toml};
+use grabber::pictures::{list_pictures, load_bayer};
+use learning::confusion::Confusion;
+use learning::labels::{ImageLabels, Labels};
+use learning::picture::Picture;
+use learning::samples::{Gatherer, Samples};
+use learning::separate::{self, Wishes};
+use std::fs::OpenOptions;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// A labelled picture.
+struct Lesson<'a> {
+    labels: &'a ImageLabels,
+    bayer: Vec<u8>,
+}
+
+/// Learns, prints how well colours can be told apart, and writes the configuration.
+pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
+    let mut config = load_config(args.config.as_deref())?;
+    let labels = Labels::load(&args.samples)?;
+    if let Some(path) = args.output.as_ref().filter(|path| path.exists() && !args.force) {
+        return Err(format!("{} exists; --force overwrites it", path.display()).into());
+    }
+    let lessons = load(&labels, &args.pictures, &config)?;
+    config.light.pitch_rgb = match args.fixed_light {
+        true => None,
+        false => pitch_color(&config, &lessons)?,
+    };
+    let samples = gather(&config, &lessons)?;
+    let is_needed = |color: &ColorConfig| is_worn(&config, &color.name);
+    let learned = separate::learn(&config.colors, is_needed, &samples, &Wishes::default())?;
+
+    eprintln!("{}", summary(&config, &learned, &samples)?);
+    config.colors = learned;
+    match &args.output {
+        None => print!("{}", fragment(&config)),
+        Some(path) => {
+            write(path, &commented_toml(&config), args.force)?;
+            let path = path.display();
+            println!(
+                "{path}: written; `touchline score {} --config {path}` tells how it does",
+                args.samples.display()
+            );
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The labelled pictures, or those of them that are named.
+fn load<'a>(
+    labels: &'a Labels,
+    pictures: &[PathBuf],
+    config: &Config,
+) -> Result<Vec<Lesson<'a>>, CommandError> {
+    let mut chosen: Vec<&ImageLabels> = Vec::new();
+    for argument in pictures {
+        for path in list_pictures(argument)? {
+            let is_it = |image: &&ImageLabels| is_same_file(&image.file, &path);
+            let image = labels.images.iter().find(is_it).ok_or_else(|| {
+                format!("{}: nothing is labelled in this picture", path.display())
+            })?;
+            chosen.push(image);
+        }
+    }
+    if pictures.is_empty() {
+        chosen.extend(&labels.images);
+    }
+    if chosen.is_empty() {
+        return Err("there is no labelled picture to learn from".into());
+    }
+    let lesson = |labels: &'a ImageLabels| -> Result<Lesson, CommandError> {
+        Ok(Lesson { labels, bayer: load_bayer(&labels.file, &config.camera)? })
+    };
+    chosen.into_iter().map(lesson).collect()
+}
+
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    }
+}
+
+fn bayer_image<'a>(config: &Config, bayer: &'a [u8]) -> Result<BayerImage<'a>, CommandError> {
+    let camera = &config.camera;
+    BayerImage::new(bayer, camera.width, camera.height, camera.width, camera.bayer_order)
+        .ok_or_else(|| "the pictures are too small to learn from".into())
+}
+
+/// The middle of the pitch's colours in all pictures; `None` when it cannot be seen in one of them.
+fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, CommandError> {
+    let probe = PitchProbe::new(config)?;
+    let mut logs = [0.0; 3];
+    for lesson in lessons {
+        let frame = Frame::Bayer(bayer_image(config, &lesson.bayer)?);
+        let Some(rgb) = probe.measure(&frame) else {
+            eprintln!(
+                "touchline: {}: the pitch is too dark to tell the light from it; the colours will \
+                 not follow the lamps",
+                lesson.labels.file.display()
+            );
+            return Ok(None);
+        };
+        logs.iter_mut().zip(rgb).for_each(|(sum, value)| *sum += value.ln());
+    }
+    let mean = |sum: f64| ((sum / lessons.len() as f64).exp() * 10.0).round() / 10.0;
+    Ok(Some(logs.map(mean)))
+}
+
+/// Samples of all pictures, as they look under the light the colours are learned for.
+fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> {
+    let lamp = Lamp::new(config)?;
+    let mut gatherer = Gatherer::new(config)?;
+    let mut rgb = Vec::new();
+    for lesson in lessons {
+        let image = bayer_image(config, &lesson.bayer)?;
+        demosaic(&image, &mut rgb);
+        let gains: Gains = lamp.as_ref().map_or(NO_GAINS, |lamp| lamp.gains(&Frame::Bayer(image)));
+        let picture = Picture::new(image.width(), &rgb).corrected(&corrections(gains));
+        gatherer.add(lesson.labels, &picture)?;
+    }
+    Ok(gatherer.finish())
+}
+
+/// Whether somebody on the pitch wears a colour.
+fn is_worn(config: &Config, name: &str) -> bool {
+    config.teams.yellow == name
+        || config.teams.blue == name
+        || config.ball.color == name
+        || config.robots.identities.iter().any(|identity| identity.colors.iter().any(|c| c == name))
+}
+
+/// What the colours learned take the samples for.
+fn summary(
+    config: &Config,
+    learned: &[ColorConfig],
+    samples: &Samples,
+) -> Result<String, CommandError> {
+    let tables = ClassTables::new(learned)?;
+    // Samples have the numbers of the colours as configured.
+    let number_of = |color: &ColorConfig| {
+        config.colors.iter().position(|known| known.name == color.name).unwrap_or(usize::MAX)
+    };
+    let numbers: Vec<usize> = learned.iter().map(number_of).collect();
+    let classify = |rgb| {
+        let class = usize::from(tables.classify(rgb));
+        numbers.get(class).map_or(classifier::BACKGROUND, |&number| number as u8)
+    };
+    let names = config.colors.iter().map(|color| color.name.clone()).collect();
+    let confusion = Confusion::new(names, samples, classify);
+    let mut text = format!(
+        "{} pictures, {} patches; what pixels are taken for, from left to right (false pixels: of the \
+         background, in a picture):\n{}",
+        samples.pictures,
+        samples.patches,
+        confusion.text()
+    );
+    for warning in confusion.warnings() {
+        text += &format!("warning: {warning}\n");
+    }
+    Ok(text)
+}
+
+/// The part of a configuration that was learned.
+fn fragment(config: &Config) -> String {
+    let mut text = String::new();
+    if let Some(rgb) = config.light.pitch_rgb {
+        text +=
+            &format!("[light]\npitch_rgb = {rgb:?}\nbrightness = {}\n\n", config.light.brightness);
+    }
+    for color in &config.colors {
+        let ColorConfig { name, red, green, blue, looks, .. } = color;
+        text += &format!("[[colors]]\nname = {name:?}\nred = {red:?}\ngreen = {green:?}\n");
+        text += &format!("blue = {blue:?}\n");
+        if let Some(hue_deg) = color.hue_deg {
+            text += &format!("hue_deg = {hue_deg:?}\n");
+        }
+        if let Some(saturation) = color.saturation {
+            text += &format!("saturation = {saturation:?}\n");
+        }
+        text += &format!("looks = {looks:?}\n\n");
+    }
+    text
+}
+
+fn write(path: &Path, text: &str, force: bool) -> Result<(), CommandError> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(force).create_new(!force);
+    options
+        .open(path)
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .map_err(|error: io::Error| format!("cannot write {}: {error}", path.display()).into())
+}
