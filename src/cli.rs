@@ -1,5 +1,9 @@
 //! The command line.
 
+mod recordings;
+
+pub use recordings::{InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
+
 use crate::commands::chaos::Disturbance;
 use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
@@ -88,6 +92,24 @@ pub enum Command {
     /// Attaches to a group and reads, for `chaos`.
     #[command(hide = true)]
     Bystander(InstanceArgs),
+    /// Records a running group: every frame, and what the group made of it.
+    ///
+    /// Attaches as a consumer that the group does not feel, waits for the group if need be, and goes
+    /// on in another file when it is started again. Ctrl-C ends it in order. What was recorded up to a
+    /// tenth of a second before a crash can be read; `recover` makes a proper file of it, and so does
+    /// the next `record` of that name. The file is an MCAP file: `replay` computes everything again,
+    /// `run --source recording:FILE` plays it, Foxglove and its kin draw it.
+    Record(RecordArgs),
+    /// Says what is in a recording.
+    Info(InfoArgs),
+    /// Computes a recording again, and says whether the results are the recorded ones.
+    ///
+    /// With the recorded configuration. An output whose inputs are not all in the recording (its first
+    /// and last moments, dropped messages) is not checked, and counted as such. The exit status is 0
+    /// when nothing is different.
+    Replay(ReplayArgs),
+    /// Completes recordings that were never finished: killed, disk full, power lost.
+    Recover(RecoverArgs),
     /// Writes, checks and describes configurations.
     #[command(subcommand)]
     Config(ConfigCommand),

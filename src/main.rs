@@ -6,6 +6,8 @@
 mod cli;
 mod commands;
 mod monitor;
+mod recorder;
+mod replay;
 mod supervisor;
 
 use clap::Parser;

@@ -15,6 +15,7 @@
 pub mod bus;
 pub mod clock;
 pub mod config;
+pub mod consumer;
 pub mod eventcount;
 pub mod geometry;
 pub mod handover;

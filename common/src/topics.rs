@@ -3,7 +3,9 @@
 //! This table is the architecture. All topics overwrite the oldest unread message when a reader's
 //! buffer is full, and discard rather than wait: no reader can hold up a writer.
 
+use crate::bus::{Header, Message};
 use crate::messages::*;
+use iceoryx2::prelude::ZeroCopySend;
 
 /// One topic. A message on it is a slice of `Element`s with a `Header` beside it; where the element
 /// is a whole message, the slice has one.
@@ -37,6 +39,32 @@ pub struct Topic<Element, Header = ()> {
     /// The number by which messages are put in order when several writers have written: those of
     /// a stage's dead process and of its successor. Where it is always 0, as they come.
     pub seq: fn(&[Element], &Header) -> u64,
+    /// Capture time of the frame that a message is about; 0 on topics whose messages have no number.
+    pub t_capture_ns: fn(&[Element], &Header) -> u64,
+}
+
+/// The names by which iceoryx2 tells types apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TypeNames {
+    /// Of an element.
+    pub element: &'static str,
+    /// Of the header; `()` for none.
+    pub header: &'static str,
+}
+
+impl<E: Message, H: Header> Topic<E, H> {
+    /// The type names of its messages.
+    #[allow(unsafe_code)]
+    pub fn type_names(&self) -> TypeNames {
+        // SAFETY: the function only returns a text; what it asks for is that whoever uses the same
+        // name has the same layout, which is what the versions in the names are for.
+        unsafe {
+            TypeNames {
+                element: <E as ZeroCopySend>::type_name(),
+                header: <H as ZeroCopySend>::type_name(),
+            }
+        }
+    }
 }
 
 const fn topic<Element, Header>(
@@ -57,6 +85,7 @@ const fn topic<Element, Header>(
         subscribers: 12,
         notifies: false,
         seq: |_, _| 0,
+        t_capture_ns: |_, _| 0,
     }
 }
 
@@ -69,8 +98,10 @@ const fn work<Element, Header>(
     writer: &'static str,
     readers: &'static str,
     seq: fn(&[Element], &Header) -> u64,
+    t_capture_ns: fn(&[Element], &Header) -> u64,
 ) -> Topic<Element, Header> {
-    Topic { history: 64, borrowed: WHOLE_BUFFER, seq, ..topic(name, writer, readers, 64) }
+    let base = topic(name, writer, readers, 64);
+    Topic { history: 64, borrowed: WHOLE_BUFFER, seq, t_capture_ns, ..base }
 }
 
 /// Raw frames; the payload is the pixels, `stride` bytes a row.
@@ -80,16 +111,30 @@ pub const FRAMES: Topic<u8, FrameHeader> = Topic {
     borrowed: 32 + WHOLE_BUFFER,
     // A camera is given several to fill.
     loaned: 16,
-    ..work("frames", "grabber", "classifier", |_, header| header.seq)
+    ..work(
+        "frames",
+        "grabber",
+        "classifier",
+        |_, header| header.seq,
+        |_, header| header.t_capture_ns,
+    )
 };
 /// Runs of classified pixels.
-pub const RUNS: Topic<Run, RunsHeader> =
-    work("runs", "classifier", "tracker", |_, header| header.frame.seq);
+pub const RUNS: Topic<Run, RunsHeader> = work(
+    "runs",
+    "classifier",
+    "tracker",
+    |_, header| header.frame.seq,
+    |_, header| header.frame.t_capture_ns,
+);
 /// Regions, robots and balls of one frame.
-pub const DETECTIONS: Topic<DetectionFrame> =
-    work("detections", "tracker", "filter, monitor", |elements, _| {
-        elements.first().map_or(0, |detections| detections.frame.seq)
-    });
+pub const DETECTIONS: Topic<DetectionFrame> = work(
+    "detections",
+    "tracker",
+    "filter, monitor",
+    |elements, _| elements.first().map_or(0, |detections| detections.frame.seq),
+    |elements, _| elements.first().map_or(0, |detections| detections.frame.t_capture_ns),
+);
 /// Filtered robots and ball.
 pub const WORLD: Topic<WorldFrame> = Topic {
     borrowed: WHOLE_BUFFER,
@@ -97,6 +142,7 @@ pub const WORLD: Topic<WorldFrame> = Topic {
     // What people's programs attach to; those that have died keep their place until it is cleared.
     subscribers: 24,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
+    t_capture_ns: |elements, _| elements.first().map_or(0, |world| world.frame.t_capture_ns),
     ..topic("world", "filter", "tracker, monitor, strategies", 64)
 };
 /// Wheel speeds that strategies have sent to the robots.

@@ -32,7 +32,9 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     drop(previous);
 
     while process.keep_running()? {
-        while let Some(command) = commands.receive()? {
+        while filter.takes_commands()
+            && let Some(command) = commands.receive()?
+        {
             if let Some(command) = command.message() {
                 filter.command(command);
             }

@@ -8,8 +8,8 @@ use crate::track::{Candidate, Motion, Track, TrackRules};
 use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
 use common::messages::{
-    BALL_HYPOTHESES, Commands, DetectedBall, DetectedRobot, DetectionFrame, MAX_ROBOTS,
-    QueuedCommand, Team, WorldFrame,
+    BALL_HYPOTHESES, Commands, CommandsName, DetectedBall, DetectedRobot, DetectionFrame,
+    MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame,
 };
 use nalgebra::{Vector2, Vector3, Vector4, Vector5};
 
@@ -39,7 +39,11 @@ pub struct Filter {
     ball: Option<BallTrack>,
     /// Capture time of the newest frame.
     t_ns: Option<u64>,
+    /// Its number, or [`WorldFrame::NO_WORLD`].
+    seq: u64,
     commands_seq: u64,
+    /// Commands noted since that frame.
+    used: Vec<CommandsName>,
 }
 
 /// Why there can be no filter with this configuration.
@@ -75,7 +79,9 @@ impl Filter {
             timing: CommandTiming::new(&config.filter),
             ball: None,
             t_ns: None,
+            seq: WorldFrame::NO_WORLD,
             commands_seq: WorldFrame::NO_COMMANDS,
+            used: Vec::with_capacity(MAX_USED_COMMANDS),
         })
     }
 
@@ -84,7 +90,9 @@ impl Filter {
     pub fn resume(&mut self, last: &WorldFrame) {
         let t_ns = last.frame.t_capture_ns;
         self.t_ns = Some(t_ns);
+        self.seq = last.frame.seq;
         self.commands_seq = last.commands_seq;
+        self.used.clear();
         self.robots.clear();
         for (state, memory) in last.robots().iter().zip(&last.robot_memories) {
             let track = RobotTrack::from_message(state, memory, t_ns, &self.robot_motion);
@@ -99,16 +107,26 @@ impl Filter {
             message::ball_from_message(&last.ball, &last.ball_memory, t_ns, &self.ball_motion);
     }
 
+    /// Whether there is room to note further commands before the next frame: every `world` names
+    /// those it used, and has places for so many. What does not fit should wait.
+    pub fn takes_commands(&self) -> bool {
+        self.used.len() < MAX_USED_COMMANDS
+    }
+
     /// Notes what robots have been told to do. Commands for robots that have no track are of no use
     /// to anyone and dropped; so are impossible ones.
     pub fn command(&mut self, commands: &Commands) {
         let Some(t_ns) = self.t_ns else { return };
+        if !self.takes_commands() {
+            return;
+        }
         let t_sent_ns = commands.t_sent_ns;
         if t_sent_ns > t_ns.saturating_add(MAX_COMMAND_AHEAD_NS)
             || t_sent_ns.saturating_add(self.timing.timeout_ns) < t_ns
         {
             return;
         }
+        let mut is_used = false;
         for wheels in commands.wheels() {
             let (left_mm_s, right_mm_s) = (wheels.left_mm_s, wheels.right_mm_s);
             if let Some(team) = Team::from_number(wheels.team)
@@ -117,8 +135,12 @@ impl Filter {
             {
                 let command = QueuedCommand { t_sent_ns, left_mm_s, right_mm_s };
                 self.robots[index].commands.insert(command, &self.timing);
-                self.commands_seq = commands.seq;
+                is_used = true;
             }
+        }
+        if is_used {
+            self.commands_seq = commands.seq;
+            self.used.push(CommandsName { seq: commands.seq, t_sent_ns });
         }
     }
 
@@ -132,6 +154,8 @@ impl Filter {
         self.follow_robots(detections.robots(), from_ns, t_ns);
         self.follow_ball(detections.balls(), from_ns, t_ns);
         self.write(detections, t_ns, out);
+        self.seq = detections.frame.seq;
+        self.used.clear();
     }
 
     /// The capture time of the frame that the tracks, if there are any, come from.
@@ -204,9 +228,11 @@ impl Filter {
         out.t_detections_taken_ns = 0;
         out.t_sent_ns = 0;
         out.t_predicted_ns = t_predicted_ns;
+        out.prior_world_seq = self.seq;
         out.commands_seq = self.commands_seq;
         out.robot_count = self.robots.len() as u32;
-        out.reserved = 0;
+        out.command_count = self.used.len() as u32;
+        out.commands[..self.used.len()].copy_from_slice(&self.used);
         let slots = out.robots.iter_mut().zip(&mut out.robot_memories);
         for (robot, (state, memory)) in self.robots.iter().zip(slots) {
             let predicted = self.predicted_robot(robot, t_ns, t_predicted_ns);

@@ -8,6 +8,7 @@ mod group;
 mod learn;
 mod operate;
 mod pipeline;
+mod recordings;
 mod run;
 mod score;
 
@@ -39,6 +40,10 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Bystander(args)) => chaos::attach(&args.instance),
+        Some(Command::Record(args)) => recordings::record(args),
+        Some(Command::Info(args)) => recordings::info(args),
+        Some(Command::Replay(args)) => recordings::replay(args),
+        Some(Command::Recover(args)) => recordings::recover(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
         Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),

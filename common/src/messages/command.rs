@@ -3,12 +3,13 @@
 use super::filled;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// Most robots one message commands.
 pub const MAX_COMMANDS: usize = 32;
 
 /// Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11).
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/WheelCommand/1")]
 #[repr(C)]
 pub struct WheelCommand {
@@ -24,7 +25,7 @@ pub struct WheelCommand {
 
 /// The speeds a strategy has just sent. A robot that is not listed keeps its last command until
 /// the filter forgets it (`filter.command_timeout_ms`).
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Commands/1")]
 #[repr(C)]
 pub struct Commands {

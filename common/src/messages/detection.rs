@@ -3,6 +3,7 @@
 use super::{FrameHeader, Run, filled, push};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// Most regions a message carries; beyond it the smallest are left out and
 /// [`DetectionFrame::REGIONS_OVERFLOW`] is set.
@@ -18,7 +19,7 @@ pub const MAX_PATCHES: usize = 6;
 
 /// A connected set of pixels of one class (section 5 of the paper). Its pixels are
 /// `runs[first_run..first_run + run_count]` of the same message.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Region/1")]
 #[repr(C)]
 pub struct Region {
@@ -45,7 +46,7 @@ pub struct Region {
 }
 
 /// A robot found in this frame alone.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/DetectedRobot/1")]
 #[repr(C)]
 pub struct DetectedRobot {
@@ -75,7 +76,7 @@ pub struct DetectedRobot {
 }
 
 /// A ball candidate.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/DetectedBall/1")]
 #[repr(C)]
 pub struct DetectedBall {
@@ -149,7 +150,7 @@ impl RejectReason {
 }
 
 /// A candidate that became nothing, and why.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Rejected/1")]
 #[repr(C)]
 pub struct Rejected {
@@ -169,7 +170,7 @@ impl Rejected {
 }
 
 /// Everything the tracker saw in one frame, and why.
-#[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/DetectionFrame/2")]
 #[repr(C)]
 pub struct DetectionFrame {
@@ -204,10 +205,13 @@ pub struct DetectionFrame {
     /// Ball candidates, best first.
     pub balls: [DetectedBall; MAX_BALLS],
     /// Candidates that became nothing.
+    #[schemars(with = "super::List<Rejected, MAX_REJECTED>")]
     pub rejected: [Rejected; MAX_REJECTED],
     /// Regions, in the order in which their first pixel appears in the picture.
+    #[schemars(with = "super::List<Region, MAX_REGIONS>")]
     pub regions: [Region; MAX_REGIONS],
     /// The pixels of the regions, region by region.
+    #[schemars(with = "super::List<Run, { super::MAX_RUNS }>")]
     pub runs: [Run; super::MAX_RUNS],
 }
 

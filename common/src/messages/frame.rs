@@ -3,6 +3,7 @@
 use super::PixelFormat;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// Colours of the top-left 2×2 pixels of a Bayer frame, read row by row.
 #[derive(
@@ -58,7 +59,7 @@ impl BayerOrder {
 }
 
 /// Travels with every raw frame; the pixels are the payload, laid out as [`PixelFormat`] says.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/FrameHeader/1")]
 #[repr(C)]
 pub struct FrameHeader {

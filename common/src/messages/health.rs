@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// The kinds of process in a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -117,7 +118,7 @@ impl DropReason {
 
 /// Published by every process about ten times a second and at every change of state. Counters
 /// start at zero with the process.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Heartbeat/2")]
 #[repr(C)]
 pub struct Heartbeat {
@@ -148,7 +149,7 @@ pub struct Heartbeat {
 const _: () = assert!(size_of::<Heartbeat>() == 128);
 
 /// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/StatusHeader/1")]
 #[repr(C)]
 pub struct StatusHeader {

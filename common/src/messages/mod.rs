@@ -20,6 +20,8 @@ mod frame;
 mod health;
 mod pixel_format;
 mod run;
+mod stale;
+pub mod structure;
 mod truth;
 mod world;
 
@@ -35,11 +37,13 @@ pub use health::{
 };
 pub use pixel_format::PixelFormat;
 pub use run::{MAX_RUNS, Run, RunsHeader};
+pub use stale::ClearStale;
+use structure::List;
 pub use truth::{TruthFrame, TruthRobot};
 pub use world::{
-    BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, MAX_QUEUED_COMMANDS, MAX_ROBOTS,
-    QueuedCommand, ROBOT_HYPOTHESES, RobotHypothesis, RobotMemory, RobotState, TrackStatus,
-    WorldFrame,
+    BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, CommandsName, MAX_QUEUED_COMMANDS,
+    MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, ROBOT_HYPOTHESES, RobotHypothesis, RobotMemory,
+    RobotState, TrackStatus, WorldFrame,
 };
 
 /// The colour a team wears. Rules since the paper give the two teams of a match blue and yellow.

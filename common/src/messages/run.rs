@@ -3,6 +3,7 @@
 use super::FrameHeader;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// Most runs a message carries. A match has a few hundred; a 640×480 frame of pure noise has some
 /// ten thousand to ninety thousand, depending on how much of the colour space is in use. What does not fit is cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
@@ -11,7 +12,7 @@ pub const MAX_RUNS: usize = 32_768;
 /// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
 ///
 /// A message lists its runs by row, within a row by column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Run/1")]
 #[repr(C)]
 pub struct Run {
@@ -38,7 +39,7 @@ impl Run {
 
 /// Travels with every list of runs. The payload always has [`MAX_RUNS`] elements, of which the
 /// first [`run_count`](Self::run_count) are valid.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RunsHeader/2")]
 #[repr(C)]
 pub struct RunsHeader {

@@ -3,9 +3,10 @@
 use super::{MAX_ROBOTS, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// One robot as it really is.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/TruthRobot/1")]
 #[repr(C)]
 pub struct TruthRobot {
@@ -30,7 +31,7 @@ pub struct TruthRobot {
 }
 
 /// The true state of the synthetic match in one frame.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/TruthFrame/1")]
 #[repr(C)]
 pub struct TruthFrame {

@@ -3,6 +3,7 @@
 use super::{FrameHeader, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// Most robots a message carries: two teams of eleven and room for a league's next idea.
 pub const MAX_ROBOTS: usize = 32;
@@ -40,8 +41,11 @@ pub const BALL_HYPOTHESES: usize = 2;
 /// Most commands per robot that wait to act, the acting one included.
 pub const MAX_QUEUED_COMMANDS: usize = 12;
 
+/// Most `commands` messages that are used between two frames; the rest waits for the next frame.
+pub const MAX_USED_COMMANDS: usize = 32;
+
 /// One robot as the filter sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotState/1")]
 #[repr(C)]
 pub struct RobotState {
@@ -78,7 +82,7 @@ pub struct RobotState {
 }
 
 /// One hypothesis about a robot's motion and the extended Kalman filter that follows it.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotHypothesis/1")]
 #[repr(C)]
 pub struct RobotHypothesis {
@@ -91,7 +95,7 @@ pub struct RobotHypothesis {
 }
 
 /// A command that acts or will act on a robot.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/QueuedCommand/1")]
 #[repr(C)]
 pub struct QueuedCommand {
@@ -103,9 +107,21 @@ pub struct QueuedCommand {
     pub right_mm_s: f64,
 }
 
+/// Which message of the topic `commands` it was. Every sender counts its own messages, so the time
+/// is part of the name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
+#[type_name("touchline/CommandsName/1")]
+#[repr(C)]
+pub struct CommandsName {
+    /// [`Commands::seq`](super::Commands::seq)
+    pub seq: u64,
+    /// [`Commands::t_sent_ns`](super::Commands::t_sent_ns)
+    pub t_sent_ns: u64,
+}
+
 /// What the filter needs besides [`RobotState`] to carry on with a robot's track exactly. Of no
 /// interest to anyone but the filter's successor.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotMemory/1")]
 #[repr(C)]
 pub struct RobotMemory {
@@ -126,7 +142,7 @@ pub struct RobotMemory {
 }
 
 /// The ball as the filter sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallState/1")]
 #[repr(C)]
 pub struct BallState {
@@ -155,7 +171,7 @@ pub struct BallState {
 }
 
 /// One hypothesis about the ball's motion and the Kalman filter that follows it.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallHypothesis/1")]
 #[repr(C)]
 pub struct BallHypothesis {
@@ -168,7 +184,7 @@ pub struct BallHypothesis {
 }
 
 /// What the filter needs besides [`BallState`] to carry on with the ball's track exactly.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallMemory/1")]
 #[repr(C)]
 pub struct BallMemory {
@@ -188,8 +204,8 @@ pub struct BallMemory {
 
 /// The filtered state of the match after one frame. A filter that starts anew continues from the
 /// last one of these, and comes to the same results as one that never stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("touchline/WorldFrame/2")]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
+#[type_name("touchline/WorldFrame/3")]
 #[repr(C)]
 pub struct WorldFrame {
     /// The frame it belongs to.
@@ -208,12 +224,19 @@ pub struct WorldFrame {
     pub t_sent_ns: u64,
     /// The instant the predicted poses belong to: when a command sent now will act.
     pub t_predicted_ns: u64,
-    /// Number of the newest `commands` message that was used; [`WorldFrame::NO_COMMANDS`] for none.
+    /// Frame number of the `world` whose tracks were carried on; [`WorldFrame::NO_WORLD`] for a
+    /// filter that started from nothing.
+    pub prior_world_seq: u64,
+    /// Number of the newest `commands` message that was ever used; [`WorldFrame::NO_COMMANDS`] for
+    /// none.
     pub commands_seq: u64,
     /// Valid elements of `robots`.
     pub robot_count: u32,
-    /// Reserved, 0.
-    pub reserved: u32,
+    /// Valid elements of `commands`.
+    pub command_count: u32,
+    /// The `commands` messages that were used since the prior `world`, in that order. With these, the
+    /// prior `world` and the detections of the frame, this message can be computed again.
+    pub commands: [CommandsName; MAX_USED_COMMANDS],
     /// Tracked robots, by team and number.
     pub robots: [RobotState; MAX_ROBOTS],
     /// The ball.
@@ -231,12 +254,21 @@ const _: () = assert!(size_of::<QueuedCommand>() == 24);
 const _: () =
     assert!(size_of::<RobotMemory>() == ROBOT_HYPOTHESES * 168 + 48 + MAX_QUEUED_COMMANDS * 24);
 const _: () = assert!(size_of::<BallMemory>() == BALL_HYPOTHESES * 120 + 40);
-const _: () =
-    assert!(size_of::<WorldFrame>() == 136 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280);
+const _: () = assert!(
+    size_of::<WorldFrame>()
+        == 144 + MAX_USED_COMMANDS * 16 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280
+);
 
 impl WorldFrame {
     /// Value of `commands_seq` when no commands were used.
     pub const NO_COMMANDS: u64 = u64::MAX;
+    /// Value of `prior_world_seq` when there was none.
+    pub const NO_WORLD: u64 = u64::MAX;
+
+    /// The `commands` messages used since the prior `world`.
+    pub fn commands(&self) -> &[CommandsName] {
+        filled(&self.commands, self.command_count)
+    }
 
     /// Tracked robots.
     pub fn robots(&self) -> &[RobotState] {

@@ -1,0 +1,201 @@
+//! For programs that attach to a group: loggers, strategies, displays.
+//!
+//! A [`Consumer`] reads one topic. It waits for its group to start, goes on when the group is started
+//! again, gives every message once and in order, and says how many were lost. The whole of a program
+//! is a loop over [`Consumer::next`]; see `examples/`.
+
+use crate::bus::{Bus, BusError, Header, Message, Received, Subscriber};
+use crate::instance::Instance;
+use crate::messages::ProcessKind;
+use crate::topics::Topic;
+use crate::wake_up::WakeUp;
+use std::time::{Duration, Instant};
+
+/// After so much silence it is looked whether the group is still there.
+const SILENCE: Duration = Duration::from_secs(1);
+/// How often a group that is not there yet is looked for.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// What a consumer hears.
+pub enum Event<E: Message, H: Header> {
+    /// The group is there, and messages will come.
+    Joined,
+    /// A message.
+    Message(Received<E, H>),
+    /// So many numbers were skipped before the next message: frames nobody captured, or messages that
+    /// were overwritten because this consumer did not read them in time.
+    Missed(u64),
+    /// Numbers begin anew with the next message: another group has started.
+    Restarted,
+    /// The group has ended. The consumer waits for the next one.
+    Left,
+}
+
+/// Reads a topic of a group, whenever that group is there.
+pub struct Consumer<E: Message, H: Header> {
+    instance: Instance,
+    name: String,
+    topic: &'static Topic<E, H>,
+    connection: Option<Connection<E, H>>,
+    order: Order,
+    /// A message whose place in the order was told first.
+    pending: Option<Received<E, H>>,
+    heard: Instant,
+}
+
+struct Connection<E: Message, H: Header> {
+    // In this order, so that the membership outlives the ports.
+    subscriber: Subscriber<E, H>,
+    wake_up: WakeUp,
+    _bus: Bus,
+}
+
+impl<E: Message, H: Header> Consumer<E, H> {
+    /// A consumer of a topic; `name` is what tools show of it. Nothing is touched before there is a
+    /// group.
+    pub fn new(instance: Instance, name: &str, topic: &'static Topic<E, H>) -> Self {
+        Self {
+            instance,
+            name: name.into(),
+            topic,
+            connection: None,
+            order: Order::default(),
+            pending: None,
+            heard: Instant::now(),
+        }
+    }
+
+    /// The next thing to know; waits for it, but not longer than `timeout`, after which it returns
+    /// `None`. An error means that the group is there and cannot be attached to.
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Event<E, H>>, BusError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            let Some(connection) = &mut self.connection else {
+                if is_there(&self.instance) {
+                    self.connection = Some(self.connect()?);
+                    self.heard = Instant::now();
+                    return Ok(Some(Event::Joined));
+                }
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() {
+                    return Ok(None);
+                }
+                std::thread::sleep(left.min(LOOK));
+                continue;
+            };
+            let received = match self.pending.take() {
+                Some(pending) => return Ok(Some(Event::Message(pending))),
+                None => connection.subscriber.receive()?,
+            };
+            if let Some(received) = received {
+                self.heard = Instant::now();
+                let seq = (self.topic.seq)(received.elements(), received.header());
+                let t_ns = (self.topic.t_capture_ns)(received.elements(), received.header());
+                return Ok(Some(match self.order.place(seq, t_ns) {
+                    Place::Next => Event::Message(received),
+                    Place::After { missed } => {
+                        self.pending = Some(received);
+                        Event::Missed(missed)
+                    }
+                    Place::Anew => {
+                        self.pending = Some(received);
+                        Event::Restarted
+                    }
+                    Place::Repeated => continue,
+                }));
+            }
+            if self.heard.elapsed() > SILENCE {
+                self.heard = Instant::now();
+                if !is_there(&self.instance) {
+                    self.connection = None;
+                    return Ok(Some(Event::Left));
+                }
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            connection.wake_up.wait(left.min(SILENCE));
+        }
+    }
+
+    fn connect(&self) -> Result<Connection<E, H>, BusError> {
+        let bus = Bus::join(&self.instance, &self.name)?;
+        let subscriber = bus.subscriber(self.topic)?;
+        let wake_up = bus.wake_up(self.topic)?;
+        Ok(Connection { subscriber, wake_up, _bus: bus })
+    }
+}
+
+/// Whether there is a group: a supervisor, or stages that outlive theirs.
+pub fn is_there(instance: &Instance) -> bool {
+    if instance.is_supervised() {
+        return true;
+    }
+    // Looking would leave something behind where there never was a group.
+    instance.directory().join("ipc").is_dir()
+        && Bus::living_processes(instance).is_ok_and(|living| {
+            living.iter().any(|process| ProcessKind::ALL.iter().any(|k| k.name() == process.name))
+        })
+}
+
+/// The place of a message after those before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// It follows the last one, is the first, or the topic has no numbers.
+    Next,
+    /// Numbers before it were skipped.
+    After {
+        /// How many.
+        missed: u64,
+    },
+    /// It or a later one was there already.
+    Repeated,
+    /// Numbers have begun anew, which only those of another group do.
+    Anew,
+}
+
+/// Follows the numbers of a topic.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Order {
+    last: Option<(u64, u64)>,
+}
+
+impl Order {
+    /// Finds the place of a message by its number and the capture time of its frame (0 on topics
+    /// without numbers), and counts it as the last one unless it is a repetition.
+    pub fn place(&mut self, seq: u64, t_capture_ns: u64) -> Place {
+        if t_capture_ns == 0 {
+            return Place::Next;
+        }
+        let place = match self.last {
+            None => Place::Next,
+            Some((last, _)) if seq > last => match seq - last - 1 {
+                0 => Place::Next,
+                missed => Place::After { missed },
+            },
+            Some((_, last_ns)) if t_capture_ns > last_ns => Place::Anew,
+            Some(_) => return Place::Repeated,
+        };
+        self.last = Some((seq, t_capture_ns));
+        place
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_repetitions_and_new_groups_are_told_apart() {
+        let mut order = Order::default();
+        assert_eq!(order.place(100, 1000), Place::Next, "the first may have any number");
+        assert_eq!(order.place(101, 1010), Place::Next);
+        assert_eq!(order.place(101, 1010), Place::Repeated);
+        assert_eq!(order.place(104, 1040), Place::After { missed: 2 });
+        assert_eq!(order.place(102, 1020), Place::Repeated, "too late");
+        assert_eq!(order.place(0, 9000), Place::Anew);
+        assert_eq!(order.place(1, 9010), Place::Next);
+        assert_eq!(order.place(0, 0), Place::Next, "no numbers");
+    }
+}

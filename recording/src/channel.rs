@@ -1,0 +1,192 @@
+//! The channels of a recording: what may be in one, how it is written, and how it is described.
+
+use crate::image;
+use crate::scene::{PoseInFrame, PosesInFrame, SceneUpdate};
+use crate::setup::Setup;
+use common::messages::structure::{Structure, structures_of};
+use common::messages::{
+    Commands, DetectionFrame, Heartbeat, Run, RunsHeader, TruthFrame, WorldFrame,
+};
+use common::topics;
+use schemars::{JsonSchema, schema_for};
+use serde::Serialize;
+
+/// One channel of a recording; those of topics have the topic's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Channel {
+    /// [`Setup`], JSON: always the first message.
+    Setup,
+    /// Frames as `foxglove.RawImage`.
+    Frames,
+    /// As on the topic: the header, then the valid runs.
+    Runs,
+    /// As on the topic.
+    Detections,
+    /// As on the topic.
+    World,
+    /// As on the topic.
+    Commands,
+    /// As on the topic.
+    Truth,
+    /// As on the topic.
+    Health,
+    /// The pitch, robots and ball of `world` as `foxglove.SceneUpdate`, for viewers.
+    Scene,
+    /// The robots of `world` as `foxglove.PosesInFrame`, for viewers.
+    Robots,
+    /// The ball of `world` as `foxglove.PoseInFrame`, for viewers.
+    Ball,
+}
+
+/// How messages of a channel are written, in MCAP's words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Description {
+    /// Encoding of messages.
+    pub message_encoding: &'static str,
+    /// Name of the schema.
+    pub schema_name: String,
+    /// Encoding of the schema.
+    pub schema_encoding: &'static str,
+    /// The schema.
+    pub schema: Vec<u8>,
+}
+
+/// The encoding of messages that are written as they lie in memory, and of the schemas that say how
+/// that is (see [`MemorySchema`]).
+pub const MEMORY: &str = "touchline-memory";
+
+/// The schema of messages that are written as they lie in memory, as JSON: little-endian, without
+/// padding; what is missing at the end is zero.
+#[derive(Debug, Serialize)]
+struct MemorySchema {
+    /// Versioned type name of the element.
+    type_name: String,
+    /// Structure that a message begins with.
+    message: String,
+    /// Structure of the elements that follow it, as many as there are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    then: Option<String>,
+    /// All structures.
+    structures: Vec<Structure>,
+}
+
+impl Channel {
+    /// All channels.
+    pub const ALL: [Self; 11] = [
+        Self::Setup,
+        Self::Frames,
+        Self::Runs,
+        Self::Detections,
+        Self::World,
+        Self::Commands,
+        Self::Truth,
+        Self::Health,
+        Self::Scene,
+        Self::Robots,
+        Self::Ball,
+    ];
+
+    /// Its name in the file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Setup => "setup",
+            Self::Frames => topics::FRAMES.name,
+            Self::Runs => topics::RUNS.name,
+            Self::Detections => topics::DETECTIONS.name,
+            Self::World => topics::WORLD.name,
+            Self::Commands => topics::COMMANDS.name,
+            Self::Truth => topics::TRUTH.name,
+            Self::Health => topics::HEALTH.name,
+            Self::Scene => "scene",
+            Self::Robots => "robots",
+            Self::Ball => "ball",
+        }
+    }
+
+    /// The channel of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|channel| channel.name() == name)
+    }
+
+    /// Whether it is there for viewers alone and made from `world`.
+    pub fn is_derived(self) -> bool {
+        matches!(self, Self::Scene | Self::Robots | Self::Ball)
+    }
+
+    /// How its messages are written.
+    pub fn description(self) -> Description {
+        match self {
+            Self::Setup => json::<Setup>("touchline.Setup"),
+            Self::Frames => Description {
+                message_encoding: "protobuf",
+                schema_name: image::SCHEMA_NAME.into(),
+                schema_encoding: "protobuf",
+                schema: image::schema(),
+            },
+            Self::Runs => {
+                let mut structures = structures_of::<RunsHeader>();
+                structures.extend(structures_of::<Run>());
+                let names = topics::RUNS.type_names();
+                memory(names.header, "RunsHeader", Some("Run"), structures)
+            }
+            Self::Detections => single::<DetectionFrame>(topics::DETECTIONS.type_names().element),
+            Self::World => single::<WorldFrame>(topics::WORLD.type_names().element),
+            Self::Commands => single::<Commands>(topics::COMMANDS.type_names().element),
+            Self::Truth => single::<TruthFrame>(topics::TRUTH.type_names().element),
+            Self::Health => single::<Heartbeat>(topics::HEALTH.type_names().element),
+            Self::Scene => json::<SceneUpdate>("foxglove.SceneUpdate"),
+            Self::Robots => json::<PosesInFrame>("foxglove.PosesInFrame"),
+            Self::Ball => json::<PoseInFrame>("foxglove.PoseInFrame"),
+        }
+    }
+}
+
+fn json<T: JsonSchema>(name: &str) -> Description {
+    Description {
+        message_encoding: "json",
+        schema_name: name.into(),
+        schema_encoding: "jsonschema",
+        schema: serde_json::to_vec(&schema_for!(T)).unwrap_or_default(),
+    }
+}
+
+fn single<T: JsonSchema>(type_name: &str) -> Description {
+    memory(type_name, &T::schema_name(), None, structures_of::<T>())
+}
+
+fn memory(
+    type_name: &str,
+    message: &str,
+    then: Option<&str>,
+    structures: Vec<Structure>,
+) -> Description {
+    let schema = MemorySchema {
+        type_name: type_name.into(),
+        message: message.into(),
+        then: then.map(Into::into),
+        structures,
+    };
+    Description {
+        message_encoding: MEMORY,
+        schema_name: type_name.into(),
+        schema_encoding: MEMORY,
+        schema: serde_json::to_vec(&schema).unwrap_or_default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unambiguous_and_descriptions_complete() {
+        for channel in Channel::ALL {
+            assert_eq!(Channel::from_name(channel.name()), Some(channel));
+            let description = channel.description();
+            assert!(!description.schema.is_empty(), "{channel:?}");
+        }
+        let world = Channel::World.description();
+        assert_eq!(world.schema_name, "touchline/WorldFrame/3");
+        assert!(String::from_utf8(world.schema).unwrap().contains("prior_world_seq"));
+    }
+}

@@ -1,0 +1,67 @@
+//! Our own messages as bytes: as they lie in memory, without the zeros at the end.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Writes a message to `out`, in the place of what was there. List elements behind their count
+/// should have been cleared ([`common::messages::ClearStale`]).
+pub fn encode_message<T: Pod>(message: &T, out: &mut Vec<u8>) {
+    let bytes = bytemuck::bytes_of(message);
+    let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
+    out.clear();
+    out.extend_from_slice(&bytes[..end]);
+}
+
+/// The message; `None` when there are more bytes than it can have.
+pub fn decode_message<T: Pod + Zeroable>(data: &[u8]) -> Option<Box<T>> {
+    let mut message = bytemuck::allocation::zeroed_box::<T>();
+    bytemuck::bytes_of_mut(&mut *message).get_mut(..data.len())?.copy_from_slice(data);
+    Some(message)
+}
+
+/// Writes a header and the elements behind it to `out`, in the place of what was there.
+pub fn encode_list<H: Pod, E: Pod>(header: &H, elements: &[E], out: &mut Vec<u8>) {
+    out.clear();
+    out.extend_from_slice(bytemuck::bytes_of(header));
+    out.extend_from_slice(bytemuck::cast_slice(elements));
+}
+
+/// The header and the elements; `None` when there is no complete header, or part of an element.
+pub fn decode_list<H: Pod, E: Pod>(data: &[u8]) -> Option<(H, Vec<E>)> {
+    let (header, elements) = data.split_at_checked(size_of::<H>())?;
+    if !elements.len().is_multiple_of(size_of::<E>()) {
+        return None;
+    }
+    let elements =
+        elements.chunks_exact(size_of::<E>()).map(bytemuck::pod_read_unaligned).collect();
+    Some((bytemuck::pod_read_unaligned(header), elements))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::messages::{Run, RunsHeader, WheelCommand};
+    use proptest::prelude::*;
+
+    #[test]
+    fn zeros_at_the_end_are_left_out_and_put_back() {
+        let mut bytes = Vec::new();
+        encode_message(&WheelCommand { team: 1, ..Default::default() }, &mut bytes);
+        assert_eq!(bytes, [1]);
+        assert_eq!(decode_message::<WheelCommand>(&bytes).unwrap().team, 1);
+        encode_message(&WheelCommand::default(), &mut bytes);
+        assert!(bytes.is_empty());
+        assert_eq!(*decode_message::<WheelCommand>(&bytes).unwrap(), WheelCommand::default());
+        assert!(decode_message::<WheelCommand>(&[0; 25]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_survived(data in prop::collection::vec(any::<u8>(), 0..200)) {
+            if let Some((header, runs)) = decode_list::<RunsHeader, Run>(&data) {
+                let mut bytes = Vec::new();
+                encode_list(&header, &runs, &mut bytes);
+                prop_assert_eq!(bytes, data);
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! `touchline info`: what is in a recording.
+
+use super::{size_text, time_text};
+use crate::cli::InfoArgs;
+use crate::commands::CommandError;
+use recording::{Channel, Reader, Setup, decode_frame};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+
+/// What is in a recording.
+#[derive(Debug, Default, Serialize)]
+struct Info {
+    bytes: u64,
+    seconds: f64,
+    begins_wall_ns: u64,
+    is_complete: bool,
+    touchline_version: Option<String>,
+    instance: Option<String>,
+    configurations: usize,
+    picture: Option<Picture>,
+    channels: BTreeMap<String, Content>,
+}
+
+#[derive(Debug, Serialize)]
+struct Picture {
+    width: u32,
+    height: u32,
+    first_seq: u64,
+    last_seq: u64,
+    missing: u64,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Content {
+    messages: u64,
+    bytes: u64,
+    per_second: f64,
+}
+
+/// Prints what is in a recording.
+pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
+    let mut reader = Reader::open(&args.file)?;
+    let mut info = Info { bytes: args.file.metadata()?.len(), ..Default::default() };
+    let (mut begin, mut end) = (u64::MAX, 0);
+    let mut config = None;
+    let mut frames = 0;
+    for entry in reader.by_ref() {
+        let entry = entry?;
+        (begin, end) = (begin.min(entry.t_sent_ns), end.max(entry.t_sent_ns));
+        let content = info.channels.entry(entry.channel.name().into()).or_default();
+        content.messages += 1;
+        content.bytes += entry.data.len() as u64;
+        match entry.channel {
+            Channel::Setup => {
+                info.configurations += 1;
+                if let Some(setup) = Setup::decode(&entry.data) {
+                    info.touchline_version = Some(setup.touchline_version);
+                    info.instance = Some(setup.instance);
+                    config = Some(setup.config_toml);
+                }
+            }
+            Channel::Frames => {
+                if let Some(frame) = decode_frame(&entry.data) {
+                    frames += 1;
+                    let header = frame.header;
+                    let picture = info.picture.get_or_insert(Picture {
+                        width: header.width,
+                        height: header.height,
+                        first_seq: header.seq,
+                        last_seq: header.seq,
+                        missing: 0,
+                    });
+                    picture.last_seq = picture.last_seq.max(header.seq);
+                    picture.missing =
+                        (picture.last_seq - picture.first_seq + 1).saturating_sub(frames);
+                }
+            }
+            _ => {}
+        }
+    }
+    info.is_complete = reader.damage().is_none();
+    info.seconds = end.saturating_sub(begin) as f64 / 1e9;
+    info.begins_wall_ns = if begin == u64::MAX { 0 } else { begin };
+    for content in info.channels.values_mut() {
+        if info.seconds > 0.0 {
+            content.per_second = (content.messages as f64 / info.seconds * 10.0).round() / 10.0;
+        }
+    }
+    if args.config {
+        print!("{}", config.ok_or("no configuration was recorded")?);
+    } else if args.json {
+        println!("{}", serde_json::to_string_pretty(&info)?);
+    } else {
+        print!("{}", text(&info));
+    }
+    if let Some(damage) = reader.damage() {
+        eprintln!(
+            "touchline: {} was never finished or is damaged ({damage}); `touchline recover` makes a \
+             proper file of it",
+            args.file.display()
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn text(info: &Info) -> String {
+    let mut text = format!("  {} in {}\n", size_text(info.bytes), time_text(info.seconds));
+    if let (Some(version), Some(instance)) = (&info.touchline_version, &info.instance) {
+        text += &format!("  of the group {instance:?}, by touchline {version}\n");
+    }
+    if let Some(Picture { width, height, first_seq, last_seq, missing }) = info.picture {
+        text += &format!(
+            "  frames {first_seq} to {last_seq}, {width}×{height} pixels, {missing} missing\n"
+        );
+    }
+    text += &format!("  {:<12}{:>10}{:>10}{:>12}\n", "", "messages", "a second", "size");
+    for (name, content) in &info.channels {
+        text += &format!(
+            "  {name:<12}{:>10}{:>10.1}{:>12}\n",
+            content.messages,
+            content.per_second,
+            size_text(content.bytes)
+        );
+    }
+    text
+}

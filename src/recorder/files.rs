@@ -1,0 +1,83 @@
+//! The names of a recording's files: FILE.mcap, FILE-2.mcap, FILE-3.mcap, … Nothing that exists is
+//! ever written to.
+
+use recording::RecordingError;
+use recording::recover::{Recovery, recover};
+use std::path::{Path, PathBuf};
+
+/// Gives the names one after the other.
+#[derive(Debug, Clone)]
+pub struct Names {
+    first: PathBuf,
+    next: u32,
+}
+
+impl Names {
+    /// Names like this one.
+    pub fn new(first: &Path) -> Self {
+        Self { first: first.into(), next: 1 }
+    }
+
+    /// The next name that is free.
+    pub fn next_free(&mut self) -> PathBuf {
+        loop {
+            let path = numbered(&self.first, self.next);
+            self.next += 1;
+            if !path.exists() {
+                return path;
+            }
+        }
+    }
+}
+
+fn numbered(first: &Path, number: u32) -> PathBuf {
+    if number <= 1 {
+        return first.into();
+    }
+    let mut name = first.file_stem().unwrap_or_default().to_os_string();
+    name.push(format!("-{number}"));
+    if let Some(extension) = first.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    first.with_file_name(name)
+}
+
+/// Recovers what an earlier recording of this name may have left unfinished. Returns what was done
+/// or could not be done, in words.
+pub fn recover_family(first: &Path) -> Vec<String> {
+    let mut said = Vec::new();
+    for number in 1.. {
+        let path = numbered(first, number);
+        if !path.exists() {
+            break;
+        }
+        match recover(&path, None) {
+            Ok(Recovery::Recovered(messages)) => said.push(format!(
+                "{} was never finished; recovered {messages} messages",
+                path.display()
+            )),
+            Ok(Recovery::BeingWritten) => {
+                said.push(format!("{} is being written by another recorder", path.display()));
+            }
+            Ok(Recovery::NotNeeded) => {}
+            Err(RecordingError::Format { .. }) => {
+                said.push(format!("{} is there, but is no recording", path.display()));
+            }
+            Err(error) => said.push(format!("not recovered: {error}")),
+        }
+    }
+    said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_before_the_extension() {
+        assert_eq!(numbered(Path::new("a/match.mcap"), 1), Path::new("a/match.mcap"));
+        assert_eq!(numbered(Path::new("a/match.mcap"), 12), Path::new("a/match-12.mcap"));
+        assert_eq!(numbered(Path::new("match"), 2), Path::new("match-2"));
+    }
+}

@@ -1,0 +1,273 @@
+//! The recorder: a consumer that writes what goes over a group's topics to a file.
+//!
+//! [`ports`] copies messages out of shared memory without waking or holding up anybody; a bounded
+//! [`queue`] hands them to the thread of [`disk`], which compresses and writes. When the disk is too
+//! slow the queue fills up, and messages are dropped and counted here; the group never notices.
+
+mod disk;
+mod files;
+mod ports;
+mod queue;
+
+use common::bus::BusError;
+use common::config::Config;
+use common::consumer::is_there;
+use common::instance::Instance;
+use disk::{Disk, Limits};
+use files::Names;
+use ports::Ports;
+use queue::Totals;
+use recording::{Channel, RecordingError};
+use rustix::fs::statvfs;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+pub use files::recover_family;
+
+/// How often topics are emptied: their buffers hold 64 messages.
+const POLL: Duration = Duration::from_millis(2);
+/// How often free space and the group's configuration are looked at, and progress is told.
+const LOOK: Duration = Duration::from_millis(500);
+/// After so much silence it is looked whether the group is still there.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// What to record, and how much of it.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The group.
+    pub instance: Instance,
+    /// The first file; further ones have a number added.
+    pub path: PathBuf,
+    /// What to record.
+    pub channels: Vec<Channel>,
+    /// End after so long.
+    pub duration: Option<Duration>,
+    /// Begin a new file when one has so many bytes.
+    pub file_bytes: Option<u64>,
+    /// Keep only so many of the files, the newest.
+    pub keep_files: Option<usize>,
+    /// Stop when less than this is free on the disk.
+    pub keep_free_bytes: u64,
+}
+
+/// Why nothing (more) can be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// Shared memory.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The file.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The system.
+    #[error("{action}: {source}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// Why a recording has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// Somebody has asked for it.
+    Stopped,
+    /// The time is over.
+    TimeIsOver,
+    /// The disk is nearly full.
+    DiskNearlyFull,
+}
+
+/// How far a recording has come, or what has become of it.
+#[derive(Debug, Clone)]
+pub struct Progress {
+    /// The newest file.
+    pub path: PathBuf,
+    /// All files of this recording that still exist.
+    pub files: Vec<PathBuf>,
+    /// Time since the first message.
+    pub elapsed: Duration,
+    /// Bytes in all files.
+    pub bytes: u64,
+    /// Messages written, by channel.
+    pub written: BTreeMap<Channel, u64>,
+    /// Messages that the disk was too slow for, by channel.
+    pub dropped: BTreeMap<Channel, u64>,
+    /// Frame numbers that never came by, by channel.
+    pub missed: BTreeMap<Channel, u64>,
+    /// Bytes free on the disk.
+    pub free_bytes: u64,
+    /// The group is not there (yet).
+    pub is_waiting: bool,
+}
+
+/// Records until told to stop, or a limit is reached. `tell` is called now and then.
+pub fn record(
+    options: &Options,
+    stop: &Arc<AtomicBool>,
+    mut tell: impl FnMut(&Progress),
+) -> Result<(End, Progress), RecorderError> {
+    let mut recorder = Recorder {
+        options,
+        stop,
+        names: Names::new(&options.path),
+        totals: Arc::new(Totals::default()),
+        missed: BTreeMap::new(),
+        began: None,
+        is_waiting: true,
+    };
+    let end = loop {
+        if let Some(end) = recorder.is_over()? {
+            break end;
+        }
+        if is_there(&options.instance) {
+            recorder.is_waiting = false;
+            if let Some(end) = recorder.follow_group(&mut tell)? {
+                break end;
+            }
+            recorder.is_waiting = true;
+        }
+        tell(&recorder.progress()?);
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    let progress = recorder.progress()?;
+    Ok((end, progress))
+}
+
+struct Recorder<'a> {
+    options: &'a Options,
+    stop: &'a AtomicBool,
+    names: Names,
+    totals: Arc<Totals>,
+    missed: BTreeMap<Channel, u64>,
+    began: Option<Instant>,
+    is_waiting: bool,
+}
+
+impl Recorder<'_> {
+    fn is_over(&self) -> Result<Option<End>, RecorderError> {
+        let is_late = |began: Instant| {
+            self.options.duration.is_some_and(|duration| began.elapsed() >= duration)
+        };
+        Ok(if self.stop.load(Ordering::Relaxed) {
+            Some(End::Stopped)
+        } else if self.began.is_some_and(is_late) {
+            Some(End::TimeIsOver)
+        } else {
+            None
+        })
+    }
+
+    /// Records a group until it ends (`None`) or the recording does.
+    fn follow_group(
+        &mut self,
+        tell: &mut impl FnMut(&Progress),
+    ) -> Result<Option<End>, RecorderError> {
+        let mut ports = Ports::connect(&self.options.instance, &self.options.channels)?;
+        let mut config = read_config(&self.options.instance);
+        let limits =
+            Limits { file_bytes: self.options.file_bytes, keep_files: self.options.keep_files };
+        let mut disk = Disk::start(
+            self.names.clone(),
+            self.options.channels.clone(),
+            limits,
+            self.setup(&config),
+            Arc::clone(&self.totals),
+        )?;
+        self.began.get_or_insert_with(Instant::now);
+        let (mut looked, mut heard) = (Instant::now(), Instant::now());
+        let end = loop {
+            let taken = ports.take(|message| disk.put(message))?;
+            if taken.is_anew {
+                // Numbers have begun anew: another group, another file.
+                config = read_config(&self.options.instance);
+                disk.next_file(self.setup(&config));
+            }
+            if taken.messages > 0 {
+                heard = Instant::now();
+            }
+            // What went wrong is told by `finish`.
+            if disk.has_failed() {
+                break None;
+            }
+            if let Some(end) = self.is_over()? {
+                break Some(end);
+            }
+            if looked.elapsed() >= LOOK {
+                looked = Instant::now();
+                let now = read_config(&self.options.instance);
+                if now != config && now.is_some() {
+                    config = now;
+                    disk.put_setup(self.setup(&config));
+                }
+                self.missed = ports.missed();
+                let progress = self.progress()?;
+                tell(&progress);
+                if progress.free_bytes < self.options.keep_free_bytes {
+                    break Some(End::DiskNearlyFull);
+                }
+            }
+            if heard.elapsed() > SILENCE {
+                heard = Instant::now();
+                if !is_there(&self.options.instance) {
+                    break None;
+                }
+            }
+            std::thread::sleep(POLL);
+        };
+        ports.take(|message| disk.put(message))?;
+        self.missed = ports.missed();
+        self.names = disk.finish()?;
+        Ok(end)
+    }
+
+    fn setup(&self, config_toml: &Option<String>) -> (recording::Setup, Config) {
+        let text = config_toml.clone().unwrap_or_default();
+        // The group has checked it; only the looks of the scene depend on it here.
+        let config = Config::parse(&text, "the group's configuration").unwrap_or_default();
+        let now = common::clock::monotonic_ns();
+        let setup = recording::Setup {
+            touchline_version: env!("CARGO_PKG_VERSION").into(),
+            instance: self.options.instance.name().into(),
+            wall_minus_monotonic_ns: common::clock::wall_ns() as i64 - now as i64,
+            config_toml: text,
+        };
+        (setup, config)
+    }
+
+    fn progress(&self) -> Result<Progress, RecorderError> {
+        let files = self.totals.files();
+        let bytes = files.iter().map(|path| path.metadata().map_or(0, |data| data.len())).sum();
+        Ok(Progress {
+            path: files.last().cloned().unwrap_or_else(|| self.options.path.clone()),
+            files,
+            elapsed: self.began.map_or(Duration::ZERO, |began| began.elapsed()),
+            bytes,
+            written: self.totals.written(),
+            dropped: self.totals.dropped(),
+            missed: self.missed.clone(),
+            free_bytes: free_bytes(&self.options.path)?,
+            is_waiting: self.is_waiting,
+        })
+    }
+}
+
+/// The running group's configuration, as text.
+fn read_config(instance: &Instance) -> Option<String> {
+    std::fs::read_to_string(instance.config_path()).ok()
+}
+
+fn free_bytes(path: &Path) -> Result<u64, RecorderError> {
+    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    let directory = directory.unwrap_or(Path::new("."));
+    let space = statvfs(directory).map_err(|error| RecorderError::System {
+        action: format!("look for free space in {}", directory.display()),
+        source: error.into(),
+    })?;
+    Ok(space.f_bavail * space.f_frsize)
+}

@@ -1,0 +1,216 @@
+//! The recorder's subscribers. They poll, so that writers need not wake them, and copy at once, so
+//! that no shared memory is held.
+
+use super::queue::Recorded;
+use common::bus::{Bus, BusError, Header, Message, Received, Subscriber};
+use common::clock::monotonic_ns;
+use common::consumer::{Order, Place};
+use common::instance::Instance;
+use common::messages::*;
+use common::topics::{self, Topic};
+use recording::{Channel, encode_frame, encode_list, encode_message};
+use std::collections::BTreeMap;
+
+/// A sender's stamp is believed if it is not older than this, and not of the future; else the time of
+/// reading counts.
+const OLDEST_NS: u64 = 300_000_000;
+
+/// What was taken from the topics.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Taken {
+    /// Messages.
+    pub messages: u64,
+    /// Numbers have begun anew.
+    pub is_anew: bool,
+}
+
+/// The subscribers.
+pub struct Ports {
+    lanes: Vec<Box<dyn Lane>>,
+    // Last, so that it outlives the ports.
+    _bus: Bus,
+}
+
+impl Ports {
+    /// Connects to the topics that the channels need.
+    pub fn connect(instance: &Instance, channels: &[Channel]) -> Result<Self, BusError> {
+        let bus = Bus::join(instance, "recorder")?;
+        let derived = channels.iter().any(|channel| channel.is_derived());
+        let mut lanes: Vec<Box<dyn Lane>> = Vec::new();
+        // Along the way of a frame, so that the frames of all results are there …
+        for channel in Channel::ALL {
+            let is_wanted = channels.contains(&channel) || (channel == Channel::World && derived);
+            if is_wanted && let Some(lane) = lane(&bus, channel)? {
+                lanes.push(lane);
+            }
+        }
+        Ok(Self { lanes, _bus: bus })
+    }
+
+    /// Takes everything there is. `put` gets each message and a buffer to fill with it.
+    pub fn take(&mut self, mut put: impl FnMut(Recorded<'_>)) -> Result<Taken, BusError> {
+        let mut taken = Taken::default();
+        // … and read against it, for the same at the end.
+        for lane in self.lanes.iter_mut().rev() {
+            lane.take(&mut put, &mut taken)?;
+        }
+        Ok(taken)
+    }
+
+    /// Numbers that never came by, by channel.
+    pub fn missed(&self) -> BTreeMap<Channel, u64> {
+        let missed = self.lanes.iter().map(|lane| lane.missed());
+        missed.filter(|(_, count)| *count > 0).collect()
+    }
+}
+
+fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> {
+    Ok(match channel {
+        Channel::Frames => Some(open(bus, channel, &topics::FRAMES, |frame, now_ns, out| {
+            let header = frame.header();
+            encode_frame(header, frame.elements(), out);
+            Some((stamp(header.t_sent_ns, now_ns), header.t_capture_ns))
+        })?),
+        Channel::Runs => Some(open(bus, channel, &topics::RUNS, |runs, now_ns, out| {
+            let header = runs.header();
+            encode_list(header, header.valid(runs.elements()), out);
+            Some((stamp(header.t_sent_ns, now_ns), header.frame.t_capture_ns))
+        })?),
+        Channel::Detections => {
+            let mut copy = bytemuck::allocation::zeroed_box::<DetectionFrame>();
+            Some(open(bus, channel, &topics::DETECTIONS, move |received, now_ns, out| {
+                take_message(received, &mut copy, out)?;
+                Some((stamp(copy.t_sent_ns, now_ns), copy.frame.t_capture_ns))
+            })?)
+        }
+        Channel::World => {
+            let mut copy = bytemuck::allocation::zeroed_box::<WorldFrame>();
+            Some(open(bus, channel, &topics::WORLD, move |received, now_ns, out| {
+                take_message(received, &mut copy, out)?;
+                Some((stamp(copy.t_sent_ns, now_ns), copy.frame.t_capture_ns))
+            })?)
+        }
+        Channel::Commands => {
+            let mut copy = bytemuck::allocation::zeroed_box::<Commands>();
+            Some(open(bus, channel, &topics::COMMANDS, move |received, now_ns, out| {
+                take_message(received, &mut copy, out)?;
+                let t_ns = stamp(copy.t_sent_ns, now_ns);
+                Some((t_ns, t_ns))
+            })?)
+        }
+        Channel::Truth => {
+            let mut copy = bytemuck::allocation::zeroed_box::<TruthFrame>();
+            Some(open(bus, channel, &topics::TRUTH, move |received, now_ns, out| {
+                take_message(received, &mut copy, out)?;
+                Some((stamp(copy.t_capture_ns, now_ns), copy.t_capture_ns))
+            })?)
+        }
+        Channel::Health => {
+            let mut copy = bytemuck::allocation::zeroed_box::<Heartbeat>();
+            Some(open(bus, channel, &topics::HEALTH, move |received, now_ns, out| {
+                take_message(received, &mut copy, out)?;
+                let t_ns = stamp(copy.t_sent_ns, now_ns);
+                Some((t_ns, t_ns))
+            })?)
+        }
+        Channel::Setup | Channel::Scene | Channel::Robots | Channel::Ball => None,
+    })
+}
+
+/// Copies a message, forgets what is behind its lists, and writes it to `out`.
+fn take_message<T: Message + ClearStale>(
+    received: &Received<T, ()>,
+    copy: &mut T,
+    out: &mut Vec<u8>,
+) -> Option<()> {
+    *copy = *received.message()?;
+    copy.clear_stale();
+    encode_message(copy, out);
+    Some(())
+}
+
+/// The time at which a message was sent, as far as its sender can be believed: rubbish must not turn
+/// the order of a recording upside down.
+fn stamp(t_ns: u64, now_ns: u64) -> u64 {
+    if (now_ns.saturating_sub(OLDEST_NS)..=now_ns).contains(&t_ns) { t_ns } else { now_ns }
+}
+
+/// One topic, whatever its type.
+trait Lane {
+    fn take(
+        &mut self,
+        put: &mut dyn FnMut(Recorded<'_>),
+        taken: &mut Taken,
+    ) -> Result<(), BusError>;
+    fn missed(&self) -> (Channel, u64);
+}
+
+struct TopicLane<E: Message, H: Header, F> {
+    channel: Channel,
+    topic: &'static Topic<E, H>,
+    subscriber: Subscriber<E, H>,
+    order: Order,
+    missed: u64,
+    encode: F,
+}
+
+fn open<E, H, F>(
+    bus: &Bus,
+    channel: Channel,
+    topic: &'static Topic<E, H>,
+    encode: F,
+) -> Result<Box<dyn Lane>, BusError>
+where
+    E: Message + 'static,
+    H: Header + 'static,
+    F: FnMut(&Received<E, H>, u64, &mut Vec<u8>) -> Option<(u64, u64)> + 'static,
+{
+    let subscriber = bus.subscriber(topic)?;
+    Ok(Box::new(TopicLane {
+        channel,
+        topic,
+        subscriber,
+        order: Order::default(),
+        missed: 0,
+        encode,
+    }))
+}
+
+impl<E, H, F> Lane for TopicLane<E, H, F>
+where
+    E: Message,
+    H: Header,
+    F: FnMut(&Received<E, H>, u64, &mut Vec<u8>) -> Option<(u64, u64)>,
+{
+    fn take(
+        &mut self,
+        put: &mut dyn FnMut(Recorded<'_>),
+        taken: &mut Taken,
+    ) -> Result<(), BusError> {
+        let Self { channel, topic, subscriber, order, missed, encode } = self;
+        // Not more than a buffer at a time, so that no topic can keep the others waiting.
+        for _ in 0..topic.buffer {
+            let Some(received) = subscriber.receive()? else { break };
+            let seq = (topic.seq)(received.elements(), received.header());
+            let t_ns = (topic.t_capture_ns)(received.elements(), received.header());
+            match order.place(seq, t_ns) {
+                Place::Next => {}
+                Place::After { missed: count } => *missed += count,
+                Place::Anew => taken.is_anew = true,
+                // The stages have not worked on it either.
+                Place::Repeated => continue,
+            }
+            taken.messages += 1;
+            put(Recorded {
+                channel: *channel,
+                size_hint: size_of::<H>() + size_of_val(received.elements()),
+                encode: &mut |out| encode(&received, monotonic_ns(), out),
+            });
+        }
+        Ok(())
+    }
+
+    fn missed(&self) -> (Channel, u64) {
+        (self.channel, self.missed)
+    }
+}

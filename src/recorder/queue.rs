@@ -1,0 +1,207 @@
+//! From the reading to the writing thread: bounded in bytes, with buffers that are used again.
+
+use common::config::Config;
+use recording::{Channel, Setup};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// So much may wait to be written: five seconds of raw frames from a camera of 640×480 pixels and 80
+/// frames a second.
+const MAX_BYTES: usize = 128 << 20;
+/// Buffers kept for further use, at most.
+const MAX_SPARE: usize = 32;
+
+/// Writes a message to a buffer and tells when it was sent and what time it is about, both on the
+/// monotonic clock; `None` if there is nothing in it.
+pub type Encode<'a> = dyn FnMut(&mut Vec<u8>) -> Option<(u64, u64)> + 'a;
+
+/// A message that is to be recorded, still in shared memory.
+pub struct Recorded<'a> {
+    /// Where it goes.
+    pub channel: Channel,
+    /// About how many bytes it takes.
+    pub size_hint: usize,
+    /// Its content.
+    pub encode: &'a mut Encode<'a>,
+}
+
+/// What the writing thread is to do.
+pub enum Job {
+    /// Write a message.
+    Message {
+        /// Where.
+        channel: Channel,
+        /// When it was sent, monotonic clock.
+        t_sent_ns: u64,
+        /// What time it is about, monotonic clock.
+        t_about_ns: u64,
+        /// As recorded.
+        data: Vec<u8>,
+    },
+    /// The group's configuration has changed.
+    Setup(Box<(Setup, Config)>),
+    /// Go on in another file.
+    NextFile(Box<(Setup, Config)>),
+}
+
+/// Counts of both threads.
+#[derive(Debug, Default)]
+pub struct Totals {
+    counts: Mutex<Counts>,
+}
+
+#[derive(Debug, Default)]
+struct Counts {
+    files: Vec<PathBuf>,
+    written: BTreeMap<Channel, u64>,
+    dropped: BTreeMap<Channel, u64>,
+}
+
+impl Totals {
+    fn counts(&self) -> MutexGuard<'_, Counts> {
+        // Every update leaves the counts whole.
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts a message as written.
+    pub fn count_written(&self, channel: Channel) {
+        *self.counts().written.entry(channel).or_default() += 1;
+    }
+
+    fn count_dropped(&self, channel: Channel) {
+        *self.counts().dropped.entry(channel).or_default() += 1;
+    }
+
+    /// Notes a file that was begun; if there are more than `keep` now, returns those to remove.
+    pub fn add_file(&self, path: PathBuf, keep: Option<usize>) -> Vec<PathBuf> {
+        let files = &mut self.counts().files;
+        files.push(path);
+        let surplus = files.len().saturating_sub(keep.unwrap_or(usize::MAX).max(1));
+        files.drain(..surplus).collect()
+    }
+
+    /// All files.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.counts().files.clone()
+    }
+
+    /// Messages written.
+    pub fn written(&self) -> BTreeMap<Channel, u64> {
+        self.counts().written.clone()
+    }
+
+    /// Messages dropped because too many were waiting.
+    pub fn dropped(&self) -> BTreeMap<Channel, u64> {
+        self.counts().dropped.clone()
+    }
+}
+
+/// The reading end of the recorder puts in here.
+pub struct Entrance {
+    jobs: Sender<Job>,
+    spare: Receiver<Vec<u8>>,
+    waiting_bytes: Arc<AtomicUsize>,
+    totals: Arc<Totals>,
+}
+
+/// The writing end takes out here.
+pub struct Exit {
+    jobs: Receiver<Job>,
+    spare: SyncSender<Vec<u8>>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+/// A queue.
+pub fn queue(totals: Arc<Totals>) -> (Entrance, Exit) {
+    let (job_sender, job_receiver) = channel();
+    let (spare_sender, spare_receiver) = sync_channel(MAX_SPARE);
+    let waiting_bytes = Arc::new(AtomicUsize::new(0));
+    let entrance = Entrance {
+        jobs: job_sender,
+        spare: spare_receiver,
+        waiting_bytes: Arc::clone(&waiting_bytes),
+        totals,
+    };
+    (entrance, Exit { jobs: job_receiver, spare: spare_sender, waiting_bytes })
+}
+
+impl Entrance {
+    /// Puts a message in; drops and counts it when too much is waiting already.
+    pub fn put(&mut self, message: Recorded<'_>) {
+        let waiting = self.waiting_bytes.load(Ordering::Relaxed);
+        if waiting + message.size_hint > MAX_BYTES {
+            self.totals.count_dropped(message.channel);
+            return;
+        }
+        let mut data = self.spare.try_recv().unwrap_or_default();
+        let Some((t_sent_ns, t_about_ns)) = (message.encode)(&mut data) else { return };
+        self.waiting_bytes.fetch_add(data.len(), Ordering::Relaxed);
+        let channel = message.channel;
+        // That the other end has gone after an error is seen elsewhere.
+        let _ = self.jobs.send(Job::Message { channel, t_sent_ns, t_about_ns, data });
+    }
+
+    /// Puts in what is not a message; never dropped.
+    pub fn put_job(&mut self, job: Job) {
+        let _ = self.jobs.send(job);
+    }
+}
+
+impl Exit {
+    /// The next thing to do; waits for it, but not longer than `timeout`.
+    pub fn take(&mut self, timeout: Duration) -> Result<Job, RecvTimeoutError> {
+        let job = self.jobs.recv_timeout(timeout)?;
+        if let Job::Message { data, .. } = &job {
+            self.waiting_bytes.fetch_sub(data.len(), Ordering::Relaxed);
+        }
+        Ok(job)
+    }
+
+    /// Gives a buffer back.
+    pub fn give_back(&mut self, data: Vec<u8>) {
+        // When there are enough of them already, it goes.
+        let _ = self.spare.try_send(data);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_dropped_and_counted() {
+        let totals = Arc::new(Totals::default());
+        let (mut entrance, mut exit) = queue(Arc::clone(&totals));
+        let size = MAX_BYTES / 4 + 1;
+        let put = |entrance: &mut Entrance| {
+            entrance.put(Recorded {
+                channel: Channel::Frames,
+                size_hint: size,
+                encode: &mut |out| {
+                    out.resize(size, 0);
+                    Some((1, 2))
+                },
+            });
+        };
+        for _ in 0..5 {
+            put(&mut entrance);
+        }
+        assert_eq!(totals.dropped().get(&Channel::Frames), Some(&2));
+        assert!(matches!(exit.take(Duration::ZERO), Ok(Job::Message { t_sent_ns: 1, .. })));
+        put(&mut entrance);
+        assert_eq!(totals.dropped().get(&Channel::Frames), Some(&2), "there was room again");
+    }
+
+    #[test]
+    fn the_oldest_files_are_surplus() {
+        let totals = Totals::default();
+        assert!(totals.add_file("1".into(), Some(2)).is_empty());
+        assert!(totals.add_file("2".into(), Some(2)).is_empty());
+        assert_eq!(totals.add_file("3".into(), Some(2)), [PathBuf::from("1")]);
+        assert_eq!(totals.files(), [PathBuf::from("2"), PathBuf::from("3")]);
+    }
+}

@@ -1,0 +1,230 @@
+//! Recordings: made of real groups, killed in the middle, computed again.
+
+mod support;
+
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE, Scratch, output_of, touchline};
+
+/// A recorder that ends with the test, whatever happens.
+struct Recorder(Child);
+
+impl Recorder {
+    fn start(scratch: &Scratch, file: &Path, args: &[&str]) -> Self {
+        let base = ["record", file.to_str().unwrap(), "--instance", "test", "--keep-free", "1M"];
+        let args: Vec<&str> = base.iter().chain(args).copied().collect();
+        Self(touchline(scratch, &args).stdout(Stdio::piped()).spawn().unwrap())
+    }
+
+    fn signal(&mut self, signal: Signal) -> String {
+        let pid = rustix::process::Pid::from_child(&self.0);
+        rustix::process::kill_process(pid, signal).unwrap();
+        let mut text = String::new();
+        std::io::Read::read_to_string(&mut self.0.stdout.take().unwrap(), &mut text).unwrap();
+        self.0.wait().unwrap();
+        text
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn wait_for_bytes(file: &Path, bytes: u64) {
+    let deadline = Instant::now() + PATIENCE;
+    while file.metadata().map_or(0, |data| data.len()) < bytes {
+        assert!(Instant::now() < deadline, "{} does not grow", file.display());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn info(scratch: &Scratch, file: &Path) -> Value {
+    let output = output_of(scratch, &["info", "--json", file.to_str().unwrap()]);
+    assert!(output.status.success(), "{output:?}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn messages(info: &Value, channel: &str) -> u64 {
+    info["channels"][channel]["messages"].as_u64().unwrap_or(0)
+}
+
+/// The figures of a line of `replay --verify`: equal, different, not checked.
+fn verified(text: &str, channel: &str) -> [u64; 3] {
+    let line = text.lines().find(|line| line.trim_start().starts_with(channel));
+    let line = line.unwrap_or_else(|| panic!("no {channel} in {text}"));
+    let mut numbers = line.split_whitespace().skip(1).map(|word| word.parse().unwrap());
+    std::array::from_fn(|_| numbers.next().unwrap())
+}
+
+#[test]
+fn a_match_with_kills_is_computed_again_bit_for_bit() {
+    let mut group = Group::start("record-kills", "", &[]);
+    let mut status = group.wait_until_working();
+    let file = group.scratch.path.join("match.mcap");
+    let topics = "frames,runs,detections,world,commands,truth,health,scene";
+    let mut recorder = Recorder::start(&group.scratch, &file, &["--topics", topics, "--quiet"]);
+    wait_for_bytes(&file, 4_000_000);
+    for stage in ["filter", "tracker", "classifier", "filter"] {
+        let pid = Group::pid_of(&status, stage);
+        group.signal(pid, Signal::KILL);
+        let world = status["frames"]["world"].as_u64().unwrap();
+        status = group.wait_for("a replacement", |status| {
+            status["complete"] == true
+                && Group::pid_of(status, stage) != pid
+                && status["frames"]["world"].as_u64() > Some(world + 40)
+        });
+    }
+    let said = recorder.signal(Signal::INT);
+    assert!(said.contains("dropped      none"), "{said}");
+
+    let info = info(&group.scratch, &file);
+    assert_eq!(info["is_complete"], true, "{info:#}");
+    for channel in ["frames", "runs", "detections", "world", "commands", "truth", "scene", "ball"] {
+        assert!(messages(&info, channel) > 100, "{channel}: {info:#}");
+    }
+    let output = output_of(&group.scratch, &["replay", "--verify", file.to_str().unwrap()]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{text}");
+    for channel in ["runs", "detections", "world"] {
+        let [equal, different, unchecked] = verified(&text, channel);
+        assert_eq!(different, 0, "{text}");
+        // What was under way when the recording began.
+        assert!(equal > 100 && unchecked < 70, "{text}");
+    }
+    keep_for_other_readers(&file);
+}
+
+/// Continuous integration has the official library read what was recorded here.
+fn keep_for_other_readers(file: &Path) {
+    if let Some(place) = std::env::var_os("TOUCHLINE_KEEP_RECORDING") {
+        std::fs::copy(file, PathBuf::from(place)).unwrap();
+    }
+}
+
+#[test]
+fn a_changed_recording_is_found_out() {
+    // Every output of a recording whose frames were tampered with must differ.
+    let group = Group::start("record-changed", "", &["--frames", "200"]);
+    let file = group.scratch.path.join("match.mcap");
+    let mut recorder = Recorder::start(&group.scratch, &file, &["--quiet"]);
+    wait_for_bytes(&file, 8_000_000);
+    recorder.signal(Signal::INT);
+
+    let changed = group.scratch.path.join("changed.mcap");
+    let mut writer = recording::Writer::create(&changed, &recording::Channel::ALL).unwrap();
+    let mut world_is_next = true;
+    for entry in recording::Reader::open(&file).unwrap() {
+        let entry = entry.unwrap();
+        let mut data = entry.data.into_owned();
+        if entry.channel == recording::Channel::World && std::mem::take(&mut world_is_next) {
+            // The last byte that is not zero: in the memory of the ball's track.
+            *data.last_mut().unwrap() ^= 1;
+        }
+        writer.write(entry.channel, entry.t_sent_ns, entry.t_sent_ns, &data).unwrap();
+    }
+    writer.finish().unwrap();
+    let output = output_of(&group.scratch, &["replay", "--verify", changed.to_str().unwrap()]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    // The first world cannot be checked, for lack of the one before it; the second follows from it.
+    assert!(!output.status.success(), "{text}");
+    assert!(verified(&text, "world")[1] >= 1, "{text}");
+    assert!(text.contains("different    world of frame"), "{text}");
+}
+
+#[test]
+fn a_killed_recorder_leaves_all_but_the_last_moment() {
+    let mut group = Group::start("record-killed", "", &[]);
+    group.wait_until_working();
+    let file = group.scratch.path.join("match.mcap");
+    let mut recorder = Recorder::start(&group.scratch, &file, &["--quiet"]);
+    wait_for_bytes(&file, 10_000_000);
+    let captured_until_ns = common::clock::wall_ns();
+    recorder.signal(Signal::KILL);
+
+    // It can be read as it is, and says that it is not complete.
+    let before = info(&group.scratch, &file);
+    assert_eq!(before["is_complete"], false, "{before:#}");
+    let end_ns = before["begins_wall_ns"].as_u64().unwrap() as f64
+        + before["seconds"].as_f64().unwrap() * 1e9;
+    let lost_s = (captured_until_ns as f64 - end_ns) / 1e9;
+    // 0.1 s on a machine that is not busy with tests.
+    assert!(lost_s < 2.0, "lost {lost_s} s");
+
+    // The next recorder of that name recovers it and writes beside it.
+    let mut second = Recorder::start(&group.scratch, &file, &["--quiet"]);
+    wait_for_bytes(&group.scratch.path.join("match-2.mcap"), 1_000_000);
+    second.signal(Signal::INT);
+    let after = info(&group.scratch, &file);
+    assert_eq!(after["is_complete"], true, "{after:#}");
+    assert_eq!(after["channels"], before["channels"], "nothing readable is lost");
+    let second = info(&group.scratch, &group.scratch.path.join("match-2.mcap"));
+    assert_eq!(second["is_complete"], true, "{second:#}");
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_and_not_the_match() {
+    let mut group = Group::start("record-full", "", &[]);
+    let status = group.wait_until_working();
+    let file = group.scratch.path.join("match.mcap");
+    // A limit on the size of files stands for the end of the disk.
+    let limited = format!(
+        "trap '' XFSZ; ulimit -f 8000; exec {} record {} --instance test --quiet --keep-free 1M",
+        env!("CARGO_BIN_EXE_touchline"),
+        file.display()
+    );
+    let output = std::process::Command::new("sh")
+        .args(["-c", &limited])
+        .env("TOUCHLINE_RUNTIME_DIR", group.scratch.path.join("run"))
+        .output()
+        .unwrap();
+    assert!(!output.status.success(), "{output:?}");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("match.mcap: write"), "{output:?}");
+    let before = info(&group.scratch, &file);
+    assert!(messages(&before, "frames") > 5, "{before:#}");
+    let output = output_of(&group.scratch, &["recover", file.to_str().unwrap()]);
+    assert!(output.status.success(), "{output:?}");
+    let after = info(&group.scratch, &file);
+    assert_eq!((&after["channels"], &after["is_complete"]), (&before["channels"], &true.into()));
+
+    let world = status["frames"]["world"].as_u64().unwrap();
+    group
+        .wait_for("further frames", |status| status["frames"]["world"].as_u64() > Some(world + 40));
+}
+
+#[test]
+fn files_are_rotated_and_the_oldest_removed() {
+    let mut group = Group::start("record-rotate", "", &[]);
+    group.wait_until_working();
+    let file = group.scratch.path.join("match.mcap");
+    let args = ["--quiet", "--max-size", "3M", "--keep", "2"];
+    let mut recorder = Recorder::start(&group.scratch, &file, &args);
+    let fourth = group.scratch.path.join("match-4.mcap");
+    wait_for_bytes(&fourth, 1_000_000);
+    recorder.signal(Signal::INT);
+    assert!(!file.exists() && !group.scratch.path.join("match-2.mcap").exists());
+    for number in [3, 4] {
+        let path = group.scratch.path.join(format!("match-{number}.mcap"));
+        if path.exists() {
+            let info = info(&group.scratch, &path);
+            assert_eq!((&info["is_complete"], messages(&info, "setup")), (&true.into(), 1));
+        }
+    }
+}
+
+#[test]
+fn what_is_no_recording_is_refused_in_words() {
+    let scratch = Scratch::new("record-no");
+    let file = scratch.write("no.mcap", "nothing of the kind");
+    for command in [&["info"][..], &["replay", "--verify"], &["recover"]] {
+        let args: Vec<&str> = command.iter().copied().chain([file.to_str().unwrap()]).collect();
+        let output = output_of(&scratch, &args);
+        assert!(!output.status.success(), "{output:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("no MCAP file"), "{output:?}");
+    }
+}
