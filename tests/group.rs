@@ -294,6 +294,10 @@ fn an_upgrade_that_does_not_fit_changes_nothing() {
 fn a_group_left_behind_is_adopted_as_it_was_run() {
     let mut group = Group::start("adopt", "[camera]\nfps = 50\n", &["--frames", "100000"]);
     let before = group.wait_until_working();
+    group.signal_supervisor(Signal::KILL);
+    group.wait_until_ended();
+    let output = group.touchline(&["status"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("run --adopt"), "{output:?}");
     group.replace_supervisor_by(&["run", "--instance", "test", "--adopt"]);
     let after = group.wait_for("a group under the new supervisor", |status| {
         status["complete"] == true && status["supervisor_pid"] != before["supervisor_pid"]

@@ -3,6 +3,7 @@
 use super::CommandError;
 use crate::cli::{InstanceArgs, StatusArgs};
 use crate::monitor::{read_status, summary};
+use crate::supervisor::Record;
 use common::instance::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::ExitCode;
@@ -66,10 +67,16 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
 /// The group, if it has a living supervisor.
 pub fn running(args: &InstanceArgs) -> Result<Instance, CommandError> {
     let instance = Instance::new(&args.instance)?;
+    let name = instance.name();
     if instance.is_supervised() {
-        Ok(instance)
-    } else {
-        Err(format!("no group {:?} is running; start one with `touchline run`", args.instance)
-            .into())
+        return Ok(instance);
     }
+    Err(match Record::read(&instance) {
+        Some(_) => format!(
+            "the supervisor of the group {name:?} is gone; take over what it has left with `touchline \
+             run --adopt --instance {name}`"
+        ),
+        None => format!("no group {name:?} is running; start one with `touchline run`"),
+    }
+    .into())
 }

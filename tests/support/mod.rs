@@ -112,9 +112,11 @@ impl Group {
         self.replace_supervisor_by(&arguments);
     }
 
-    /// Kills the supervisor, and nobody else, and starts the program with these arguments.
+    /// Kills the supervisor if it lives, and nobody else, and starts the program with these
+    /// arguments.
     pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
-        self.signal_supervisor(Signal::KILL);
+        // It may be dead already.
+        let _ = self.supervisor.kill();
         self.supervisor.wait().unwrap();
         let arguments: Vec<String> = arguments.iter().map(|text| text.to_string()).collect();
         self.supervisor = Self::spawn(&self.scratch, &arguments, &[]);
