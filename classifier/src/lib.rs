@@ -39,6 +39,7 @@ use common::messages::{FrameHeader, Run, RunsHeader};
 
 pub use error::ClassifierError;
 pub use kernels::scalar::{demosaic, to_rgb};
+pub use kernels::{SimdChoice, SimdLevel};
 pub use mask::{FieldMask, Span};
 pub use picture::{BayerImage, ColorImage, ColorRow, Picture};
 pub use stage::Classifier;

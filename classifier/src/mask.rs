@@ -1,4 +1,13 @@
 //! Which pixels are looked at at all.
+//!
+//! Robots and ball are on the field, or near it. What the camera sees beside it, spectators, cables,
+//! a referee's shoes, can only cost time and be taken for a ball. So at construction every pixel is
+//! asked what it would show if that were on the floor, as high as a robot's top, or between: if all
+//! of that is outside, nothing that counts can appear there.
+
+use common::config::Config;
+use common::geometry::{CameraModel, FieldPoint, ImagePoint};
+use common::layout::contains;
 
 /// A stretch of columns, `begin..end`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -7,6 +16,22 @@ pub struct Span {
     pub begin: usize,
     /// Column behind the last one; above `begin`.
     pub end: usize,
+}
+
+impl Span {
+    /// From the first column of any of the spans to the last; `None` if there are none.
+    pub fn around(spans: impl IntoIterator<Item = Self>) -> Option<Self> {
+        spans.into_iter().reduce(|a, b| Self { begin: a.begin.min(b.begin), end: a.end.max(b.end) })
+    }
+
+    /// A bit for each of the columns `start..start + count` that lies in the span; `count` is at
+    /// most 64.
+    #[inline(always)]
+    pub fn bits(self, start: usize, count: usize) -> u64 {
+        let begin = self.begin.max(start);
+        let end = self.end.min(start + count);
+        if begin < end { !0 >> (64 - (end - begin)) << (begin - start) } else { 0 }
+    }
 }
 
 /// The pixels that are classified, row by row; all others are background.
@@ -25,6 +50,63 @@ impl FieldMask {
         Self { spans: vec![Span { begin: 0, end: width }; height], ends: (1..=height).collect() }
     }
 
+    /// What the configured field, margin, goals and further areas need. All pixels, if the mask is
+    /// switched off, if there is no usable geometry, or if by the geometry the picture shows nothing
+    /// of the field.
+    pub fn new(config: &Config) -> Self {
+        let (width, height) = (config.camera.width, config.camera.height);
+        let everything = || Self::everything(width, height);
+        if !config.field.mask {
+            return everything();
+        }
+        let Ok(model) = CameraModel::new(&config.geometry, width, height) else {
+            return everything();
+        };
+        let area = Area::new(config, model);
+        Self::of_tiles(width, height, |point| area.may_show_at(point)).unwrap_or_else(everything)
+    }
+
+    /// Asks at the corners of square tiles, about 160 in a row, and takes all tiles within one tile
+    /// of a corner where the answer is yes: so it is generous by a pixel in 160 at least. `None` if
+    /// the answer is no everywhere.
+    fn of_tiles(width: u32, height: u32, is_inside: impl Fn(ImagePoint) -> bool) -> Option<Self> {
+        let (width, height) = (width as usize, height as usize);
+        let tile = width.max(height).div_ceil(160).max(4);
+        let (columns, rows) = (width.div_ceil(tile), height.div_ceil(tile));
+        let corners: Vec<bool> = (0..(columns + 1) * (rows + 1))
+            .map(|index| (index % (columns + 1) * tile, index / (columns + 1) * tile))
+            .map(|(x, y)| is_inside(ImagePoint::new(x as f64, y as f64)))
+            .collect();
+        // Of a tile's own corners and those one further.
+        let is_near = |column: usize, row: usize| {
+            let around =
+                |index: usize, last: usize| index.saturating_sub(1)..=(index + 2).min(last);
+            around(row, rows)
+                .any(|y| around(column, columns).any(|x| corners[y * (columns + 1) + x]))
+        };
+        let mut mask = Self { spans: Vec::new(), ends: Vec::with_capacity(height) };
+        for tile_row in 0..rows {
+            let mut spans: Vec<Span> = Vec::new();
+            for column in (0..columns).filter(|&column| is_near(column, tile_row)) {
+                let (begin, end) = (column * tile, ((column + 1) * tile).min(width));
+                match spans.last_mut() {
+                    Some(last) if last.end == begin => last.end = end,
+                    _ => spans.push(Span { begin, end }),
+                }
+            }
+            for _ in tile_row * tile..((tile_row + 1) * tile).min(height) {
+                mask.spans.extend_from_slice(&spans);
+                mask.ends.push(mask.spans.len());
+            }
+        }
+        (!mask.spans.is_empty()).then_some(mask)
+    }
+
+    /// How many pixels are looked at.
+    pub fn pixels(&self) -> usize {
+        self.spans.iter().map(|span| span.end - span.begin).sum()
+    }
+
     /// The spans of a row, from left to right; they neither overlap nor touch.
     ///
     /// # Panics
@@ -32,5 +114,197 @@ impl FieldMask {
     pub fn spans(&self, row: usize) -> &[Span] {
         let begin = if row == 0 { 0 } else { self.ends[row - 1] };
         &self.spans[begin..self.ends[row]]
+    }
+}
+
+/// Where something that counts can be, and what the camera sees of it.
+struct Area<'a> {
+    model: CameraModel,
+    /// Half extents of the field and of the field with its goals, with margin, and with half a
+    /// robot: it counts if its centre is within the margin.
+    rectangles: [[f64; 2]; 2],
+    further: &'a [Vec<[f64; 2]>],
+    /// Of the tallest thing.
+    height_mm: f64,
+}
+
+/// Heights between floor and robot's top that are asked for.
+const HEIGHTS: u32 = 4;
+
+impl<'a> Area<'a> {
+    fn new(config: &'a Config, model: CameraModel) -> Self {
+        let (field, robots) = (&config.field, &config.robots);
+        // Half a robot's diagonal, or a ball if that is larger.
+        let reach_mm = field.margin_mm + (0.71 * robots.size_mm).max(config.ball.diameter_mm);
+        let (half_length, half_width) = (field.length_mm / 2.0, field.width_mm / 2.0);
+        Self {
+            model,
+            rectangles: [
+                [half_length, half_width],
+                [half_length + field.goal_depth_mm, field.goal_width_mm / 2.0],
+            ]
+            .map(|half| half.map(|half| half + reach_mm)),
+            further: &field.also_look_at_mm,
+            height_mm: robots.height_mm.max(config.ball.diameter_mm),
+        }
+    }
+
+    /// Whether what a pixel shows can be in the area.
+    fn may_show_at(&self, pixel: ImagePoint) -> bool {
+        let floor = self.model.field_from_image(pixel, 0.0);
+        let top = self.model.field_from_image(pixel, self.height_mm);
+        // A ray is straight.
+        (0..=HEIGHTS).map(|step| f64::from(step) / f64::from(HEIGHTS)).any(|share| {
+            let between = |a: f64, b: f64| a + share * (b - a);
+            let point =
+                FieldPoint::new(between(floor.x_mm, top.x_mm), between(floor.y_mm, top.y_mm));
+            self.holds(point)
+        })
+    }
+
+    fn holds(&self, point: FieldPoint) -> bool {
+        let FieldPoint { x_mm, y_mm } = point;
+        let in_rectangle = |&[x, y]: &[f64; 2]| x_mm.abs() <= x && y_mm.abs() <= y;
+        self.rectangles.iter().any(in_rectangle)
+            || self.further.iter().any(|outline| contains(outline, [x_mm, y_mm]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::config::Preset;
+
+    fn is_in(mask: &FieldMask, point: ImagePoint) -> bool {
+        let (x, y) = (point.x_px.round() as usize, point.y_px.round() as usize);
+        mask.spans(y).iter().any(|span| span.begin <= x && x < span.end)
+    }
+
+    /// A camera that hangs at twice its height and off the middle, so that it sees a lot besides.
+    fn high_camera() -> Config {
+        let mut config = Config::default();
+        for pair in &mut config.geometry.points {
+            pair.image_px = [pair.image_px[0] / 2.0 + 200.0, pair.image_px[1] / 2.0 + 90.0];
+        }
+        config.geometry.camera_mm = [200.0, 100.0, 4000.0];
+        config
+    }
+
+    #[test]
+    fn whatever_counts_can_be_seen() {
+        for config in Preset::ALL.map(Preset::config).into_iter().chain([high_camera()]) {
+            let mask = FieldMask::new(&config);
+            let (width, height) = (config.camera.width, config.camera.height);
+            let model = CameraModel::new(&config.geometry, width, height).unwrap();
+            let reach = config.field.margin_mm + 0.7 * config.robots.size_mm;
+            let [x, y] = [config.field.length_mm, config.field.width_mm].map(|v| v / 2.0 + reach);
+            let goal_x = x + config.field.goal_depth_mm;
+            let goal_y = config.field.goal_width_mm / 2.0 + reach;
+            let mut seen = 0;
+            for step in 0..=400 {
+                let t = f64::from(step) / 200.0 - 1.0;
+                for (x, y) in [
+                    (t * x, y),
+                    (t * x, -y),
+                    (x, t * y),
+                    (-x, t * y),
+                    (goal_x, t * goal_y),
+                    (-goal_x, t * goal_y),
+                    (t * x, t * y),
+                ] {
+                    for share in [0.0, 0.3, 0.6, 1.0] {
+                        let height_mm = share * config.robots.height_mm;
+                        let pixel = model.image_from_field(FieldPoint::new(x, y), height_mm);
+                        let in_picture = pixel.x_px >= 0.0
+                            && pixel.y_px >= 0.0
+                            && pixel.x_px < f64::from(width) - 0.5
+                            && pixel.y_px < f64::from(height) - 0.5;
+                        if in_picture {
+                            seen += 1;
+                            assert!(is_in(&mask, pixel), "({x}, {y}) at {height_mm}: {pixel:?}");
+                        }
+                    }
+                }
+            }
+            assert!(seen > 1000);
+        }
+    }
+
+    #[test]
+    fn what_is_far_outside_is_not_looked_at() {
+        let config = high_camera();
+        let mask = FieldMask::new(&config);
+        let share = mask.pixels() as f64 / (640.0 * 480.0);
+        assert!((0.2..0.45).contains(&share), "{share}");
+        for (x, y) in [(0.0, 0.0), (639.0, 0.0), (0.0, 479.0), (639.0, 479.0), (150.0, 200.0)] {
+            assert!(!is_in(&mask, ImagePoint::new(x, y)));
+        }
+        // Beside the goal, but not behind it.
+        let model = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let shows = |mask: &FieldMask, x, y| {
+            is_in(mask, model.image_from_field(FieldPoint::new(x, y), 0.0))
+        };
+        assert!(shows(&mask, 1250.0, 0.0) && !shows(&mask, 1300.0, 600.0));
+
+        let mut with_bench = config.clone();
+        with_bench.field.also_look_at_mm =
+            vec![vec![[1300.0, 500.0], [1500.0, 500.0], [1400.0, 800.0]]];
+        let with_bench = FieldMask::new(&with_bench);
+        assert!(shows(&with_bench, 1400.0, 600.0) && !shows(&mask, 1400.0, 600.0));
+        assert!(with_bench.pixels() > mask.pixels());
+
+        let mut unmasked = config;
+        unmasked.field.mask = false;
+        assert_eq!(FieldMask::new(&unmasked), FieldMask::everything(640, 480));
+    }
+
+    #[test]
+    fn without_a_usable_geometry_everything_is_looked_at() {
+        let mut config = Config::default();
+        config.geometry.points.truncate(2);
+        assert_eq!(FieldMask::new(&config), FieldMask::everything(640, 480));
+        let mut elsewhere = Config::default();
+        for pair in &mut elsewhere.geometry.points {
+            pair.image_px[0] += 5000.0;
+        }
+        elsewhere.geometry.distortion.k1 = 0.0;
+        assert_eq!(FieldMask::new(&elsewhere), FieldMask::everything(640, 480));
+    }
+
+    #[test]
+    fn spans_are_apart_and_in_order_whatever_the_shape() {
+        // A star, in pictures whose sizes are no multiples of a tile.
+        for (width, height) in [(2, 2), (3, 200), (641, 479), (1001, 333)] {
+            let is_inside = |point: ImagePoint| {
+                let (x, y) =
+                    (point.x_px / f64::from(width) - 0.5, point.y_px / f64::from(height) - 0.5);
+                (8.0 * y.atan2(x)).cos() * 0.5 > x.hypot(y)
+            };
+            let Some(mask) = FieldMask::of_tiles(width, height, is_inside) else {
+                assert!(width < 10);
+                continue;
+            };
+            for row in 0..height as usize {
+                let spans = mask.spans(row);
+                assert!(
+                    spans.iter().all(|span| span.begin < span.end && span.end <= width as usize)
+                );
+                assert!(spans.windows(2).all(|pair| pair[0].end < pair[1].begin), "{spans:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn bits_of_a_span_are_its_columns() {
+        for (begin, end) in [(0, 1), (3, 70), (64, 65), (10, 11), (63, 130)] {
+            for (start, count) in [(0, 16), (1, 64), (60, 32), (100, 64)] {
+                let bits = Span { begin, end }.bits(start, count);
+                for lane in 0..64 {
+                    let column = start + lane;
+                    let expected = lane < count && begin <= column && column < end;
+                    assert_eq!(bits >> lane & 1 == 1, expected);
+                }
+            }
+        }
     }
 }

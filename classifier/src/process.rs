@@ -1,6 +1,6 @@
 //! The classifier's process: frames in, runs out.
 
-use crate::Classifier;
+use crate::{Classifier, SimdChoice};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{DropReason, MAX_RUNS, ProcessKind};
@@ -17,6 +17,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     let mut wake_up = process.wake_up(&topics::FRAMES)?;
+    eprintln!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {
         return Ok(());
     }

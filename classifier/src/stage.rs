@@ -1,6 +1,6 @@
 //! The stage's core: one frame in, one list of runs out.
 
-use crate::kernels::scalar;
+use crate::kernels::{Kernel, SimdChoice, SimdLevel};
 use crate::lamp::{Gains, Lamp, NO_GAINS};
 use crate::mask::FieldMask;
 use crate::picture::Picture;
@@ -20,11 +20,19 @@ pub struct Classifier {
     gains: Gains,
     lit_tables: ClassTables,
     mask: FieldMask,
+    kernel: Kernel,
 }
 
 impl Classifier {
-    /// Uses the configured picture size and colours.
+    /// Uses the configured picture size and colours, and the instructions of
+    /// [`SimdChoice::of_process`].
     pub fn new(config: &Config) -> Result<Self, ClassifierError> {
+        Self::with_level(config, SimdChoice::of_process().level)
+    }
+
+    /// The same with the instructions of a level, for tests and benchmarks. All levels give the
+    /// same runs. One that this machine does not have is as good as [`SimdLevel::Scalar`].
+    pub fn with_level(config: &Config, level: SimdLevel) -> Result<Self, ClassifierError> {
         let (width, height) = (config.camera.width, config.camera.height);
         if width < 2 || height < 2 {
             return Err(ClassifierError::ImageTooSmall { width, height });
@@ -34,9 +42,10 @@ impl Classifier {
         }
         let tables = ClassTables::new(&config.colors)?;
         let lamp = Lamp::new(config)?;
-        let mask = FieldMask::everything(width, height);
-        let lit_tables = tables.clone();
-        Ok(Self { width, height, tables, lamp, gains: NO_GAINS, lit_tables, mask })
+        let (gains, lit_tables) = (NO_GAINS, tables.clone());
+        let mask = FieldMask::new(config);
+        let kernel = Kernel::new(level, &tables, width as usize);
+        Ok(Self { width, height, tables, lamp, gains, lit_tables, mask, kernel })
     }
 
     /// Whether a frame with this header and so many bytes can be classified.
@@ -58,7 +67,7 @@ impl Classifier {
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
         self.follow_lamp(&picture);
-        let written = scalar::classify(&picture, &self.lit_tables, &self.mask, out);
+        let written = self.kernel.classify(&picture, &self.lit_tables, &self.mask, out);
         *out_header = RunsHeader {
             frame: *header,
             t_frame_taken_ns: 0,
@@ -83,6 +92,16 @@ impl Classifier {
     /// What the light of the last frame was corrected by.
     pub fn gains(&self) -> Gains {
         self.gains
+    }
+
+    /// Whose instructions it uses.
+    pub fn level(&self) -> SimdLevel {
+        self.kernel.level()
+    }
+
+    /// The pixels that are looked at.
+    pub fn mask(&self) -> &FieldMask {
+        &self.mask
     }
 
     /// The colours in use, before any correction.

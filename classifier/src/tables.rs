@@ -19,8 +19,6 @@ pub struct ClassTables {
     rgb: Boxes,
     /// Only of colours that have a box in YUV.
     yuv: Boxes,
-    /// Bit set of the colours that have a box in YUV.
-    yuv_bits: u32,
     /// Bit set of the colours that have none.
     rgb_only_bits: u32,
     /// Bit set of the colours that have a second look.
@@ -73,7 +71,6 @@ impl ClassTables {
         let mut tables = Self {
             rgb: Boxes::NONE,
             yuv: Boxes::NONE,
-            yuv_bits: 0,
             rgb_only_bits: 0,
             second_look_bits: 0,
             second_looks: [SecondLook::ANY; MAX_CLASSES],
@@ -85,7 +82,6 @@ impl ClassTables {
             tables.rgb.add(class, color, ranges)?;
             if let Some([y, u, v]) = color.yuv_box() {
                 tables.yuv.add(class, color, [("y", y), ("u", u), ("v", v)])?;
-                tables.yuv_bits |= 1 << class;
             } else {
                 tables.rgb_only_bits |= 1 << class;
             }
@@ -139,7 +135,7 @@ impl ClassTables {
     #[inline(always)]
     pub fn classify(&self, rgb: [u8; 3]) -> u8 {
         let boxes = self.boxes(rgb);
-        if boxes == 0 { BACKGROUND } else { self.first_admitted(boxes, || rgb) }
+        if boxes & self.second_look_bits == 0 { first(boxes) } else { self.look_again(boxes, rgb) }
     }
 
     /// The class of a pixel of a YUV picture. The second look is at hue and saturation of what it
@@ -147,15 +143,11 @@ impl ClassTables {
     #[inline(always)]
     pub fn classify_yuv(&self, yuv: [u8; 3]) -> u8 {
         let boxes = self.boxes_yuv(yuv);
-        if boxes == 0 { BACKGROUND } else { self.first_admitted(boxes, || rgb_from_yuv(yuv)) }
-    }
-
-    #[inline(always)]
-    fn first_admitted(&self, boxes: u32, rgb: impl Fn() -> [u8; 3]) -> u8 {
         if boxes & self.second_look_bits == 0 {
-            return boxes.trailing_zeros() as u8;
+            first(boxes)
+        } else {
+            self.look_again(boxes, rgb_from_yuv(yuv))
         }
-        self.look_again(boxes, rgb())
     }
 
     #[inline(never)]
@@ -177,11 +169,36 @@ impl ClassTables {
         BACKGROUND
     }
 
+    /// The tables of red, green and blue.
+    pub(crate) fn rgb(&self) -> &[[u32; 256]; 3] {
+        &self.rgb.0
+    }
+
+    /// The tables of Y, U and V, of the colours that have a box in YUV.
+    pub(crate) fn yuv(&self) -> &[[u32; 256]; 3] {
+        &self.yuv.0
+    }
+
+    /// Whether pixels of YUV pictures have to be looked at in RGB, because there are colours without
+    /// a box in YUV.
+    pub fn needs_rgb(&self) -> bool {
+        self.rgb_only_bits != 0
+    }
+
     /// Identifies the classification: a hash of the numbers that define it, the same in every run
     /// of every build. Names and looks of the colours do not matter.
     pub fn version(&self) -> u64 {
         self.version
     }
+}
+
+/// The lowest class of a bit set, or [`BACKGROUND`]; without a branch, which at the edges of patches
+/// would often be mispredicted.
+#[inline(always)]
+fn first(boxes: u32) -> u8 {
+    let class = boxes.trailing_zeros() as u8;
+    // 32, if there is none, becomes 255.
+    class | 0u8.wrapping_sub(class >> 5)
 }
 
 /// FNV-1a, 64 bits, over the colours' ranges and bounds, with their count and with a mark in front

@@ -5,18 +5,26 @@ mod reference;
 use common::config::{ColorConfig, Config};
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, PixelLayout, Run, RunsHeader};
 use proptest::prelude::*;
-use reference::{Frame, Noise, any_color, runs_of_labels};
-use touchline_classifier::{Classifier, Picture, rgb_from_yuv, to_rgb};
+use reference::{Frame, Noise, any_color, encode, runs_of_labels};
+use touchline_classifier::{Classifier, Picture, SimdLevel, rgb_from_yuv, to_rgb};
 
+/// The runs of a frame: the same with every instruction set that this machine has.
 fn classify(header: &FrameHeader, pixels: &[u8], colors: &[ColorConfig]) -> Vec<Run> {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (header.width, header.height);
     config.colors = colors.to_vec();
-    let mut classifier = Classifier::new(&config).unwrap();
-    let mut out_header = RunsHeader::default();
-    let mut out = vec![bytemuck::Zeroable::zeroed(); (header.width * header.height) as usize];
-    classifier.step(header, pixels, &mut out_header, &mut out).unwrap();
-    out_header.valid(&out).to_vec()
+    // The geometry is that of other pictures.
+    config.field.mask = false;
+    let mut specified = None;
+    for level in SimdLevel::available().into_iter().rev() {
+        let mut classifier = Classifier::with_level(&config, level).unwrap();
+        let mut out_header = RunsHeader::default();
+        let mut out = vec![Run::default(); (header.width * header.height) as usize];
+        classifier.step(header, pixels, &mut out_header, &mut out).unwrap();
+        let runs = out_header.valid(&out).to_vec();
+        assert_eq!(&runs, specified.get_or_insert_with(|| runs.clone()), "{level}");
+    }
+    specified.unwrap()
 }
 
 fn header(format: PixelFormat, width: u32, height: u32, padding: u32) -> FrameHeader {
@@ -25,51 +33,6 @@ fn header(format: PixelFormat, width: u32, height: u32, padding: u32) -> FrameHe
     let mut header = Frame::new(width, height, stride, order, vec![]).header;
     header.pixel_format = format as u32;
     header
-}
-
-/// Writes a picture of colours in a format; the chroma of pixels that share one is that of the top
-/// left of them. Padding is noise.
-fn encode(
-    header: &FrameHeader,
-    noise: &mut Noise,
-    color: impl Fn(usize, usize) -> [u8; 3],
-) -> Vec<u8> {
-    let format = PixelFormat::from_number(header.pixel_format).unwrap();
-    let [width, height, stride] =
-        [header.width, header.height, header.stride].map(|value| value as usize);
-    let bytes = format.frame_bytes(header.width, header.height, header.stride) as usize;
-    let mut pixels: Vec<u8> = (0..bytes).map(|_| noise.next_u32() as u8).collect();
-    let half_stride = stride.div_ceil(2);
-    for y in 0..height {
-        for x in 0..width {
-            let [a, b, c] = color(x, y);
-            let (first, has_chroma) = (y * stride, x % 2 == 0 && y % 2 == 0);
-            let places = match format {
-                PixelFormat::Rgb24 => [first + 3 * x, first + 3 * x + 1, first + 3 * x + 2],
-                PixelFormat::Yuyv => [first + 2 * x, first + x / 2 * 4 + 1, first + x / 2 * 4 + 3],
-                PixelFormat::Uyvy => [first + 2 * x + 1, first + x / 2 * 4, first + x / 2 * 4 + 2],
-                PixelFormat::Nv12 => {
-                    let chroma = height * stride + y / 2 * stride + x / 2 * 2;
-                    [first + x, chroma, chroma + 1]
-                }
-                PixelFormat::I420 => {
-                    let chroma = height * stride + y / 2 * half_stride + x / 2;
-                    [first + x, chroma, chroma + height.div_ceil(2) * half_stride]
-                }
-                _ => unreachable!("not a format of colours"),
-            };
-            pixels[places[0]] = a;
-            let owns_chroma = match format {
-                PixelFormat::Rgb24 => true,
-                PixelFormat::Yuyv | PixelFormat::Uyvy => x % 2 == 0,
-                _ => has_chroma,
-            };
-            if owns_chroma {
-                (pixels[places[1]], pixels[places[2]]) = (b, c);
-            }
-        }
-    }
-    pixels
 }
 
 /// What a pixel's colour is read as: with the chroma of the pixel it shares it with.

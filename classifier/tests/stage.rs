@@ -6,7 +6,9 @@ use common::config::{ColorConfig, Config};
 use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, color};
-use touchline_classifier::{BACKGROUND, BayerImage, Classifier, ClassifierError, demosaic};
+use touchline_classifier::{
+    BACKGROUND, BayerImage, Classifier, ClassifierError, SimdLevel, demosaic,
+};
 
 const STALE: Run = Run { row: 9, begin: 9, end: 9, class: 99, reserved: 99 };
 
@@ -19,31 +21,45 @@ fn config(width: u32, height: u32, colors: &[ColorConfig]) -> Config {
     config.camera.width = width;
     config.camera.height = height;
     config.colors = colors.to_vec();
+    // The geometry is that of other pictures.
+    config.field.mask = false;
     config
 }
 
-/// The runs of a frame with room for `capacity`, and whether they were cut off. Checks everything
-/// else that a step promises.
+/// The runs of a frame with room for `capacity`, and whether they were cut off: the same with every
+/// instruction set that this machine has. Checks everything else that a step promises.
 fn step(frame: &Frame, colors: &[ColorConfig], capacity: usize) -> (Vec<Run>, bool) {
     let FrameHeader { width, height, .. } = frame.header;
-    let mut classifier = Classifier::new(&config(width, height, colors)).unwrap();
-    let mut out_header = stale_header();
-    let mut out = vec![STALE; capacity];
-    classifier.step(&frame.header, &frame.pixels, &mut out_header, &mut out).unwrap();
-    assert_eq!(out_header.frame, frame.header);
-    assert_eq!(out_header.t_sent_ns, 0);
-    assert_eq!(out_header.class_table_version, classifier.tables().version());
-    assert_eq!(out_header.flags & !RunsHeader::OVERFLOW, 0);
-    let runs = out_header.valid(&out).to_vec();
-    assert_eq!(runs.len(), out_header.run_count as usize);
-    assert!(out[runs.len()..].iter().all(|&run| run == STALE), "wrote behind the last run");
-    (runs, out_header.flags == RunsHeader::OVERFLOW)
+    let config = config(width, height, colors);
+    let levels = SimdLevel::available().into_iter();
+    let results = levels.map(|level| {
+        let mut classifier = Classifier::with_level(&config, level).unwrap();
+        let mut out_header = stale_header();
+        let mut out = vec![STALE; capacity];
+        classifier.step(&frame.header, &frame.pixels, &mut out_header, &mut out).unwrap();
+        assert_eq!(out_header.frame, frame.header);
+        assert_eq!(out_header.t_sent_ns, 0);
+        assert_eq!(out_header.class_table_version, classifier.tables().version());
+        assert_eq!(out_header.flags & !RunsHeader::OVERFLOW, 0);
+        let runs = out_header.valid(&out).to_vec();
+        assert_eq!(runs.len(), out_header.run_count as usize);
+        assert!(out[runs.len()..].iter().all(|&run| run == STALE), "wrote behind the last run");
+        (level, (runs, out_header.flags == RunsHeader::OVERFLOW))
+    });
+    let results: Vec<_> = results.collect();
+    let (_, specified) = results.last().expect("there is always the scalar code");
+    for (level, result) in &results {
+        assert_eq!(result, specified, "{level}");
+    }
+    specified.clone()
 }
 
 /// Any small size, order and padding. Pixels are noise, or patches of a few values so that there
 /// are runs longer than a pixel; padding is noise.
 fn any_frame() -> impl Strategy<Value = Frame> {
-    let size = (2u32..40, 2u32..20, 0u32..9, any::<bool>());
+    // Around one, two and three blocks of every instruction set.
+    let width = prop_oneof![2u32..40, 40u32..230];
+    let size = (width, 2u32..20, 0u32..9, any::<bool>());
     (size, 0u32..4, 1u64.., prop_oneof![Just(1u32), 1u32..12]).prop_map(
         |((width, height, padding, ends_early), order, seed, patch)| {
             let stride = width + padding;
@@ -86,7 +102,7 @@ proptest! {
         frame in any_frame(),
         colors in proptest::collection::vec(any_color(), 0..=32),
     ) {
-        let (runs, is_cut_off) = step(&frame, &colors, 40 * 20);
+        let (runs, is_cut_off) = step(&frame, &colors, 230 * 20);
         prop_assert_eq!(&runs, &frame.runs(&colors));
         prop_assert!(!is_cut_off);
 
@@ -256,4 +272,44 @@ fn a_bad_frame_does_not_harm_the_next() {
     assert_eq!(short, Err(FrameFault::Truncated { got: 23, needed: 24 }));
     classifier.step(&frame.header, &frame.pixels, &mut out_header, &mut out).unwrap();
     assert_eq!(out_header.run_count, 4);
+}
+
+#[test]
+fn every_level_follows_the_light_from_frame_to_frame() {
+    let mut config = Config::default();
+    config.light.pitch_rgb = Some([40.0, 50.0, 45.0]);
+    config.light.brightness = 1.0;
+    let mut noise = Noise(3);
+    // A pitch in another light each time, with a column of every colour.
+    let frames: Vec<Frame> = [[1.0, 1.0, 1.0], [0.7, 1.0, 1.3], [1.2, 0.8, 0.9], [1.0, 1.0, 1.0]]
+        .into_iter()
+        .map(|gains: [f64; 3]| {
+            let pixels = (0..640 * 480).map(|index| {
+                let (x, y) = (index % 640, index / 640);
+                let channel = BayerOrder::Rggb.channel_at(x, y);
+                let level = match x % 80 < 16 {
+                    true => config.colors[x / 80].looks[channel],
+                    false => [40, 50, 45][channel],
+                };
+                (f64::from(level) * gains[channel]) as u8 / 8 * 8 + (noise.next_u32() % 5) as u8
+            });
+            Frame::new(640, 480, 640, BayerOrder::Rggb, pixels.collect())
+        })
+        .collect();
+    let mut counts = Vec::new();
+    for level in SimdLevel::available() {
+        let mut classifier = Classifier::with_level(&config, level).unwrap();
+        for frame in &frames {
+            let mut fresh = Classifier::with_level(&config, SimdLevel::Scalar).unwrap();
+            let mut results = [&mut classifier, &mut fresh].map(|classifier| {
+                let (mut header, mut out) = (stale_header(), vec![STALE; 100_000]);
+                classifier.step(&frame.header, &frame.pixels, &mut header, &mut out).unwrap();
+                (header.class_table_version, header.valid(&out).to_vec())
+            });
+            assert_eq!(results[0], results[1], "{level}");
+            counts.push((std::mem::take(&mut results[0].1).len(), results[0].0));
+        }
+    }
+    assert!(counts.iter().all(|&(runs, _)| runs > 3000), "{counts:?}");
+    assert!(counts[0].1 != counts[1].1 && counts[0].1 == counts[3].1, "{counts:?}");
 }

@@ -102,8 +102,8 @@ pub fn body_turn(robots: &RobotsConfig) -> f64 {
     (0..STEPS).map(angle).min_by(|&a, &b| reach(a).total_cmp(&reach(b))).unwrap_or(0.0)
 }
 
-/// Even-odd rule: counts the edges to the right of the point.
-fn contains(outline: &[Pair], [x, y]: Pair) -> bool {
+/// Whether a point lies in a polygon. Even-odd rule: counts the edges to the right of the point.
+pub fn contains(outline: &[Pair], [x, y]: Pair) -> bool {
     let mut inside = false;
     for (index, &[x1, y1]) in outline.iter().enumerate() {
         let [x2, y2] = outline[(index + 1) % outline.len()];

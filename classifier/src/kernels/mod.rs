@@ -1,11 +1,79 @@
 //! Where the time goes: from pixels to runs.
 //!
-//! [`scalar`] is the specification. Faster implementations take the same arguments, live beside it
-//! and must give the same runs bit for bit.
+//! [`scalar`] is the specification. [`vector`] gives the same runs, bit for bit, with whichever
+//! instruction set the machine has; which one that is, [`SimdLevel`] knows.
 
+mod demosaic;
+mod lanes;
+mod level;
+mod prefilter;
 pub mod scalar;
+mod self_test;
+mod vector;
 
+use crate::mask::FieldMask;
+use crate::picture::Picture;
+use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
+use prefilter::Prefilter;
+use vector::{Scratch, Setup};
+
+pub use level::{SimdChoice, SimdLevel};
+
+/// From pictures to runs with the instructions of one [`SimdLevel`].
+#[derive(Debug, Clone)]
+pub struct Kernel {
+    level: SimdLevel,
+    prefilters: Prefilters,
+    scratch: Scratch,
+}
+
+impl Kernel {
+    /// For pictures of `width` pixels in a row. A level that this machine does not have is as good
+    /// as [`SimdLevel::Scalar`].
+    pub fn new(level: SimdLevel, tables: &ClassTables, width: usize) -> Self {
+        Self { level, prefilters: Prefilters::new(tables), scratch: Scratch::new(width) }
+    }
+
+    /// Whose instructions it uses.
+    pub fn level(&self) -> SimdLevel {
+        self.level
+    }
+
+    /// As [`scalar::classify`], of a picture as wide as the kernel was made for. Other tables than
+    /// last time cost a few microseconds.
+    pub fn classify(
+        &mut self,
+        picture: &Picture,
+        tables: &ClassTables,
+        mask: &FieldMask,
+        out: &mut [Run],
+    ) -> Written {
+        if self.prefilters.version != tables.version() {
+            self.prefilters = Prefilters::new(tables);
+        }
+        let Prefilters { rgb, yuv, .. } = &self.prefilters;
+        self.level.classify(picture, Setup { tables, rgb, yuv, mask }, &mut self.scratch, out)
+    }
+}
+
+/// What belongs to a version of the tables.
+#[derive(Debug, Clone)]
+struct Prefilters {
+    version: u64,
+    rgb: Prefilter,
+    yuv: Prefilter,
+}
+
+impl Prefilters {
+    fn new(tables: &ClassTables) -> Self {
+        Self {
+            version: tables.version(),
+            rgb: Prefilter::new(tables.rgb(), demosaic::EXCESS),
+            yuv: Prefilter::new(tables.yuv(), 0),
+        }
+    }
+}
 
 /// What a kernel has written to its list of runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,33 +119,50 @@ impl<'a> RunWriter<'a> {
 struct RowRuns<'w, 'a> {
     runs: &'w mut RunWriter<'a>,
     row: usize,
-    begin: usize,
-    end: usize,
+    /// Of the run that is still open, which began in column `begin`; none if it is background.
     class: u8,
+    begin: usize,
+    /// All columns before this one have been handed in.
+    reached: usize,
 }
 
 impl<'w, 'a> RowRuns<'w, 'a> {
     #[inline(always)]
     fn new(runs: &'w mut RunWriter<'a>, row: usize) -> Self {
-        Self { runs, row, begin: 0, end: 0, class: 0 }
+        Self { runs, row, class: BACKGROUND, begin: 0, reached: 0 }
     }
 
-    /// Background pixels are not handed in.
+    /// Hands in a pixel. Those left out are background.
     #[inline(always)]
     fn add(&mut self, column: usize, class: u8) {
-        if class != self.class || column != self.end {
-            self.finish();
-            (self.begin, self.class) = (column, class);
+        self.skip_to(column);
+        if class != self.class {
+            self.change(column, class);
         }
-        self.end = column + 1;
+        self.reached = column + 1;
+    }
+
+    /// From the column reached so far to this one there is background, if there is anything.
+    #[inline(always)]
+    fn skip_to(&mut self, column: usize) {
+        if column != self.reached {
+            self.finish();
+            self.reached = column;
+        }
+    }
+
+    /// Another class begins here.
+    #[inline(always)]
+    fn change(&mut self, column: usize, class: u8) {
+        if self.class != BACKGROUND {
+            self.runs.push(self.row, self.begin, column, self.class);
+        }
+        (self.begin, self.class) = (column, class);
     }
 
     /// Writes the run that is still open. To be called at the end of the row.
     #[inline(always)]
     fn finish(&mut self) {
-        if self.begin < self.end {
-            self.runs.push(self.row, self.begin, self.end, self.class);
-        }
-        self.begin = self.end;
+        self.change(self.reached, BACKGROUND);
     }
 }

@@ -1,10 +1,10 @@
 //! The specification: plain code, one pixel after the other.
 
 use super::{RowRuns, RunWriter, Written};
+use crate::ClassTables;
 use crate::mask::{FieldMask, Span};
 use crate::picture::{BayerImage, ColorImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
-use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
 
 /// Lists the runs of a picture, as many as fit into `out`; what lies behind them is untouched.
@@ -19,11 +19,7 @@ pub fn classify(
     for row in 0..picture.height() {
         let mut row_runs = RowRuns::new(&mut runs, row);
         for &span in mask.spans(row) {
-            for_each_class(picture, tables, row, span, |column, class| {
-                if class != BACKGROUND {
-                    row_runs.add(column, class);
-                }
-            });
+            for_each_class(picture, tables, row, span, |column, class| row_runs.add(column, class));
         }
         row_runs.finish();
         if runs.is_cut_off {
@@ -94,12 +90,7 @@ fn color_at(image: &ColorImage, column: usize, row: usize) -> [u8; 3] {
 
 /// Hands out column and interpolated colour of the pixels of a stretch of a row, from left to right.
 #[inline(always)]
-pub(super) fn for_each_pixel(
-    image: &BayerImage,
-    row: usize,
-    span: Span,
-    pixel: impl FnMut(usize, [u8; 3]),
-) {
+fn for_each_pixel(image: &BayerImage, row: usize, span: Span, pixel: impl FnMut(usize, [u8; 3])) {
     match image.shift() {
         None => ThreeRows::around(image, row, |row| row).for_each_pixel(span, pixel),
         Some(shift) => {
@@ -109,7 +100,7 @@ pub(super) fn for_each_pixel(
 }
 
 /// The samples of a row as bytes.
-trait Samples: Copy {
+pub(super) trait Samples: Copy {
     /// How many there are.
     fn count(self) -> usize;
     /// The value of one of them.
@@ -150,11 +141,11 @@ impl Samples for DeepRow<'_> {
 /// A row and its neighbours. Beyond the edges the picture is mirrored without repeating the edge
 /// itself (−1 → 1, n → n − 2), which puts the colours where the pattern would continue.
 #[derive(Clone, Copy)]
-struct ThreeRows<S> {
-    above: S,
-    here: S,
-    below: S,
-    sites: Sites,
+pub(super) struct ThreeRows<S> {
+    pub above: S,
+    pub here: S,
+    pub below: S,
+    pub sites: Sites,
 }
 
 /// Where a row's colours are.
@@ -208,7 +199,7 @@ impl<S: Samples> ThreeRows<S> {
 
     /// The colour of any pixel of the row.
     #[inline(always)]
-    fn pixel(&self, column: usize) -> [u8; 3] {
+    pub fn pixel(&self, column: usize) -> [u8; 3] {
         let (left, right) = (before(column), after(column, self.here.count()));
         if column % 2 == self.sites.colored_parity {
             self.at_colored_site(left, column, right)

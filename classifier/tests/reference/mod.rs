@@ -180,3 +180,48 @@ pub fn any_color() -> impl Strategy<Value = ColorConfig> {
             ..color(red, green, blue)
         })
 }
+
+/// Writes a picture of colours in a format; the chroma of pixels that share one is that of the top
+/// left of them. Padding is noise.
+pub fn encode(
+    header: &FrameHeader,
+    noise: &mut Noise,
+    color: impl Fn(usize, usize) -> [u8; 3],
+) -> Vec<u8> {
+    let format = PixelFormat::from_number(header.pixel_format).unwrap();
+    let [width, height, stride] =
+        [header.width, header.height, header.stride].map(|value| value as usize);
+    let bytes = format.frame_bytes(header.width, header.height, header.stride) as usize;
+    let mut pixels: Vec<u8> = (0..bytes).map(|_| noise.next_u32() as u8).collect();
+    let half_stride = stride.div_ceil(2);
+    for y in 0..height {
+        for x in 0..width {
+            let [a, b, c] = color(x, y);
+            let (first, has_chroma) = (y * stride, x % 2 == 0 && y % 2 == 0);
+            let places = match format {
+                PixelFormat::Rgb24 => [first + 3 * x, first + 3 * x + 1, first + 3 * x + 2],
+                PixelFormat::Yuyv => [first + 2 * x, first + x / 2 * 4 + 1, first + x / 2 * 4 + 3],
+                PixelFormat::Uyvy => [first + 2 * x + 1, first + x / 2 * 4, first + x / 2 * 4 + 2],
+                PixelFormat::Nv12 => {
+                    let chroma = height * stride + y / 2 * stride + x / 2 * 2;
+                    [first + x, chroma, chroma + 1]
+                }
+                PixelFormat::I420 => {
+                    let chroma = height * stride + y / 2 * half_stride + x / 2;
+                    [first + x, chroma, chroma + height.div_ceil(2) * half_stride]
+                }
+                _ => unreachable!("not a format of colours"),
+            };
+            pixels[places[0]] = a;
+            let owns_chroma = match format {
+                PixelFormat::Rgb24 => true,
+                PixelFormat::Yuyv | PixelFormat::Uyvy => x % 2 == 0,
+                _ => has_chroma,
+            };
+            if owns_chroma {
+                (pixels[places[1]], pixels[places[2]]) = (b, c);
+            }
+        }
+    }
+    pixels
+}

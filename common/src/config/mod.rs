@@ -84,6 +84,15 @@ pub struct FieldConfig {
     /// Robots and balls found up to this far outside the field still count.
     #[schemars(range(min = 0, max = 10_000))]
     pub margin_mm: f64,
+    /// Look only at the part of the picture that shows the field, goals and margin, and at the
+    /// areas below: spectators' shirts cost no time and become no balls. false: at all of it.
+    pub mask: bool,
+    /// Further areas to look at, for example where robots wait, each a polygon of at least three
+    /// corners [x, y] in field millimetres. Regions there are listed with the detections, but
+    /// robots and balls count only within the margin.
+    #[schemars(length(max = 64), inner(length(min = 3, max = 64)))]
+    #[schemars(inner(inner(inner(range(min = -1_000_000, max = 1_000_000)))))]
+    pub also_look_at_mm: Vec<Vec<Pair>>,
 }
 
 /// The camera's picture.

@@ -95,6 +95,8 @@ impl Default for FieldConfig {
             goal_depth_mm: 150.0,
             center_circle_radius_mm: 200.0,
             margin_mm: 40.0,
+            mask: true,
+            also_look_at_mm: Vec::new(),
         }
     }
 }

@@ -12,7 +12,9 @@ pub const MAX_RUNS: usize = 32_768;
 /// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
 ///
 /// A message lists its runs by row, within a row by column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Pod, Zeroable, ZeroCopySend, JsonSchema)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Pod, Zeroable, ZeroCopySend, JsonSchema,
+)]
 #[type_name("touchline/Run/1")]
 #[repr(C)]
 pub struct Run {
