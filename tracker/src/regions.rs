@@ -3,9 +3,14 @@
 //! Runs come sorted by row and column. Two fingers, one on the row above and one on the current
 //! row, move right together and find every pair of runs that share a column; pairs of the same
 //! class belong to one region (4-connectivity: a pixel looks at its upper and its left neighbour,
-//! as in Fig. 6). Regions that turn out to be one are joined in a union-find forest, the one of
-//! fewer pixels into the one of more, and their sums with them. So every run is looked at a
-//! constant number of times, and no pixel is looked at at all.
+//! as in Fig. 6). Regions that turn out to be one are joined in a union-find forest, always to the
+//! one whose first pixel comes first. So a parent stands before its children, and once all rows are
+//! done a single pass from front to back leads every run to its root. There pixels and runs are
+//! counted; what is too small is noise, and only for the rest the sums are taken, in another pass.
+//! Every run is looked at a constant number of times, and no pixel is looked at at all.
+//!
+//! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing
+//! is relabelled here, so which way round does not matter for the result.
 
 use common::messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
 use std::cmp::Reverse;
@@ -19,40 +24,56 @@ pub struct RegionFinder {
     class_count: u32,
     min_region_px: u32,
     /// The usable runs, in the order given.
-    runs: Vec<LabelledRun>,
-    nodes: Vec<Node>,
+    runs: Vec<Run>,
+    forest: Forest,
+    /// For each node of the forest that is a root: the region it stands for.
+    regions: Vec<Count>,
     /// Roots of the regions to publish, by their first pixel.
     kept: Vec<u32>,
+    /// Of the regions to publish.
+    sums: Vec<Sums>,
     by_size: Vec<(Reverse<u32>, u32)>,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct LabelledRun {
-    run: Run,
-    node: u32,
+/// A union-find forest over runs. Several runs can share a node.
+#[derive(Debug, Clone, Default)]
+struct Forest {
+    /// For each run, its node; first as it was found, in the end the root.
+    nodes: Vec<u32>,
+    /// For each node, one that stands before it in the same tree, or itself if it is the root.
+    parents: Vec<u32>,
 }
 
-/// A region in the making; the sums are those of the whole tree while the node is a root.
+/// How large a region is.
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    parent: u32,
-    class: u8,
-    pixel_count: u32,
-    run_count: u32,
-    sum_x: u64,
-    sum_y: u64,
-    left: u16,
-    top: u16,
-    right: u16,
-    bottom: u16,
-    /// Index in the output, [`UNPUBLISHED`] or [`UNSEEN`].
+struct Count {
+    pixels: u32,
+    runs: u32,
+    /// Index in the output, or [`UNPUBLISHED`].
     number: u32,
 }
 
+/// What is gathered over the runs of a region that is published.
+#[derive(Debug, Clone, Copy)]
+struct Sums {
+    /// Twice the sum of the columns.
+    double_x: u64,
+    y: u64,
+    /// Where its next run goes.
+    next_run: u32,
+    class: u32,
+    // Wider than needed: the compiler puts minima and maxima of 16 bits into vectors, whose loads then
+    // wait for the narrower stores of the run before, at twice the price of all the rest.
+    left: u32,
+    top: u32,
+    right: u32,
+    bottom: u32,
+}
+
+/// Node of a run that has none yet.
+const NONE: u32 = u32::MAX;
 /// Number of a region that is too small to be published, or did not fit.
 const UNPUBLISHED: u32 = u32::MAX;
-/// Number of a region that the output has not come across yet.
-const UNSEEN: u32 = u32::MAX - 1;
 
 impl RegionFinder {
     /// For pictures of `width` × `height` pixels and classes below `class_count`. Regions of fewer
@@ -63,10 +84,15 @@ impl RegionFinder {
             height,
             class_count,
             min_region_px,
-            runs: Vec::new(),
-            nodes: Vec::new(),
-            kept: Vec::new(),
-            by_size: Vec::new(),
+            runs: Vec::with_capacity(MAX_RUNS),
+            forest: Forest {
+                nodes: Vec::with_capacity(MAX_RUNS),
+                parents: Vec::with_capacity(MAX_RUNS),
+            },
+            regions: Vec::with_capacity(MAX_RUNS),
+            kept: Vec::with_capacity(MAX_RUNS),
+            sums: Vec::with_capacity(MAX_REGIONS),
+            by_size: Vec::with_capacity(MAX_RUNS),
         }
     }
 
@@ -82,204 +108,196 @@ impl RegionFinder {
     /// does not follow the one before it starts afresh, connected to nothing; what exceeds
     /// [`MAX_RUNS`] is not looked at.
     pub fn find(&mut self, runs: &[Run], out: &mut DetectionFrame) {
-        self.label(&runs[..runs.len().min(MAX_RUNS)]);
+        self.connect(&runs[..runs.len().min(MAX_RUNS)]);
+        self.count();
         self.select(out);
         self.publish(out);
     }
 
-    /// Gives every usable run its node.
-    fn label(&mut self, runs: &[Run]) {
-        self.runs.clear();
-        self.nodes.clear();
+    /// Takes over the usable runs and gives each its node.
+    fn connect(&mut self, runs: &[Run]) {
+        let Self { runs: taken, forest, .. } = self;
+        let (width, height, class_count) = (self.width, self.height, self.class_count);
+        taken.clear();
+        forest.nodes.clear();
+        forest.parents.clear();
         let mut above: Range<usize> = 0..0;
         let mut row_begin = 0;
         let mut finger = 0;
         for &run in runs {
-            if !self.is_valid(&run) {
+            let is_valid = (run.begin < run.end)
+                & (u32::from(run.end) <= width)
+                & (u32::from(run.row) < height)
+                & (u32::from(run.class) < class_count);
+            if !is_valid {
                 continue;
             }
-            let here = self.runs.len();
-            let mut node = None;
-            if let Some(&LabelledRun { run: last, node: last_node }) = self.runs.last() {
+            let here = taken.len();
+            let mut node = NONE;
+            if let Some(last) = taken.last() {
                 if last.row != run.row {
-                    let follows = u32::from(last.row) + 1 == u32::from(run.row);
+                    let follows = last.row + 1 == run.row;
                     above = if follows { row_begin..here } else { here..here };
                     row_begin = here;
                     finger = above.start;
                 } else if run.begin < last.end {
                     continue;
-                } else if run.begin == last.end && run.class == last.class {
+                } else if (run.begin == last.end) & (run.class == last.class) {
                     // A classifier has no reason to cut a run in two, but nothing forbids it.
-                    node = Some(self.root(last_node));
+                    node = forest.root(forest.nodes[here - 1]);
                 }
             }
 
-            while finger < above.end && self.runs[finger].run.end <= run.begin {
+            while finger < above.end && taken[finger].end <= run.begin {
                 finger += 1;
             }
             // The last run that overlaps may also overlap the next one: the finger stays on it.
             for upper in finger..above.end {
-                let LabelledRun { run: upper_run, node: upper_node } = self.runs[upper];
+                let upper_run = taken[upper];
                 if upper_run.begin >= run.end {
                     break;
                 }
                 if upper_run.class == run.class {
-                    let root = self.root(upper_node);
-                    node = Some(node.map_or(root, |node| self.join(node, root)));
+                    let root = forest.root(forest.nodes[upper]);
+                    node = if node == NONE { root } else { forest.join(node, root) };
                 }
             }
-
-            let single = Node::of(&run, self.nodes.len() as u32);
-            let node = match node {
-                Some(node) => {
-                    self.nodes[node as usize].absorb(&single);
-                    node
-                }
-                None => {
-                    self.nodes.push(single);
-                    single.parent
-                }
-            };
-            self.runs.push(LabelledRun { run, node });
-        }
-    }
-
-    fn is_valid(&self, run: &Run) -> bool {
-        run.begin < run.end
-            && u32::from(run.end) <= self.width
-            && u32::from(run.row) < self.height
-            && u32::from(run.class) < self.class_count
-    }
-
-    /// The root of a node's tree; halves the path on its way.
-    fn root(&mut self, mut node: u32) -> u32 {
-        loop {
-            let parent = self.nodes[node as usize].parent;
-            if parent == node {
-                return node;
+            if node == NONE {
+                node = forest.parents.len() as u32;
+                forest.parents.push(node);
             }
-            let grandparent = self.nodes[parent as usize].parent;
-            self.nodes[node as usize].parent = grandparent;
-            node = grandparent;
+            forest.nodes.push(node);
+            taken.push(Run { reserved: 0, ..run });
         }
     }
 
-    /// Makes two trees one and returns its root: the one with more pixels.
-    fn join(&mut self, a: u32, b: u32) -> u32 {
-        if a == b {
-            return a;
+    /// Leads every run to its root, and counts there.
+    fn count(&mut self) {
+        let Forest { nodes, parents } = &mut self.forest;
+        self.regions.clear();
+        self.regions.resize(parents.len(), Count { pixels: 0, runs: 0, number: UNPUBLISHED });
+        let mut known = 0;
+        for (run, node) in self.runs.iter().zip(nodes) {
+            if *node == known {
+                // The first run of this node. Its parent stands before it and is done.
+                parents[known as usize] = parents[parents[known as usize] as usize];
+                known += 1;
+            }
+            *node = parents[*node as usize];
+            let region = &mut self.regions[*node as usize];
+            // No overflow: at most MAX_RUNS runs of at most 65,535 pixels.
+            region.pixels += run.pixels();
+            region.runs += 1;
         }
-        let a_is_larger = self.nodes[a as usize].pixel_count >= self.nodes[b as usize].pixel_count;
-        let (larger, smaller) = if a_is_larger { (a, b) } else { (b, a) };
-        let absorbed = self.nodes[smaller as usize];
-        self.nodes[larger as usize].absorb(&absorbed);
-        self.nodes[smaller as usize].parent = larger;
-        larger
     }
 
     /// Decides which regions are published and in which order.
     fn select(&mut self, out: &mut DetectionFrame) {
         self.kept.clear();
-        for index in 0..self.runs.len() {
-            let root = self.root(self.runs[index].node);
-            self.runs[index].node = root;
-            let node = &mut self.nodes[root as usize];
-            if node.number == UNSEEN {
-                node.number = UNPUBLISHED;
-                if node.pixel_count >= self.min_region_px {
-                    self.kept.push(root);
-                }
-            }
-        }
+        let least = self.min_region_px.max(1);
+        // What is not a root has no pixels.
+        let nodes = (0u32..).zip(&self.regions);
+        self.kept.extend(nodes.filter(|(_, count)| count.pixels >= least).map(|(node, _)| node));
         out.flags &= !DetectionFrame::REGIONS_OVERFLOW;
         if self.kept.len() > MAX_REGIONS {
             out.flags |= DetectionFrame::REGIONS_OVERFLOW;
             self.by_size.clear();
-            let nodes = &self.nodes;
+            let regions = &self.regions;
             self.by_size.extend(
                 (0u32..)
                     .zip(&self.kept)
-                    .map(|(order, &root)| (Reverse(nodes[root as usize].pixel_count), order)),
+                    .map(|(order, &root)| (Reverse(regions[root as usize].pixels), order)),
             );
             let (_, &mut last, _) = self.by_size.select_nth_unstable(MAX_REGIONS - 1);
             let mut order = 0;
             self.kept.retain(|&root| {
-                let rank = (Reverse(nodes[root as usize].pixel_count), order);
+                let rank = (Reverse(regions[root as usize].pixels), order);
                 order += 1;
                 rank <= last
             });
         }
         for (number, &root) in (0..).zip(&self.kept) {
-            self.nodes[root as usize].number = number;
+            self.regions[root as usize].number = number;
         }
     }
 
-    /// Writes the regions, then sorts the runs into them by counting.
+    /// Sorts the runs into their regions, gathers what there is to know of these on the way, and
+    /// writes them.
     fn publish(&mut self, out: &mut DetectionFrame) {
+        self.sums.clear();
         let mut first_run = 0;
-        for (region, &root) in out.regions.iter_mut().zip(&self.kept) {
-            let node = &self.nodes[root as usize];
-            let pixels = f64::from(node.pixel_count);
+        for &root in &self.kept {
+            self.sums.push(Sums::of_none(first_run));
+            first_run += self.regions[root as usize].runs;
+        }
+        for (&run, &root) in self.runs.iter().zip(&self.forest.nodes) {
+            let number = self.regions[root as usize].number;
+            if let Some(sums) = self.sums.get_mut(number as usize) {
+                out.runs[sums.next_run as usize] = run;
+                sums.add(run);
+            }
+        }
+        for ((region, &root), sums) in out.regions.iter_mut().zip(&self.kept).zip(&self.sums) {
+            let count = &self.regions[root as usize];
+            let pixels = f64::from(count.pixels);
             *region = Region {
-                class: u32::from(node.class),
-                pixel_count: node.pixel_count,
-                x_px: (node.sum_x as f64 / pixels) as f32,
-                y_px: (node.sum_y as f64 / pixels) as f32,
-                left: node.left,
-                top: node.top,
-                right: node.right,
-                bottom: node.bottom,
-                first_run,
-                // Counts up to the node's number again while its runs are written below.
-                run_count: 0,
+                class: sums.class,
+                pixel_count: count.pixels,
+                x_px: ((sums.double_x / 2) as f64 / pixels) as f32,
+                y_px: (sums.y as f64 / pixels) as f32,
+                left: sums.left as u16,
+                top: sums.top as u16,
+                right: sums.right as u16,
+                bottom: sums.bottom as u16,
+                first_run: sums.next_run - count.runs,
+                run_count: count.runs,
             };
-            first_run += node.run_count;
         }
         out.region_count = self.kept.len() as u32;
         out.run_count = first_run;
-        for labelled in &self.runs {
-            let number = self.nodes[labelled.node as usize].number;
-            if number == UNPUBLISHED {
-                continue;
-            }
-            let region = &mut out.regions[number as usize];
-            out.runs[(region.first_run + region.run_count) as usize] =
-                Run { reserved: 0, ..labelled.run };
-            region.run_count += 1;
-        }
     }
 }
 
-impl Node {
-    /// The region that a run is on its own, at index `index` of the forest.
-    fn of(run: &Run, index: u32) -> Self {
-        let pixels = u64::from(run.pixels());
-        Self {
-            parent: index,
-            class: run.class,
-            pixel_count: run.pixels(),
-            run_count: 1,
-            // First and last column times half the number of columns: always a whole number.
-            sum_x: (u64::from(run.begin) + u64::from(run.end) - 1) * pixels / 2,
-            sum_y: u64::from(run.row) * pixels,
-            left: run.begin,
-            top: run.row,
-            right: run.end - 1,
-            bottom: run.row,
-            number: UNSEEN,
-        }
+impl Sums {
+    fn of_none(first_run: u32) -> Self {
+        let (left, top) = (u32::MAX, u32::MAX);
+        Self { double_x: 0, y: 0, next_run: first_run, class: 0, left, top, right: 0, bottom: 0 }
     }
 
-    fn absorb(&mut self, other: &Self) {
-        // No overflow: at most MAX_RUNS runs of at most 65,535 pixels.
-        self.pixel_count += other.pixel_count;
-        self.run_count += other.run_count;
-        self.sum_x += other.sum_x;
-        self.sum_y += other.sum_y;
-        self.left = self.left.min(other.left);
-        self.top = self.top.min(other.top);
-        self.right = self.right.max(other.right);
-        self.bottom = self.bottom.max(other.bottom);
+    fn add(&mut self, run: Run) {
+        let (row, begin, end) = (u32::from(run.row), u32::from(run.begin), u32::from(run.end));
+        let pixels = u64::from(end - begin);
+        // First and last column times the number of columns: always even.
+        self.double_x += u64::from(begin + end - 1) * pixels;
+        self.y += u64::from(row) * pixels;
+        self.next_run += 1;
+        self.class = u32::from(run.class);
+        self.left = self.left.min(begin);
+        self.top = self.top.min(row);
+        self.right = self.right.max(end - 1);
+        self.bottom = self.bottom.max(row);
+    }
+}
+
+impl Forest {
+    /// Makes the trees of two roots one; returns its root.
+    fn join(&mut self, a: u32, b: u32) -> u32 {
+        let (first, second) = (a.min(b), a.max(b));
+        self.parents[second as usize] = first;
+        first
+    }
+
+    /// The root of a node's tree; halves the path on its way.
+    fn root(&mut self, mut node: u32) -> u32 {
+        loop {
+            let parent = self.parents[node as usize];
+            if parent == node {
+                return node;
+            }
+            let grandparent = self.parents[parent as usize];
+            self.parents[node as usize] = grandparent;
+            node = grandparent;
+        }
     }
 }
 
