@@ -110,6 +110,12 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Completes recordings that were never finished: killed, disk full, power lost.
     Recover(RecoverArgs),
+    /// Finds the highest frame rate that this machine sustains without losing a frame.
+    ///
+    /// Runs one group after the other, each at a higher rate, until one loses a frame, and narrows
+    /// the limit down. Frames come from an injector that costs little more than a copy. For each rate:
+    /// latency from capture to `world`, processor time and memory. Let nothing else run meanwhile.
+    Stress(StressArgs),
     /// Writes, checks and describes configurations.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -129,7 +135,8 @@ pub struct RunArgs {
     /// Configuration file [default: MiroSot middle league on a synthetic pitch]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Where frames come from: `synthetic`, or `images:PATH` with a picture or a folder of them
+    /// Where frames come from: `synthetic`; `images:PATH` with a picture or a folder of them; or
+    /// `synthetic-loop:N`, N frames painted in advance, shown to and fro
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Frames a second [default: as configured]
@@ -329,6 +336,29 @@ Examples:
   touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON";
 
+/// Arguments of `stress`.
+#[derive(Debug, Args)]
+pub struct StressArgs {
+    /// Picture size; a camera above the middle that sees the whole field [default: as configured]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<(u32, u32)>,
+    /// How long each rate is held
+    #[arg(long, value_name = "S", default_value = "5", value_parser = parse_seconds)]
+    pub seconds: f64,
+    /// Rate to begin with
+    #[arg(long, value_name = "FPS", default_value = "80", value_parser = parse_fps)]
+    pub from: f64,
+    /// Configuration file [default: MiroSot middle league on a synthetic pitch]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Name of the group
+    #[arg(long, value_name = "NAME", default_value = "stress")]
+    pub instance: String,
+    /// Print everything as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// What to do with configurations.
 #[derive(Debug, Subcommand)]
 pub enum ConfigCommand {
@@ -377,7 +407,7 @@ pub struct GrabberArgs {
     /// As for every stage.
     #[command(flatten)]
     pub stage: StageArgs,
-    /// Where frames come from: `synthetic` or `images:PATH`
+    /// Where frames come from: `synthetic`, `synthetic-loop:N` or `images:PATH`
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Capture so many frames, then wait to be ended
@@ -401,6 +431,13 @@ fn parse_fps(text: &str) -> Result<f64, String> {
         Ok(fps) if (1.0..=10_000.0).contains(&fps) => Ok(fps),
         _ => Err("use a number from 1 to 10000".into()),
     }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let parse = |side: &str| side.parse().ok().filter(|side| (16..=16_384).contains(side));
+    text.split_once(['x', 'X', '×'])
+        .and_then(|(width, height)| Some((parse(width)?, parse(height)?)))
+        .ok_or_else(|| "use WIDTHxHEIGHT, for example 640x480".into())
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {

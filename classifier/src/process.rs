@@ -12,7 +12,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut process = Process::start(ProcessKind::Classifier, options, config)?;
     // Before its input: no output is missed whose input is not.
     let previous = process.bus.newest_only(&topics::RUNS)?;
-    let frames = process.bus.subscriber_with_history(&topics::FRAMES)?;
+    let topic = topics::frames(config.camera.frame_bytes());
+    let frames = process.bus.subscriber_with_history(&topic)?;
     let mut runs = process.bus.publisher(&topics::RUNS, MAX_RUNS)?;
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;

@@ -17,6 +17,7 @@ use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -191,15 +192,20 @@ impl Bus {
         buffer: usize,
         history: usize,
     ) -> Result<Subscriber<E, H>, BusError> {
-        let port = self
-            .open(topic)?
+        let service = self.open(topic)?;
+        // Where the topic was made with less, less is what there is.
+        let made = service.static_config();
+        let buffer = buffer.min(made.subscriber_max_buffer_size());
+        let history = history.min(made.history_size());
+        let borrowed = made.subscriber_max_borrowed_samples();
+        let port = service
             .subscriber_builder()
             .buffer_size(buffer)
             .history_request(history)
             .create()
             .map_err(failed(topic.name, "create a subscriber"))?;
         // One message is with the caller, and one may be kept by it.
-        let capacity = topic.borrowed.saturating_sub(2).clamp(1, topic.buffer);
+        let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
         let queue = RefCell::new(VecDeque::with_capacity(capacity));
         Ok(Subscriber { port, topic: topic.name, seq: topic.seq, capacity, queue })
     }
@@ -227,10 +233,17 @@ impl Bus {
         &self,
         topic: &Topic<E, H>,
     ) -> Result<PublishSubscribeFactory<ipc::Service, [E], H>, BusError> {
-        self.node
-            .service_builder(&service_name(topic.name)?)
-            .publish_subscribe::<[E]>()
-            .user_header::<H>()
+        let builder = || -> Result<_, BusError> {
+            let name = service_name(topic.name)?;
+            Ok(self.node.service_builder(&name).publish_subscribe::<[E]>().user_header::<H>())
+        };
+        // A topic that is there is taken as it was made: how much is kept of large frames only the
+        // group's own processes know.
+        match builder()?.open() {
+            Err(PublishSubscribeOpenError::DoesNotExist) => {}
+            opened => return opened.map_err(failed(topic.name, "open the topic")),
+        }
+        builder()?
             .history_size(topic.history)
             .subscriber_max_buffer_size(topic.buffer)
             .subscriber_max_borrowed_samples(topic.borrowed)

@@ -93,7 +93,7 @@ const ORDINARY_LIST_BYTES: u64 = 48 << 10;
 impl GroupMemory {
     /// What a group with this configuration takes.
     pub fn new(config: &Config) -> Self {
-        let frame_bytes = config.camera.width as usize * config.camera.height as usize;
+        let frame_bytes = config.camera.frame_bytes();
         let handed_over = |memory: TopicMemory| TopicMemory {
             writers: 2,
             usual_message_bytes: memory.message_bytes.min(ORDINARY_LIST_BYTES),
@@ -101,7 +101,7 @@ impl GroupMemory {
         };
         Self {
             topics: vec![
-                topics::FRAMES.memory(frame_bytes),
+                topics::frames(frame_bytes).memory(frame_bytes),
                 handed_over(topics::RUNS.memory(MAX_RUNS)),
                 handed_over(topics::DETECTIONS.memory(1)),
                 handed_over(topics::WORLD.memory(1)),
@@ -202,7 +202,8 @@ mod tests {
         let mut large = Config::default();
         (large.camera.width, large.camera.height) = (2448, 2048);
         let large = GroupMemory::new(&large);
-        assert!(large.least_bytes() > 64 * 2448 * 2048);
-        assert!(large.ample_bytes() > 2 * 64 * 2448 * 2048);
+        let kept = topics::frames(2448 * 2048).buffer as u64;
+        assert!(large.least_bytes() > kept * 2448 * 2048);
+        assert!(large.ample_bytes() > 2 * kept * 2448 * 2048);
     }
 }

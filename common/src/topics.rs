@@ -104,11 +104,28 @@ const fn work<Element, Header>(
     Topic { history: 64, borrowed: WHOLE_BUFFER, seq, t_capture_ns, ..base }
 }
 
-/// Raw frames; the payload is the pixels, `stride` bytes a row.
-///
-/// The supervisor holds on to the newest ones, as evidence should one of them kill a stage.
+/// The newest frames are kept for readers as far as they fit into this much memory …
+const KEPT_FRAMES_BYTES: usize = 128 << 20;
+/// … but never fewer than these: a stage that has to be replaced at 80 frames a second may be away
+/// for so long.
+const FEWEST_KEPT_FRAMES: usize = 16;
+
+/// [`FRAMES`] in a group whose frames have so many bytes: of large frames fewer are kept.
+pub fn frames(frame_bytes: usize) -> Topic<u8, FrameHeader> {
+    let kept = (KEPT_FRAMES_BYTES / frame_bytes.max(1)).clamp(FEWEST_KEPT_FRAMES, FRAMES.buffer);
+    Topic { buffer: kept, history: kept, borrowed: frames_of_evidence(kept) + kept + 4, ..FRAMES }
+}
+
+/// How many of the kept frames the supervisor holds in its hands, as evidence should one of them
+/// kill a stage. They cost no memory, being kept anyway.
+pub const fn frames_of_evidence(kept: usize) -> usize {
+    kept / 2
+}
+
+/// Raw frames; the payload is the pixels, `stride` bytes a row. Programs that do not know the size
+/// of the frames ask for this much, and get what [`frames`] has left of it.
 pub const FRAMES: Topic<u8, FrameHeader> = Topic {
-    borrowed: 32 + WHOLE_BUFFER,
+    borrowed: frames_of_evidence(64) + WHOLE_BUFFER,
     // A camera is given several to fill.
     loaned: 16,
     ..work(
@@ -157,3 +174,18 @@ pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)",
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
 /// The report of the running group, as JSON text.
 pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_large_frames_fewer_are_kept() {
+        let small = frames(640 * 480);
+        assert_eq!((small.buffer, small.borrowed), (FRAMES.buffer, FRAMES.borrowed));
+        let large = frames(2448 * 2048);
+        assert!((16..32).contains(&large.buffer) && large.history == large.buffer);
+        assert_eq!(frames(16_384 * 16_384).buffer, FEWEST_KEPT_FRAMES);
+        assert_eq!(frames(0).buffer, FRAMES.buffer);
+    }
+}

@@ -8,6 +8,7 @@
 
 mod bulletin;
 pub mod camera;
+mod injector;
 pub mod mosaic;
 pub mod pictures;
 pub mod process;

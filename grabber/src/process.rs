@@ -27,8 +27,7 @@ pub fn run(
     config: &Config,
 ) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Grabber, options, config)?;
-    let frame_bytes = config.camera.width as usize * config.camera.height as usize;
-    let mut pool = FramePool::new(&process.bus, frame_bytes)?;
+    let mut pool = FramePool::new(&process.bus, config.camera.frame_bytes())?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
     let mut bulletin = Bulletin::new(&process.bus)?;

@@ -1,6 +1,7 @@
 //! Which camera: the table of drivers.
 
 use crate::camera::{Camera, CameraError, Exposure, LastFrame, Painted, Painter, Timeline};
+use crate::injector::Injector;
 use crate::pictures::{PictureCamera, load_frames};
 use crate::synthetic::SyntheticMatch;
 use common::config::Config;
@@ -13,9 +14,17 @@ use std::str::FromStr;
 pub enum Source {
     /// The built-in match: `synthetic`.
     Synthetic,
+    /// So many frames of the match, painted in advance and shown to and fro: `synthetic-loop:N`. Costs
+    /// next to nothing, so that whatever rate is asked for, the rest of the group has the machine.
+    Loop(u32),
     /// Picture files: `images:PATH`.
     Pictures(PathBuf),
 }
+
+/// Frames of a loop when no number is given.
+pub const LOOP_FRAMES: u32 = 32;
+/// Longest loop.
+const MOST_LOOP_FRAMES: u32 = 4096;
 
 impl FromStr for Source {
     type Err = String;
@@ -23,6 +32,11 @@ impl FromStr for Source {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.split_once(':') {
             None if text == "synthetic" => Ok(Self::Synthetic),
+            None if text == "synthetic-loop" => Ok(Self::Loop(LOOP_FRAMES)),
+            Some(("synthetic-loop", frames)) => match frames.parse() {
+                Ok(frames) if (1..=MOST_LOOP_FRAMES).contains(&frames) => Ok(Self::Loop(frames)),
+                _ => Err(format!("use synthetic-loop:N with N from 1 to {MOST_LOOP_FRAMES}")),
+            },
             Some(("images", path)) if !path.is_empty() => Ok(Self::Pictures(path.into())),
             _ => Err("use synthetic, or images:PATH with a picture or a folder of pictures".into()),
         }
@@ -33,6 +47,7 @@ impl std::fmt::Display for Source {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Synthetic => write!(f, "synthetic"),
+            Self::Loop(frames) => write!(f, "synthetic-loop:{frames}"),
             Self::Pictures(path) => write!(f, "images:{}", path.display()),
         }
     }
@@ -59,6 +74,13 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
                 let width = camera.width as usize;
                 let painter = SyntheticCamera { scene, width, position: 0, timeline };
                 Box::new(Painted::new(painter, &camera))
+            }))
+        }
+        Source::Loop(frames) => {
+            let injector = Injector::new(config, *frames)
+                .map_err(|error| CameraError::Synthetic(error.to_string()))?;
+            Ok(Box::new(move |last| {
+                Box::new(Painted::new(injector.start(Timeline::new(camera.fps, last)), &camera))
             }))
         }
         Source::Pictures(path) => {

@@ -11,6 +11,7 @@ mod pipeline;
 mod recordings;
 mod run;
 mod score;
+mod stress;
 
 use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
 use common::config::Config;
@@ -39,6 +40,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Interface) => operate::interface(),
         Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
+        Some(Command::Stress(args)) => stress::stress(args),
         Some(Command::Bystander(args)) => chaos::attach(&args.instance),
         Some(Command::Record(args)) => recordings::record(args),
         Some(Command::Info(args)) => recordings::info(args),

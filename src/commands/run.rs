@@ -19,6 +19,9 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
     // Whatever is wrong with the source is said now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
+    for complaint in common::scheduling::complaints(&config.scheduling) {
+        eprintln!("touchline: {complaint}");
+    }
     // Nor does a match end with a report that cannot be written.
     let report_file = args.report.as_deref().map(create).transpose()?;
 
@@ -96,7 +99,7 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
         Source::Pictures(path) => Source::Pictures(
             path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?,
         ),
-        Source::Synthetic => Source::Synthetic,
+        Source::Synthetic | Source::Loop(_) => source,
     })
 }
 

@@ -3,8 +3,8 @@
 use super::accuracy::{ReportedRobot, Scorer};
 use super::flow::Flow;
 use super::latency::LatencyMeter;
-use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Stage};
-use super::usage::{Usage, usage_of};
+use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Resources, Stage};
+use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Publisher, Subscriber};
 use common::clock::monotonic_ns;
@@ -19,6 +19,10 @@ use std::sync::Arc;
 const KEPT_TRUTH: usize = 512;
 /// Over which rates and processor shares are measured.
 const RATE_PERIOD_NS: u64 = 1_000_000_000;
+
+/// How often memory is looked at, and when for the first time.
+const MEMORY_PERIOD_NS: u64 = 10_000_000_000;
+const MEMORY_FIRST_NS: u64 = 1_500_000_000;
 
 /// The monitor's eyes and memory.
 pub struct Collector {
@@ -39,6 +43,10 @@ pub struct Collector {
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
     rate: RateMeter,
+    /// What this process had used when the run began.
+    supervisor_cpu_before: f64,
+    memory_bytes: u64,
+    memory_due_ns: u64,
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
@@ -57,6 +65,7 @@ struct RateMeter {
     counted: (u64, u64),
     cpu_seconds: BTreeMap<ProcessKind, f64>,
     cpu_percent: BTreeMap<ProcessKind, f64>,
+    supervisor_cpu: (f64, f64),
 }
 
 impl Collector {
@@ -89,7 +98,7 @@ impl Collector {
             // Against the stream: no frame is seen whose results are not.
             world: bus.subscriber(&topics::WORLD)?,
             detections: bus.subscriber(&topics::DETECTIONS)?,
-            frames: bus.subscriber(&topics::FRAMES)?,
+            frames: bus.subscriber(&topics::frames(config.camera.frame_bytes()))?,
             truth: bus.subscriber(&topics::TRUTH)?,
             health: bus.subscriber(&topics::HEALTH)?,
             view,
@@ -104,6 +113,9 @@ impl Collector {
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
             rate: RateMeter::default(),
+            supervisor_cpu_before: own_cpu_seconds(),
+            memory_bytes: 0,
+            memory_due_ns: monotonic_ns() + MEMORY_FIRST_NS,
             _bus: bus,
         };
         Ok((collector, status))
@@ -222,6 +234,7 @@ impl Collector {
     pub fn report(&mut self, complete: bool) -> Report {
         let now = monotonic_ns();
         let (views, restarts) = self.view.processes();
+        let pids: Vec<u32> = views.iter().map(|process| process.pid).collect();
         for process in &views {
             // What has ended keeps its last figures.
             let record = self.processes.entry(process.pid).or_default();
@@ -263,7 +276,26 @@ impl Collector {
         let grabber = &stages[&ProcessKind::Grabber];
         let dropped_by_grabber = grabber.dropped.values().sum();
         let frames = self.flow.frames(dropped_by_grabber, complete);
-        self.rate.measure(now, (frames.captured, frames.world), &mut stages);
+        let supervisor_cpu_seconds = own_cpu_seconds() - self.supervisor_cpu_before;
+        let counted = (frames.captured, frames.world);
+        self.rate.measure(now, counted, supervisor_cpu_seconds, &mut stages);
+        let supervisor_cpu_percent = self.rate.supervisor_cpu.1;
+        let of_stages: f64 = stages
+            .iter()
+            .filter(|(kind, _)| **kind != ProcessKind::Grabber)
+            .map(|(_, stage)| stage.cpu_percent)
+            .sum();
+        if now >= self.memory_due_ns && !complete {
+            self.memory_due_ns = now + MEMORY_PERIOD_NS;
+            let pids = pids.into_iter().chain([self.view.supervisor_pid]);
+            self.memory_bytes = pids.filter_map(proportional_bytes).sum();
+        }
+        let resources = Resources {
+            supervisor_cpu_seconds,
+            supervisor_cpu_percent,
+            pipeline_cpu_percent: supervisor_cpu_percent + of_stages,
+            memory_bytes: self.memory_bytes,
+        };
         let working =
             |stage: &Stage| stage.processes.iter().any(|process| process.state == "active");
         let accuracy = match (self.detection_scorer.errors(), self.world_scorer.errors()) {
@@ -276,6 +308,7 @@ impl Collector {
             frames,
             rate: self.rate.frames.clone(),
             latency_us: self.latency.report(),
+            resources,
             stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
             rejected: self.rejected.clone(),
             accuracy,
@@ -291,6 +324,7 @@ impl RateMeter {
         &mut self,
         now_ns: u64,
         counted: (u64, u64),
+        supervisor_cpu_seconds: f64,
         stages: &mut BTreeMap<ProcessKind, Stage>,
     ) {
         let elapsed_ns = now_ns.saturating_sub(self.since_ns);
@@ -314,6 +348,11 @@ impl RateMeter {
                 }
                 self.cpu_seconds.insert(kind, stage.cpu_seconds);
             }
+            let (used, percent) = &mut self.supervisor_cpu;
+            if !first {
+                *percent = ((supervisor_cpu_seconds - *used) / seconds * 1000.0).round() / 10.0;
+            }
+            *used = supervisor_cpu_seconds;
             self.since_ns = now_ns;
             self.counted = counted;
         }
@@ -321,4 +360,8 @@ impl RateMeter {
             stage.cpu_percent = self.cpu_percent.get(kind).copied().unwrap_or(0.0);
         }
     }
+}
+
+fn own_cpu_seconds() -> f64 {
+    usage_of(std::process::id()).map_or(0.0, |usage| usage.cpu_seconds)
 }

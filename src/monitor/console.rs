@@ -178,6 +178,13 @@ fn body(report: &Report) -> String {
         );
     }
     let _ = writeln!(text, "  of which     {}", pieces(&latency.breakdown));
+    let resources = &report.resources;
+    let _ = writeln!(
+        text,
+        "  group        {:.1} % of a processor without the grabber, {} MB, shared memory counted once",
+        resources.pipeline_cpu_percent,
+        resources.memory_bytes / 1_000_000,
+    );
     let found = &report.found;
     let ball = if found.ball { "the ball" } else { "no ball" };
     let _ = writeln!(

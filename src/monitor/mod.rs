@@ -21,7 +21,7 @@ pub use view::{Event, GroupView, ProcessView};
 use collector::Collector;
 use common::bus::{BusError, Publisher};
 use common::clock::monotonic_ns;
-use common::config::Config;
+use common::config::{CameraConfig, Config};
 use common::instance::Instance;
 use common::messages::{MAX_STATUS_BYTES, StatusHeader};
 use common::topics;
@@ -30,9 +30,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often the topics are emptied: their buffers hold 64 messages, so that even at 3,000 frames
-/// a second nothing is overwritten meanwhile.
-const POLL: Duration = Duration::from_millis(5);
+/// The topics are emptied at least so often, for a display that moves …
+const LONGEST_POLL: Duration = Duration::from_millis(50);
+/// … and whenever this part of a buffer has filled, so that nothing is overwritten meanwhile.
+const POLLS_PER_BUFFER: f64 = 4.0;
 /// How often the status is published.
 const STATUS_PERIOD: Duration = Duration::from_millis(250);
 
@@ -60,7 +61,13 @@ impl Monitor {
             std::thread::spawn(move || match Collector::new(&instance, source, &config, view) {
                 Ok((mut collector, status)) => {
                     let _ = connected.send(Ok(()));
-                    watch(&mut collector, status, output, &stop_requested)
+                    watch(
+                        &mut collector,
+                        status,
+                        output,
+                        poll_period(&config.camera),
+                        &stop_requested,
+                    )
                 }
                 Err(error) => {
                     let _ = connected.send(Err(error));
@@ -83,6 +90,7 @@ fn watch(
     collector: &mut Collector,
     mut status: Publisher<u8, StatusHeader>,
     output: Output,
+    poll: Duration,
     stop: &AtomicBool,
 ) -> Report {
     let mut display = console::Display::new(output);
@@ -104,8 +112,14 @@ fn watch(
             }
             display.draw(&report);
         }
-        std::thread::sleep(POLL);
+        std::thread::sleep(poll);
     }
+}
+
+/// How often the topics are emptied.
+fn poll_period(camera: &CameraConfig) -> Duration {
+    let buffer = topics::frames(camera.frame_bytes()).buffer as f64;
+    Duration::from_secs_f64(buffer / POLLS_PER_BUFFER / camera.fps).min(LONGEST_POLL)
 }
 
 fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
@@ -133,7 +147,7 @@ pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Rep
             let length = (message.header().bytes as usize).min(message.elements().len());
             return Ok(serde_json::from_slice(&message.elements()[..length]).ok());
         }
-        std::thread::sleep(POLL);
+        std::thread::sleep(Duration::from_millis(5));
     }
     Ok(None)
 }

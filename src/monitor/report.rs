@@ -30,6 +30,8 @@ pub struct Report {
     pub rate: Rate,
     /// From the middle of the exposure until a stage's output is published, in microseconds.
     pub latency_us: Latency,
+    /// What the whole group takes of the machine.
+    pub resources: Resources,
     /// Stage by stage.
     pub stages: BTreeMap<String, Stage>,
     /// What was found in the newest frame.
@@ -82,6 +84,20 @@ pub struct Rate {
     pub captured: f64,
     /// Arrived in `world`.
     pub world: f64,
+}
+
+/// What the whole group takes of the machine.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Resources {
+    /// Processor time that supervisor and monitor have used.
+    pub supervisor_cpu_seconds: f64,
+    /// Their share of one processor over the last second.
+    pub supervisor_cpu_percent: f64,
+    /// Share of one processor over the last second, of all processes but the grabber.
+    pub pipeline_cpu_percent: f64,
+    /// Memory of all processes together, shared memory counted once; looked at every ten seconds.
+    pub memory_bytes: u64,
 }
 
 /// From the middle of the exposure to a stage's output.

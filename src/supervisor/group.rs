@@ -25,8 +25,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often topics and heartbeats are looked at.
-const TICK: Duration = Duration::from_millis(5);
+/// How often topics and heartbeats are looked at; more often if stalls are to be noticed sooner.
+const TICK: Duration = Duration::from_millis(10);
+/// A stall is noticed late by at most this part of its deadline.
+const TICKS_PER_STALL: u32 = 4;
 /// How long the last results may take when the group is told to end.
 const DRAIN: Duration = Duration::from_millis(100);
 /// How long after the camera's last frame results are waited for.
@@ -51,6 +53,7 @@ pub struct Group {
     ever_complete: bool,
     finished: bool,
     last_output: Instant,
+    tick: Duration,
     notifier: Notifier,
     view: Arc<GroupView>,
     stop: UnixStream,
@@ -87,10 +90,12 @@ impl Group {
             .filter_map(|(stage, &count)| Some((ProcessKind::from_name(stage)?, count)))
             .collect();
         view.remember(record.events);
+        let settings = settings(config);
         Ok(Self {
-            progress: Progress::new(&launch.instance)?,
+            progress: Progress::new(&launch.instance, config)?,
             launch,
-            policy: Policy::new(settings(config)),
+            tick: tick(&settings),
+            policy: Policy::new(settings),
             processes: HashMap::new(),
             outputs: [None; ProcessKind::ALL.len()],
             skip_after: HashMap::new(),
@@ -202,7 +207,7 @@ impl Group {
         fds.extend(
             self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)),
         );
-        let timeout = Timespec { tv_sec: 0, tv_nsec: TICK.as_nanos() as _ };
+        let timeout = Timespec { tv_sec: 0, tv_nsec: self.tick.as_nanos() as _ };
         match poll(&mut fds, Some(&timeout)) {
             Ok(_) | Err(rustix::io::Errno::INTR) => Ok(!fds[0].revents().is_empty()),
             Err(error) => Err(SupervisorError::System {
@@ -485,6 +490,11 @@ impl Group {
         processes.sort_by_key(|process| (process.kind, process.pid));
         self.view.update(processes, self.restarts.clone());
     }
+}
+
+fn tick(settings: &Settings) -> Duration {
+    let stall = Duration::from_nanos(settings.stall_ns);
+    TICK.min(stall / TICKS_PER_STALL).max(Duration::from_millis(1))
 }
 
 fn settings(config: &Config) -> Settings {

@@ -122,7 +122,7 @@ const GOOD_START_NS: u64 = 5_000_000_000;
 const SETTLE_NS: u64 = 100_000_000;
 /// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
 /// busy or asleep, and that time is nobody's fault.
-const OWN_LAG_NS: u64 = 15_000_000;
+const OWN_LAG_NS: u64 = 20_000_000;
 /// The first output of a process may take longer than the stall deadline.
 const FIRST_OUTPUT_NS: u64 = 200_000_000;
 /// A process that was asked to end and did not within this time is killed.

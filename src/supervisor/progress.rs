@@ -3,6 +3,7 @@
 use super::drops::Dropped;
 use common::bus::{Bus, BusError, Received, Subscriber};
 use common::clock::monotonic_ns;
+use common::config::Config;
 use common::instance::Instance;
 use common::messages::{
     DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader, WorldFrame,
@@ -11,10 +12,6 @@ use common::topics;
 use grabber::camera::LastFrame;
 use std::collections::VecDeque;
 
-/// Frames held in shared memory: a frame that has stalled two processes in a row is some ten frames
-/// old by then. They cost no memory, since the topic keeps more of them for late readers.
-const KEPT_FRAMES: usize = 32;
-
 /// Connected to the topics: always has the newest message of each, also when the writer is dead.
 pub struct Progress {
     frames: Subscriber<u8, FrameHeader>,
@@ -22,7 +19,10 @@ pub struct Progress {
     detections: Subscriber<DetectionFrame, ()>,
     world: Subscriber<WorldFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
+    /// In shared memory: a frame that has stalled two processes in a row is some ten frames old by
+    /// then.
     recent_frames: VecDeque<Received<u8, FrameHeader>>,
+    kept_frames: usize,
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
@@ -42,15 +42,18 @@ pub struct Sign {
 
 impl Progress {
     /// Connects.
-    pub fn new(instance: &Instance) -> Result<Self, BusError> {
+    pub fn new(instance: &Instance, config: &Config) -> Result<Self, BusError> {
         let bus = Bus::join(instance, "supervisor")?;
+        let frames = topics::frames(config.camera.frame_bytes());
+        let kept_frames = topics::frames_of_evidence(frames.buffer);
         Ok(Self {
-            frames: bus.subscriber(&topics::FRAMES)?,
+            frames: bus.subscriber(&frames)?,
             runs: bus.newest_only(&topics::RUNS)?,
             detections: bus.newest_only(&topics::DETECTIONS)?,
             world: bus.newest_only(&topics::WORLD)?,
             health: bus.subscriber(&topics::HEALTH)?,
-            recent_frames: VecDeque::with_capacity(KEPT_FRAMES),
+            recent_frames: VecDeque::with_capacity(kept_frames),
+            kept_frames,
             _bus: bus,
         })
     }
@@ -63,7 +66,7 @@ impl Progress {
             if !frame.header().follows(last, monotonic_ns()) {
                 continue;
             }
-            if self.recent_frames.len() == KEPT_FRAMES {
+            if self.recent_frames.len() == self.kept_frames {
                 self.recent_frames.pop_front();
             }
             self.recent_frames.push_back(frame);

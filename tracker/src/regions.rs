@@ -152,8 +152,7 @@ impl RegionFinder {
                 finger += 1;
             }
             // The last run that overlaps may also overlap the next one: the finger stays on it.
-            for upper in finger..above.end {
-                let upper_run = taken[upper];
+            for (upper, upper_run) in taken[..above.end].iter().enumerate().skip(finger) {
                 if upper_run.begin >= run.end {
                     break;
                 }

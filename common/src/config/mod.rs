@@ -116,6 +116,13 @@ pub struct CameraConfig {
     pub exposure_us: u32,
 }
 
+impl CameraConfig {
+    /// Bytes of a frame, rows without padding.
+    pub fn frame_bytes(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+}
+
 /// A point on the field and where it appears in the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -20,7 +20,7 @@ impl FramePool {
 
     /// Memory for frames of up to `frame_bytes`, on the topic `frames`.
     pub fn new(bus: &Bus, frame_bytes: usize) -> Result<Self, BusError> {
-        let publisher = bus.publisher(&topics::FRAMES, frame_bytes)?;
+        let publisher = bus.publisher(&topics::frames(frame_bytes), frame_bytes)?;
         Ok(Self { publisher })
     }
 
