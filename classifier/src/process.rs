@@ -3,7 +3,7 @@
 use crate::{Classifier, SimdChoice};
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::messages::{DropReason, MAX_RUNS, ProcessKind};
+use common::messages::{DropReason, FrameHeader, MAX_RUNS, ProcessKind};
 use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
 use common::topics;
 
@@ -22,7 +22,9 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     if !process.activate()? {
         return Ok(());
     }
-    process.resume_after_seen(previous.newest()?.map(|runs| runs.header().frame.seq));
+    let of_present = |frame: &FrameHeader| frame.is_present(monotonic_ns());
+    let seen = previous.newest_that(|runs| of_present(&runs.header().frame))?;
+    process.resume_after_seen(seen.map(|runs| runs.header().frame.seq));
     drop(previous);
 
     while process.keep_running()? {

@@ -7,6 +7,7 @@
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
 use crate::instance::{Instance, InstanceError};
+use crate::memory::{self, SHARED_MEMORY};
 use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
@@ -22,7 +23,9 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSu
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Debug;
+use std::fs::Permissions;
 use std::mem::MaybeUninit;
+use std::os::unix::fs::PermissionsExt;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -40,6 +43,17 @@ pub enum BusError {
     /// The instance's directory or names.
     #[error(transparent)]
     Instance(#[from] InstanceError),
+    /// /dev/shm is full.
+    #[error(
+        "topic {topic}: not enough shared memory: {} kB are free in {SHARED_MEMORY}, see `touchline doctor`",
+        free >> 10
+    )]
+    NoMemory {
+        /// Topic, or the process's own node.
+        topic: &'static str,
+        /// Bytes that are free.
+        free: u64,
+    },
     /// iceoryx2 refused; the text says what was tried and its answer.
     #[error("topic {topic}: {action}: {reason}")]
     Ipc {
@@ -50,6 +64,49 @@ pub enum BusError {
         /// iceoryx2's answer.
         reason: String,
     },
+}
+
+/// iceoryx2 makes one piece of its bookkeeping, which all nodes of a prefix share, for everybody on the
+/// machine. Ours is for nobody else.
+fn close_to_others(instance: &Instance) {
+    let prefix = instance.shared_memory_prefix();
+    for entry in std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(&prefix) && name.ends_with(".global_mgmt") {
+            // Another process of ours may just have removed it, or another user have made it.
+            let _ = std::fs::set_permissions(entry.path(), Permissions::from_mode(0o600));
+        }
+    }
+}
+
+/// Nothing is made when there is hardly any shared memory left.
+fn check_memory(topic: &'static str) -> Result<(), BusError> {
+    memory::check_margin().map_err(|free| BusError::NoMemory { topic, free })
+}
+
+/// Has the memory at hand that the messages of an ordinary match will need.
+fn fill_in<E: Message, H: Header>(
+    port: &IpcPublisher<ipc::Service, [E], H>,
+    topic: &Topic<E, H>,
+    capacity: usize,
+) -> Result<(), BusError> {
+    // The first place of a new segment; the others follow at equal distances.
+    let first = port.loan_slice_uninit(capacity).map_err(failed(topic.name, "loan a message"))?;
+    let begin = std::ptr::from_ref(first.header()).cast::<u8>();
+    let memory = topic.memory(capacity);
+    let (distance, bytes) = (memory.message_bytes, memory.ordinary_message_bytes);
+    let is_filled_in = if bytes == distance {
+        memory::fill_in(begin, (memory.usual_places * distance) as usize)
+    } else {
+        let mut places = (0..memory.usual_places).map(|place| (place * distance) as usize);
+        places.all(|offset| memory::fill_in(begin.wrapping_add(offset), bytes as usize))
+    };
+    if is_filled_in {
+        return Ok(());
+    }
+    let free = memory::free_bytes().unwrap_or(0);
+    Err(BusError::NoMemory { topic: topic.name, free })
 }
 
 fn failed<E: Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> BusError {
@@ -76,6 +133,9 @@ impl Bus {
     pub fn join(instance: &Instance, process: &str) -> Result<Self, BusError> {
         // Its log lines repeat what the returned errors say, without saying which topic.
         iceoryx2::prelude::set_log_level(LogLevel::Fatal);
+        // In a directory of others nothing would come of it, and nobody would say why.
+        instance.check_directory()?;
+        check_memory("node")?;
         let config = instance.ipc_config()?;
         let name = NodeName::new(process).map_err(failed("node", "name it"))?;
         let node = NodeBuilder::new()
@@ -84,6 +144,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(failed("node", "join the instance"))?;
+        close_to_others(instance);
         Ok(Self { node, instance: instance.clone() })
     }
 
@@ -148,6 +209,7 @@ impl Bus {
         topic: &Topic<E, H>,
         capacity: usize,
     ) -> Result<Publisher<E, H>, BusError> {
+        check_memory(topic.name)?;
         let port = self
             .open(topic)?
             .publisher_builder()
@@ -157,6 +219,7 @@ impl Bus {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(failed(topic.name, "create a publisher"))?;
+        fill_in(&port, topic, capacity)?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
         Ok(Publisher { port, bell: Rc::new(Bell { published, notifier }), topic: topic.name })
@@ -192,6 +255,7 @@ impl Bus {
         buffer: usize,
         history: usize,
     ) -> Result<Subscriber<E, H>, BusError> {
+        check_memory(topic.name)?;
         let service = self.open(topic)?;
         // Where the topic was made with less, less is what there is.
         let made = service.static_config();
@@ -398,9 +462,19 @@ impl<E: Message, H: Header> Subscriber<E, H> {
 
     /// The newest message; all others are passed over.
     pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
+        self.newest_that(|_| true)
+    }
+
+    /// The newest message that can be believed; all others are passed over.
+    pub fn newest_that(
+        &self,
+        is_believed: impl Fn(&Received<E, H>) -> bool,
+    ) -> Result<Option<Received<E, H>>, BusError> {
         let mut newest = None;
         while let Some(received) = self.receive()? {
-            newest = Some(received);
+            if is_believed(&received) {
+                newest = Some(received);
+            }
         }
         Ok(newest)
     }

@@ -27,7 +27,11 @@ impl Handover {
 
     /// The note for a stage; `None` when it has not worked yet.
     pub fn read(instance: &Instance, kind: ProcessKind) -> Option<Self> {
-        let text = std::fs::read_to_string(instance.handover_path(kind.name())).ok()?;
+        Self::parse(&std::fs::read_to_string(instance.handover_path(kind.name())).ok()?)
+    }
+
+    /// What a note says; `None` when it is none.
+    pub fn parse(text: &str) -> Option<Self> {
         let mut words = text.split_whitespace();
         let resume_after = words.next()?.parse().ok()?;
         Some(Self { resume_after, skip_next: words.next() == Some("skip") })

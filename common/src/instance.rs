@@ -26,7 +26,10 @@ pub enum InstanceError {
     #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-'")]
     Name(String),
     /// The runtime directory is not ours alone.
-    #[error("{path} {problem}; remove it or choose another place with {RUNTIME_DIR_VARIABLE}")]
+    #[error(
+        "{path} {problem}; remove it or choose another place with {RUNTIME_DIR_VARIABLE}, or, to \
+         attach to a group of its owner, do so as that user"
+    )]
     Directory {
         /// The directory.
         path: PathBuf,

@@ -6,8 +6,10 @@
 //! place given back last is written to next. So the places of an ordinary match are few, and
 //! the first ones of the segment.
 //!
-//! What happens when the memory is not there is drastic: the writer dies of a SIGBUS. So a group asks
-//! for it before it starts.
+//! What happens when the memory is not there is drastic: whoever writes to it dies of a SIGBUS. So a
+//! group asks for it before it starts, every writer has the usual places of its segment filled in
+//! before it writes the first message, and nothing new is made when there is hardly anything left.
+//! What gets used beyond that, by pictures full of noise, is not protected.
 
 use crate::bus::{Header, Message};
 use crate::config::Config;
@@ -32,10 +34,9 @@ pub struct TopicMemory {
     /// Places that get used when readers keep up, or sleep: what is kept for late readers and in
     /// full buffers are the same, newest, messages.
     pub usual_places: u64,
-    /// Bytes that are written of a message of an ordinary picture.
-    pub usual_message_bytes: u64,
-    /// Writers that have written and are not cleaned up yet, at the same time: the old and the new
-    /// one while a stage is handed over.
+    /// Bytes that ordinary messages fill.
+    pub ordinary_message_bytes: u64,
+    /// Writers at the same time: the stage's process and its spare.
     pub writers: u64,
 }
 
@@ -64,7 +65,7 @@ impl<E: Message, H: Header> Topic<E, H> {
             message_bytes,
             places: (in_readers_hands + self.history + self.loaned) as u64,
             usual_places: usual as u64,
-            usual_message_bytes: message_bytes,
+            ordinary_message_bytes: message_bytes.min(self.ordinary_bytes as u64),
             writers: 1,
         }
     }
@@ -86,25 +87,22 @@ pub struct GroupMemory {
 }
 
 /// Queues between writers and readers, iceoryx2's bookkeeping, heartbeats and status.
-const BOOKKEEPING_BYTES: u64 = 8 << 20;
-/// Long lists of a message are written as far as they are filled.
-const ORDINARY_LIST_BYTES: u64 = 48 << 10;
+const BOOKKEEPING_BYTES: u64 = 4 << 20;
+/// When less is free, nothing new is made: the next to touch something would die of it, and that may
+/// be a healthy stage which connects to a new reader.
+const MARGIN_BYTES: u64 = 512 << 10;
 
 impl GroupMemory {
     /// What a group with this configuration takes.
     pub fn new(config: &Config) -> Self {
         let frame_bytes = config.camera.frame_bytes();
-        let handed_over = |memory: TopicMemory| TopicMemory {
-            writers: 2,
-            usual_message_bytes: memory.message_bytes.min(ORDINARY_LIST_BYTES),
-            ..memory
-        };
+        let with_spare = |memory: TopicMemory| TopicMemory { writers: 2, ..memory };
         Self {
             topics: vec![
                 topics::frames(frame_bytes).memory(frame_bytes),
-                handed_over(topics::RUNS.memory(MAX_RUNS)),
-                handed_over(topics::DETECTIONS.memory(1)),
-                handed_over(topics::WORLD.memory(1)),
+                with_spare(topics::RUNS.memory(MAX_RUNS)),
+                with_spare(topics::DETECTIONS.memory(1)),
+                with_spare(topics::WORLD.memory(1)),
                 topics::COMMANDS.memory(1),
                 topics::TRUTH.memory(1),
             ],
@@ -115,7 +113,7 @@ impl GroupMemory {
     /// keep up.
     pub fn least_bytes(&self) -> u64 {
         let of =
-            |topic: &TopicMemory| topic.usual_places * topic.usual_message_bytes * topic.writers;
+            |topic: &TopicMemory| topic.usual_places * topic.ordinary_message_bytes * topic.writers;
         self.topics.iter().map(of).sum::<u64>() + BOOKKEEPING_BYTES
     }
 
@@ -134,6 +132,31 @@ pub fn advice(bytes: u64) -> String {
         "`mount -o remount,size={megabytes}m {SHARED_MEMORY}` as root, or start the container with \
          `--shm-size={megabytes}m`; `touchline doctor --clean` removes what dead groups have left"
     )
+}
+
+/// Whether something new may be made in shared memory; if not, how many bytes are free. When it cannot
+/// be found out it may.
+pub fn check_margin() -> Result<(), u64> {
+    match free_bytes() {
+        Ok(free) if free < MARGIN_BYTES => Err(free),
+        _ => Ok(()),
+    }
+}
+
+/// Has the system fill in memory at these addresses, as writing to them would, but without dying of
+/// it; `false` when there is none. A kernel that cannot do that (before 5.14) is no reason not to
+/// start.
+#[allow(unsafe_code)]
+pub(crate) fn fill_in(begin: *const u8, bytes: usize) -> bool {
+    let page = rustix::param::page_size();
+    let offset = begin.addr() % page;
+    let begin = begin.wrapping_sub(offset).cast_mut().cast();
+    // SAFETY: this advice changes no byte and unmaps nothing; for addresses that are not mapped
+    // it fails.
+    let result = unsafe {
+        rustix::mm::madvise(begin, offset + bytes, rustix::mm::Advice::LinuxPopulateWrite)
+    };
+    !matches!(result, Err(rustix::io::Errno::FAULT | rustix::io::Errno::NOMEM))
 }
 
 /// Bytes of shared memory that are still free on this machine.
@@ -185,6 +208,55 @@ mod tests {
         drop((_frames, _runs, _world, _status, bus));
         instance.wipe().unwrap();
         instance.remove_directory().unwrap();
+    }
+
+    #[test]
+    fn the_usual_places_are_filled_in_before_the_first_message() {
+        let base = std::env::temp_dir().join(format!("tl-filled-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        let bus = Bus::join(&instance, "writer").unwrap();
+        let used = || -> u64 {
+            fs::read_dir(SHARED_MEMORY)
+                .unwrap()
+                .flatten()
+                .filter(|entry| {
+                    let name = entry.file_name().to_string_lossy().into_owned();
+                    name.starts_with(&instance.shared_memory_prefix()) && name.ends_with("data")
+                })
+                .map(|entry| {
+                    std::os::unix::fs::MetadataExt::blocks(&entry.metadata().unwrap()) * 512
+                })
+                .sum()
+        };
+        assert_eq!(used(), 0);
+        let bytes = 320 * 240;
+        let mut frames = bus.publisher(&topics::FRAMES, bytes).unwrap();
+        let memory = topics::FRAMES.memory(bytes);
+        let filled_in = used();
+        assert!(filled_in >= memory.usual_bytes(), "{filled_in} of {memory:?}");
+        // Readers that never read keep what the writer keeps.
+        let _sleepers = [(); 3].map(|()| bus.subscriber(&topics::FRAMES).unwrap());
+        for seq in 0..300 {
+            let mut loan = frames.loan(bytes).unwrap();
+            loan.elements().fill(seq as u8);
+            loan.parts().1.seq = seq;
+            loan.send().unwrap();
+        }
+        assert_eq!(used(), filled_in, "messages of an ordinary match took further memory");
+        drop((frames, _sleepers, bus));
+        instance.wipe().unwrap();
+        instance.remove_directory().unwrap();
+    }
+
+    #[test]
+    fn memory_that_is_not_there_is_no_reason_to_die() {
+        assert!(
+            !fill_in(std::ptr::without_provenance(1 << 20), 1 << 20),
+            "nothing is mapped there"
+        );
+        let bytes = vec![0_u8; 100_000];
+        assert!(fill_in(bytes.as_ptr(), bytes.len()));
     }
 
     #[test]

@@ -28,6 +28,9 @@ pub struct Topic<Element, Header = ()> {
     pub borrowed: usize,
     /// Messages a writer may be filling at the same time.
     pub loaned: usize,
+    /// Bytes of a message that ordinary pictures fill: so much of each place that gets used is kept
+    /// ready by its writer, lest somebody else takes the last of the shared memory in a match.
+    pub ordinary_bytes: usize,
     /// Publishers at the same time: the active process, its spare, and predecessors that are dead
     /// but not yet cleaned up.
     pub publishers: usize,
@@ -81,6 +84,7 @@ const fn topic<Element, Header>(
         history: 0,
         borrowed: 4,
         loaned: 2,
+        ordinary_bytes: 48 << 10,
         publishers: 4,
         subscribers: 12,
         notifies: false,
@@ -128,6 +132,7 @@ pub const FRAMES: Topic<u8, FrameHeader> = Topic {
     borrowed: frames_of_evidence(64) + WHOLE_BUFFER,
     // A camera is given several to fill.
     loaned: 16,
+    ordinary_bytes: usize::MAX,
     ..work(
         "frames",
         "grabber",

@@ -23,7 +23,10 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     }
     // The complete state is in the predecessor's last output, which a spare has seen. A filter that
     // was started from scratch has not; it finds everybody anew within a frame.
-    if let Some(last) = previous.newest()?.as_ref().and_then(Received::message) {
+    let now_ns = monotonic_ns();
+    let last = previous
+        .newest_that(|seen| seen.message().is_some_and(|world| world.frame.is_present(now_ns)))?;
+    if let Some(last) = last.as_ref().and_then(Received::message) {
         process.resume_after_seen(Some(last.frame.seq));
         if process.resumes_after() == Some(last.frame.seq) {
             filter.resume(last);

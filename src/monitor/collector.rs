@@ -36,6 +36,7 @@ pub struct Collector {
     started_ns: u64,
     flow: Flow,
     last_frame: Option<FrameHeader>,
+    last_world: Option<FrameHeader>,
     known_truth: VecDeque<TruthFrame>,
     detection_scorer: Scorer,
     world_scorer: Scorer,
@@ -106,6 +107,7 @@ impl Collector {
             started_ns: monotonic_ns(),
             flow: Flow::default(),
             last_frame: None,
+            last_world: None,
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
             detection_scorer: Scorer::new(),
             world_scorer: Scorer::new(),
@@ -148,7 +150,12 @@ impl Collector {
         }
         while let Some(received) = self.health.receive()? {
             if let Some(beat) = received.message() {
-                self.processes.entry(beat.pid).or_default().beat = Some(*beat);
+                // Of processes of the group only: numbers of others would pile up.
+                let is_of_group = self.processes.contains_key(&beat.pid)
+                    || self.view.processes().0.iter().any(|process| process.pid == beat.pid);
+                if is_of_group {
+                    self.processes.entry(beat.pid).or_default().beat = Some(*beat);
+                }
             }
         }
         Ok(())
@@ -160,6 +167,9 @@ impl Collector {
     }
 
     fn take_detection(&mut self, detection: &DetectionFrame) -> Result<(), BusError> {
+        if !detection.frame.is_present(monotonic_ns()) {
+            return Ok(());
+        }
         self.base.found = Found {
             robots: detection.robots().len() as u32,
             ball: !detection.balls().is_empty(),
@@ -190,6 +200,17 @@ impl Collector {
     }
 
     fn take_world(&mut self, world: &WorldFrame) -> Result<(), BusError> {
+        let (frame, now_ns) = (world.frame, monotonic_ns());
+        let is_repeated = self.last_world.is_some_and(|last| frame.seq <= last.seq);
+        // Rubbish of other programs, which must not pass for a result.
+        if !frame.is_present(now_ns)
+            || !is_repeated && !frame.follows(self.last_world.as_ref(), now_ns)
+        {
+            return Ok(());
+        }
+        if !is_repeated {
+            self.last_world = Some(frame);
+        }
         let before = self.flow.frames(0, false).duplicates_in_world;
         self.flow.arrived(world.frame.seq);
         if self.flow.frames(0, false).duplicates_in_world > before {
@@ -246,9 +267,9 @@ impl Collector {
             let Some(beat) = &record.beat else { continue };
             let Some(kind) = ProcessKind::from_number(beat.process) else { continue };
             let stage = stages.entry(kind).or_default();
-            stage.frames_in += beat.frames_in;
-            stage.frames_out += beat.frames_out;
-            stage.frames_missed += beat.frames_missed;
+            stage.frames_in = stage.frames_in.saturating_add(beat.frames_in);
+            stage.frames_out = stage.frames_out.saturating_add(beat.frames_out);
+            stage.frames_missed = stage.frames_missed.saturating_add(beat.frames_missed);
             stage.cpu_seconds += record.usage.cpu_seconds;
             for (reason, &count) in DropReason::ALL.iter().zip(&beat.dropped) {
                 if count > 0 {

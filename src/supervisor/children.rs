@@ -175,7 +175,9 @@ fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
 fn describe(code: Option<i32>, signal: Option<i32>) -> (String, bool) {
     use signal_hook::consts::{SIGKILL, SIGTERM};
     match (code, signal) {
-        (Some(code), _) => (format!("exit status {code}"), code != 0),
+        // A stage that ends in order with an error (1) lacked something, memory say; it is the fault
+        // of no frame.
+        (Some(code), _) => (format!("exit status {code}"), code > 1),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal);
             let name = name.map_or_else(|| format!("signal {signal}"), str::to_string);

@@ -23,6 +23,8 @@ pub struct Progress {
     /// then.
     recent_frames: VecDeque<Received<u8, FrameHeader>>,
     kept_frames: usize,
+    /// The frame of each stage's newest output.
+    last_of: [Option<FrameHeader>; ProcessKind::ALL.len()],
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
@@ -54,6 +56,7 @@ impl Progress {
             health: bus.subscriber(&topics::HEALTH)?,
             recent_frames: VecDeque::with_capacity(kept_frames),
             kept_frames,
+            last_of: [None; ProcessKind::ALL.len()],
             _bus: bus,
         })
     }
@@ -72,14 +75,28 @@ impl Progress {
             self.recent_frames.push_back(frame);
             report(ProcessKind::Grabber, seq);
         }
-        if let Some(runs) = self.runs.newest()? {
-            report(ProcessKind::Classifier, runs.header().frame.seq);
+        let Self { runs, detections, world, last_of, .. } = self;
+        let now_ns = monotonic_ns();
+        let mut output = |kind: ProcessKind, frame: &FrameHeader| {
+            let last = &mut last_of[kind as usize];
+            // Other programs can publish on these topics too, rubbish included.
+            if frame.follows(last.as_ref(), now_ns) {
+                *last = Some(*frame);
+                report(kind, frame.seq);
+            }
+        };
+        while let Some(runs) = runs.receive()? {
+            output(ProcessKind::Classifier, &runs.header().frame);
         }
-        if let Some(detections) = self.detections.newest()?.as_ref().and_then(Received::message) {
-            report(ProcessKind::Tracker, detections.frame.seq);
+        while let Some(detections) = detections.receive()? {
+            if let Some(detections) = detections.message() {
+                output(ProcessKind::Tracker, &detections.frame);
+            }
         }
-        if let Some(world) = self.world.newest()?.as_ref().and_then(Received::message) {
-            report(ProcessKind::Filter, world.frame.seq);
+        while let Some(world) = world.receive()? {
+            if let Some(world) = world.message() {
+                output(ProcessKind::Filter, &world.frame);
+            }
         }
         Ok(())
     }

@@ -23,7 +23,11 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         return Ok(());
     }
     let seq_of = |detections: &DetectionFrame| detections.frame.seq;
-    let seen = previous.newest()?.as_ref().and_then(Received::message).map(seq_of);
+    let now_ns = monotonic_ns();
+    let seen = previous.newest_that(|seen| {
+        seen.message().is_some_and(|detections| detections.frame.is_present(now_ns))
+    })?;
+    let seen = seen.as_ref().and_then(Received::message).map(seq_of);
     process.resume_after_seen(seen);
     drop(previous);
 

@@ -153,12 +153,16 @@ impl FrameHeader {
     /// higher number, but not with one that no camera can have reached. For those who only watch; a
     /// program that publishes rubbish must not mislead them for the rest of the match.
     pub fn follows(&self, last: Option<&Self>, now_ns: u64) -> bool {
-        let is_present = self.t_capture_ns.abs_diff(now_ns) < PRESENT_NS;
-        is_present
+        self.is_present(now_ns)
             && last.is_none_or(|last| {
                 let elapsed_ns = self.t_capture_ns.saturating_sub(last.t_capture_ns);
                 self.seq > last.seq && self.seq - last.seq <= reachable_frames(elapsed_ns)
             })
+    }
+
+    /// Whether a frame with this header can be of this match at all.
+    pub fn is_present(&self, now_ns: u64) -> bool {
+        self.t_capture_ns.abs_diff(now_ns) < PRESENT_NS
     }
 
     /// Checks the header against the configured size and the payload that came with it, and

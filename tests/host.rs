@@ -1,0 +1,301 @@
+//! A group and the computer it runs on: shared memory, rights, other users, the service manager.
+//!
+//! What needs to be root is skipped, loudly, when it is not.
+
+mod support;
+
+use rustix::process::{Signal, getuid};
+use serde_json::Value;
+use std::fs;
+use std::os::unix::fs::{PermissionsExt, chown, symlink};
+use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE, Scratch, shared_memory, touchline};
+
+/// Nobody's number, on every Linux.
+const NOBODY: u32 = 65534;
+
+fn is_root(test: &str) -> bool {
+    let is_root = getuid().is_root();
+    if !is_root {
+        eprintln!("SKIPPED: {test}: only root can try this");
+    }
+    is_root
+}
+
+/// The program where every user can reach it.
+fn program_for_all(scratch: &Scratch) -> PathBuf {
+    fs::set_permissions(&scratch.path, fs::Permissions::from_mode(0o755)).unwrap();
+    let program = scratch.path.join("touchline");
+    fs::copy(env!("CARGO_BIN_EXE_touchline"), &program).unwrap();
+    program
+}
+
+fn as_nobody(program: &Path, runtime: &Path, args: &[&str]) -> Output {
+    Command::new(program)
+        .args(args)
+        .env("TOUCHLINE_RUNTIME_DIR", runtime)
+        .uid(NOBODY)
+        .gid(NOBODY)
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs a script of the shell in a place of its own whose /dev/shm has so many megabytes; `None`
+/// where the system does not allow it. `$T` is the program, `$D` a directory.
+fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Option<Output> {
+    let mount = format!("mount -t tmpfs -o size={megabytes}m tmpfs /dev/shm");
+    let in_own_place = |script: &str| {
+        Command::new("unshare")
+            .args(["-m", "sh", "-c", script])
+            .env("T", env!("CARGO_BIN_EXE_touchline"))
+            .env("D", &scratch.path)
+            .env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"))
+            .env("XDG_STATE_HOME", scratch.path.join("state"))
+            .output()
+    };
+    if !in_own_place(&mount).is_ok_and(|output| output.status.success()) {
+        eprintln!("SKIPPED: this system does not allow a /dev/shm of one's own (unshare, mount)");
+        return None;
+    }
+    Some(in_own_place(&format!("{mount} || exit 99\n{script}")).unwrap())
+}
+
+#[test]
+fn too_little_shared_memory_is_said_before_anything_starts() {
+    let scratch = Scratch::new("small-shm");
+    let script = r#""$T" run --frames 40 --quiet; code=$?; ls /dev/shm; exit $code"#;
+    let Some(output) = with_shared_memory(&scratch, 20, script) else { return };
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("20 MB are free") && said.contains("--shm-size="), "{said}");
+    assert_eq!(text(&output.stdout), "", "something was left in shared memory");
+    assert!(!scratch.path.join("run").exists());
+}
+
+#[test]
+fn shared_memory_that_others_fill_in_a_match_costs_nothing() {
+    let scratch = Scratch::new("full-shm");
+    // The tracker falls when there is not a byte left: its spare has all it needs.
+    let script = r#"
+        "$T" run --frames 800 --quiet --report "$D/report.json" &
+        group=$!
+        tries=0
+        until "$T" status --json >"$D/status" 2>/dev/null && grep -q '"complete": true' "$D/status" &&
+            [ "$(grep -c '"state": "spare"' "$D/status")" = 3 ]; do
+            tries=$((tries + 1)); [ $tries -lt 100 ] || { kill $group; exit 98; }; sleep 0.1
+        done
+        # Until everybody has met everybody.
+        sleep 1
+        tracker=$("$T" status | sed -n 's/^ *tracker \([0-9]*\) (active)$/\1/p')
+        dd if=/dev/zero of=/dev/shm/filler bs=4k 2>/dev/null
+        sleep 1; kill -9 "$tracker" || exit 97; sleep 2
+        rm /dev/shm/filler
+        wait $group; code=$?; ls /dev/shm; exit $code"#;
+    let Some(output) = with_shared_memory(&scratch, 100, script) else { return };
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(text(&output.stdout), "", "something was left in shared memory");
+    let report = fs::read(scratch.path.join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    // A grabber that comes late on a busy machine is another matter.
+    for nothing in ["missing_in_world", "duplicates_in_world"] {
+        assert_eq!(report["frames"][nothing], 0, "{nothing}: {report:#}");
+    }
+    for stage in ["grabber", "classifier", "filter"] {
+        assert_eq!(report["stages"][stage]["restarts"], 0, "{stage}: {report:#}");
+    }
+    // Its next spare found no memory, said so, and was tried again.
+    let said = text(&output.stderr);
+    assert!(!said.contains("SIGBUS"), "{said}");
+    assert!(said.contains("not enough shared memory"), "{said}");
+}
+
+#[test]
+fn nothing_of_a_running_group_is_for_other_users() {
+    let mut group = Group::start("private", "", &[]);
+    group.wait_until_working();
+    let is_private = |path: &Path| {
+        let mode = fs::symlink_metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{} has mode {mode:o}", path.display());
+    };
+    let names = shared_memory(&group.instance.shared_memory_prefix());
+    assert!(names.len() > 20, "{names:?}");
+    for name in names {
+        // It may just have gone.
+        let path = Path::new("/dev/shm").join(name);
+        if path.exists() {
+            is_private(&path);
+        }
+    }
+    // Behind a door that is shut to others iceoryx2's own files may be as they are; ours are 0600.
+    let directory = group.instance.directory();
+    is_private(directory);
+    is_private(directory.parent().unwrap());
+    let mut ours = 0;
+    for entry in fs::read_dir(directory).unwrap().flatten() {
+        if entry.file_type().unwrap().is_file() {
+            is_private(&entry.path());
+            ours += 1;
+        }
+    }
+    assert!(ours >= 4, "lock, configuration and logs: {ours}");
+}
+
+#[test]
+fn other_users_neither_look_nor_harm() {
+    if !is_root("other_users_neither_look_nor_harm") {
+        return;
+    }
+    let mut group = Group::start("strangers", "", &[]);
+    let before = group.wait_until_working();
+    let program = program_for_all(&group.scratch);
+    let runtime = group.instance.directory().parent().unwrap().to_path_buf();
+    for command in [["status", "--instance", "test"], ["stop", "--instance", "test"]] {
+        let output = as_nobody(&program, &runtime, &command);
+        assert!(!output.status.success(), "{command:?}: {output:?}");
+    }
+    // Another user's pieces under the group's own names.
+    let planted: Vec<PathBuf> = ["planted.data", "planted.connection"]
+        .map(|name| Path::new("/dev/shm").join(group.instance.shared_memory_prefix() + name))
+        .into();
+    for path in &planted {
+        fs::write(path, [0xFF; 5000]).unwrap();
+        chown(path, Some(NOBODY), Some(NOBODY)).unwrap();
+    }
+    let world = before["frames"]["world"].as_u64().unwrap();
+    let after = group
+        .wait_for("further frames", |status| status["frames"]["world"].as_u64() > Some(world + 40));
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+    for stage in ["grabber", "classifier", "tracker", "filter"] {
+        assert_eq!(Group::pid_of(&after, stage), Group::pid_of(&before, stage), "{after:#}");
+    }
+    planted.iter().for_each(|path| fs::remove_file(path).unwrap());
+}
+
+#[test]
+fn a_runtime_directory_that_somebody_else_prepared_is_refused() {
+    if !is_root("a_runtime_directory_that_somebody_else_prepared_is_refused") {
+        return;
+    }
+    let scratch = Scratch::new("prepared");
+    let program = program_for_all(&scratch);
+    let run = ["run", "--frames", "10", "--quiet"];
+
+    // Made by another user, in the hope that somebody uses it: both ways round.
+    let theirs = scratch.path.join("theirs");
+    fs::create_dir(&theirs).unwrap();
+    let output = as_nobody(&program, &theirs, &run);
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains("belongs to another user"), "{said}");
+    chown(&theirs, Some(NOBODY), Some(NOBODY)).unwrap();
+    let output = touchline(&scratch, &run).env("TOUCHLINE_RUNTIME_DIR", &theirs).output().unwrap();
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains("belongs to another user"), "{said}");
+    assert_eq!(fs::read_dir(&theirs).unwrap().count(), 0, "something was put there");
+
+    let link = scratch.path.join("link");
+    symlink(&theirs, &link).unwrap();
+    let output = touchline(&scratch, &run).env("TOUCHLINE_RUNTIME_DIR", &link).output().unwrap();
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains("is a symbolic link"), "{said}");
+
+    // No rights to make one at all.
+    let output = as_nobody(&program, &scratch.path.join("forbidden"), &run);
+    let said = text(&output.stderr);
+    let names_it = said.contains("forbidden") && said.contains("Permission denied");
+    assert!(!output.status.success() && names_it, "{said}");
+
+    // And, to be sure that nobody can run anything at all: where there is nothing in the way.
+    let output = as_nobody(&program, &theirs, &run);
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(
+        fs::read_dir(&scratch.path).unwrap().flatten().count(),
+        3,
+        "link, program and theirs stay"
+    );
+}
+
+#[test]
+fn doctor_says_what_it_sees_and_leaves_the_living_alone() {
+    let mut group = Group::start("doctor", "", &[]);
+    let before = group.wait_until_working();
+    let output = group.touchline(&["doctor", "--clean", "--json"]);
+    let findings: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let about: Vec<&str> =
+        findings.as_array().unwrap().iter().filter_map(|one| one["about"].as_str()).collect();
+    for thing in ["shared memory", "runtime directory", "disk", "processors", "real time", "clock"]
+    {
+        assert!(about.contains(&thing), "{findings:#}");
+    }
+    let world = before["frames"]["world"].as_u64().unwrap();
+    let after = group
+        .wait_for("further frames", |status| status["frames"]["world"].as_u64() > Some(world + 40));
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+}
+
+#[test]
+fn a_service_manager_hears_when_the_group_is_ready_lives_and_ends() {
+    let scratch = Scratch::new("manager");
+    let path = scratch.path.join("notify");
+    let manager = UnixDatagram::bind(&path).unwrap();
+    manager.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let mut group = Group::start_with(
+        "service",
+        "",
+        &[],
+        &[("NOTIFY_SOCKET", path.to_str().unwrap()), ("WATCHDOG_USEC", "1000000")],
+    );
+    let mut heard: Vec<String> = Vec::new();
+    let listen = |heard: &mut Vec<String>, until: &dyn Fn(&[String]) -> bool| {
+        let deadline = Instant::now() + PATIENCE;
+        while !until(heard) {
+            assert!(Instant::now() < deadline, "only heard {heard:?}");
+            let mut bytes = [0; 256];
+            if let Ok(length) = manager.recv(&mut bytes) {
+                heard.push(text(&bytes[..length]));
+            }
+        }
+    };
+    let count = |heard: &[String], what: &str| {
+        heard.iter().filter(|said| said.lines().any(|line| line == what)).count()
+    };
+    listen(&mut heard, &|heard| count(heard, "READY=1") == 1);
+    let status = group.wait_until_working();
+    let signs = count(&heard, "WATCHDOG=1");
+    listen(&mut heard, &|heard| count(heard, "WATCHDOG=1") >= signs + 3);
+    assert_eq!(count(&heard, "STOPPING=1"), 0, "{heard:?}");
+    // Stages are not the service.
+    for stage in ["grabber", "filter"] {
+        let environment = format!("/proc/{}/environ", Group::pid_of(&status, stage));
+        let environment = text(&fs::read(environment).unwrap());
+        assert!(!environment.contains("NOTIFY_SOCKET"), "{environment}");
+    }
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    listen(&mut heard, &|heard| count(heard, "STOPPING=1") == 1);
+    assert_eq!(count(&heard, "READY=1"), 1, "{heard:?}");
+}
+
+#[test]
+fn the_unit_file_is_understood() {
+    let scratch = Scratch::new("unit");
+    let unit = fs::read_to_string("scripts/touchline@.service").unwrap();
+    let unit = unit.replace("/usr/local/bin/touchline", env!("CARGO_BIN_EXE_touchline"));
+    let unit = scratch.write("touchline@match.service", &unit);
+    match Command::new("systemd-analyze").arg("verify").arg(&unit).output() {
+        Ok(output) => {
+            let said = text(&output.stderr);
+            let complaints: Vec<&str> =
+                said.lines().filter(|line| line.contains("touchline@")).collect();
+            assert_eq!(complaints, Vec::<&str>::new());
+        }
+        Err(error) => eprintln!("SKIPPED: systemd-analyze: {error}"),
+    }
+}
