@@ -186,8 +186,12 @@ pub struct LearnArgs {
     #[arg(value_name = "PICTURE")]
     pub pictures: Vec<PathBuf>,
     /// File of labels (JSON): robots, balls, or marked places
-    #[arg(long, value_name = "FILE")]
-    pub samples: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "auto")]
+    pub samples: Option<PathBuf>,
+    /// Find the colours without labels, from robots on the pitch: what colours look like
+    /// (`looks` in the configuration) is where it begins, robots that fit the layout is where it goes
+    #[arg(long, conflicts_with = "samples", requires = "pictures")]
+    pub auto: bool,
     /// Configuration with geometry, layout, and the colours' names
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -206,7 +210,9 @@ const LEARN_EXAMPLES: &str = "\
 Examples:
   touchline learn --samples labels.json --config match.toml -o learned.toml
   touchline learn a.png b.png --samples labels.json --config match.toml -o learned.toml
-      from two of the labelled pictures; `touchline score` then tells how it does on the others";
+      from two of the labelled pictures; `touchline score` then tells how it does on the others
+  touchline learn --auto pictures/ --config match.toml -o learned.toml
+      without labels, from pictures of robots that stand about; the more the better";
 
 /// Arguments of `score`.
 #[derive(Debug, Args)]

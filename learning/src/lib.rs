@@ -4,11 +4,13 @@
 //! * [`samples`]: pixels of known colour, out of labelled pictures.
 //! * [`separate`]: from samples to the bounds of colours.
 //! * [`confusion`]: how well bounds tell samples apart.
+//! * [`palette`]: colours to begin with when there are no samples.
 //!
 //! Everything here is a pure function of what it is given, except [`labels::Labels::load`].
 
 pub mod confusion;
 pub mod labels;
+pub mod palette;
 pub mod picture;
 pub mod samples;
 pub mod separate;

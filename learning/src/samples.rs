@@ -50,11 +50,22 @@ pub struct Sample {
     pub patch: u32,
 }
 
+/// A pixel at the rim of patches, which shows a mixture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rim {
+    /// What it looks like.
+    pub rgb: [u8; 3],
+    /// Bit i: it lies beside a patch of class i, and may be taken for it.
+    pub beside: u32,
+}
+
 /// What is known about colours from a set of pictures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Samples {
     /// Pixels inside patches.
     pub pixels: Vec<Sample>,
+    /// Pixels at the rims of patches.
+    pub rims: Vec<Rim>,
     /// Colours of the background, and how many pixels a picture have each. Colours are coarse: a
     /// value stands for [`BACKGROUND_STEP`] neighbouring ones.
     pub background: Vec<([u8; 3], f64)>,
@@ -69,6 +80,8 @@ pub const BACKGROUND_STEP: u8 = 8;
 
 /// This much of a patch's rim shows a mixture: in pixels, demosaicing reaches one to each side.
 const RIM_PX: f64 = 0.75;
+/// A rim reaches so far from a patch.
+const RIM_REACH_PX: f64 = 2.0;
 /// Up to this multiple of half a robot's size from its centre nothing is background: its corners,
 /// and its sides as the camera sees them.
 const ROBOT_REACH: f64 = 2.0;
@@ -207,6 +220,21 @@ impl<'a> Gatherer<'a> {
             {
                 let patch = first + patch as u32;
                 self.samples.pixels.push(Sample { rgb: picture.rgb[index], class, patch });
+            }
+            if class.is_none() && label.quality == Quality::Clear {
+                let mut beside = 0u32;
+                for step in 0..8 {
+                    let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
+                    for reach in [0.5, 1.0].map(|part| part * RIM_REACH_PX / px_per_mm) {
+                        let patch = topmost_patch(robots, [x + reach * cos, y + reach * sin]);
+                        if let Some(class) = patch.and_then(|patch| classes[patch]) {
+                            beside |= 1u32.checked_shl(class.into()).unwrap_or(0);
+                        }
+                    }
+                }
+                if beside != 0 && map[index] == Shows::Nothing {
+                    self.samples.rims.push(Rim { rgb: picture.rgb[index], beside });
+                }
             }
             if here.is_some() || map[index] == Shows::Nothing {
                 map[index] = class.map_or(Shows::Mixture, Shows::Color);

@@ -26,11 +26,24 @@ pub struct Wishes {
     /// What all pixels of a picture's background count against all samples of a colour, if they
     /// were taken for a colour.
     pub background_weight: f64,
+    /// What all pixels at the rims of patches count, if they were taken for a colour that is not
+    /// beside them.
+    pub rim_weight: f64,
+    /// Elsewhere on the pitch samples may be so many times as bright; and what each counts then,
+    /// against 1 for what was seen.
+    pub other_lights: [(f64, f64); 3],
 }
 
 impl Default for Wishes {
     fn default() -> Self {
-        Self { spread: 6.0, hue_spread_deg: 5.0, saturation_spread: 0.03, background_weight: 5.0 }
+        Self {
+            spread: 6.0,
+            hue_spread_deg: 5.0,
+            saturation_spread: 0.03,
+            background_weight: 5.0,
+            rim_weight: 2.0,
+            other_lights: [(0.5, 0.1), (0.75, 0.2), (1.25, 0.2)],
+        }
     }
 }
 
@@ -66,11 +79,16 @@ struct Point {
     rgb: [u8; 3],
     hue_deg: f64,
     saturation: f64,
-    /// `None` for background.
+    /// `None` for background and rims.
     class: Option<u8>,
+    /// Bit i: it does not matter if it is taken for class i.
+    indifferent: u32,
     patch: u32,
-    /// How many pixels there are of it.
+    /// How many pixels there are of it; for a rim and for what a sample would be in another light,
+    /// how much it counts.
     pixels: f64,
+    /// A sample in another light, or a rim: neither is asked whether it is recognised.
+    is_imagined: bool,
     weight: f64,
 }
 
@@ -127,10 +145,25 @@ impl<'a> Learner<'a> {
             .iter()
             .map(|sample| Point::new(sample.rgb, Some(sample.class), sample.patch, 1.0))
             .collect();
+        for (light, counts) in wishes.other_lights {
+            let imagined = samples.pixels.iter().map(|sample| {
+                let rgb = sample.rgb.map(|value| (f64::from(value) * light).min(255.0) as u8);
+                let point = Point::new(rgb, Some(sample.class), sample.patch, counts);
+                Point { is_imagined: true, ..point }
+            });
+            points.extend(imagined);
+        }
+        let rim_pixels = wishes.rim_weight / samples.rims.len().max(1) as f64;
+        points.extend(samples.rims.iter().map(|rim| Point {
+            indifferent: rim.beside,
+            is_imagined: true,
+            ..Point::new(rim.rgb, None, 0, rim_pixels)
+        }));
         let background = samples.background.iter();
         points.extend(background.map(|&(rgb, pixels)| Point::new(rgb, None, 0, pixels)));
         let of_class = |class: usize| -> Vec<&Point> {
-            points.iter().filter(|point| point.class == Some(class as u8)).collect()
+            let is_own = |point: &&Point| point.class == Some(class as u8) && !point.is_imagined;
+            points.iter().filter(is_own).collect()
         };
         let bounds: Vec<Option<Bounds>> = (0..classes)
             .map(|class| {
@@ -169,6 +202,9 @@ impl<'a> Learner<'a> {
         let mut patches_of_class = vec![0.0; self.bounds.len()];
         let mut background = 0.0;
         for point in &self.points {
+            if point.is_imagined {
+                continue;
+            }
             let Some(class) = point.class else {
                 background += point.pixels;
                 continue;
@@ -193,8 +229,9 @@ impl<'a> Learner<'a> {
                     } else {
                         (1.6f64 - right[patch] / pixels[patch]).powi(2)
                     };
-                    share / pixels[patch] / patches_of_class[usize::from(class)]
+                    point.pixels * share / pixels[patch] / patches_of_class[usize::from(class)]
                 }
+                None if point.is_imagined => point.pixels,
                 None => point.pixels * background_factor,
             };
         }
@@ -315,7 +352,17 @@ impl Point {
         let hue = (3f64.sqrt() * (green - blue)).atan2(2.0 * red - green - blue);
         let sum = red + green + blue;
         let saturation = if sum > 0.0 { 1.0 - 3.0 * red.min(green).min(blue) / sum } else { 0.0 };
-        Self { rgb, hue_deg: hue.to_degrees(), saturation, class, patch, pixels, weight: 0.0 }
+        Self {
+            rgb,
+            hue_deg: hue.to_degrees(),
+            saturation,
+            class,
+            indifferent: 0,
+            patch,
+            pixels,
+            is_imagined: false,
+            weight: 0.0,
+        }
     }
 
     /// What it is worth to take the point for this.
@@ -323,6 +370,7 @@ impl Point {
         match (self.class, class) {
             (_, None) => 0.0,
             (Some(own), Some(class)) if own == class => self.weight,
+            (None, Some(class)) if self.indifferent >> class & 1 == 1 => 0.0,
             _ => -self.weight,
         }
     }

@@ -10,12 +10,14 @@
 //!    candidates for patches, measured in millimetres on the plane of the robots' tops; and so
 //!    does, by `footprint`, what lies where a team patch's own shape says another patch must be.
 //! 3. `pairing`: candidates that stand to each other as the layout says become hypotheses of robots,
-//!    and `assignment` picks the set of hypotheses that explains most of the picture best.
+//!    and `assignment` picks the set of hypotheses that explains most of the picture best. Where they
+//!    fit badly, `second_opinion` asks the pixels instead of the regions, by `agreement`.
 //! 4. `pose`: the places of the patches become a pose.
 //! 5. `ball`, and `reasons`: what became of everything else.
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
 
+mod agreement;
 mod assignment;
 mod ball;
 mod candidates;
@@ -29,6 +31,7 @@ mod prior;
 pub mod process;
 mod reasons;
 pub mod regions;
+mod second_opinion;
 mod split;
 pub mod stage;
 

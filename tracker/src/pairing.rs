@@ -13,6 +13,7 @@
 //! that fit best. So each team patch gets its own identification patch, as Fig. 7 demands, even
 //! where another robot's lies nearer.
 
+use crate::agreement::Surroundings;
 use crate::assignment::{Choice, Solver};
 use crate::candidates::{Candidate, CandidateFinder};
 use crate::measure::{Measure, MomentSums, distance_mm};
@@ -20,12 +21,15 @@ use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::pose::{fit_pose, image_pose, robot_from_field};
 use crate::prior::Prior;
+use crate::second_opinion::{self, AMBIGUITY, MAX_OPINIONS, Opinion};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 
 /// Most hypotheses that are weighed against each other; when there are more, the worst are left
 /// out. A match has one or two for each robot.
 const MAX_HYPOTHESES: usize = 512;
+/// Most poses of paired robots that a second opinion begins with.
+const MAX_STARTS: usize = 4;
 /// Most distances looked at for one team patch, and most hypotheses made of it.
 const MAX_CHECKS: u32 = 5_000;
 const MAX_HYPOTHESES_EACH: u32 = 64;
@@ -43,12 +47,18 @@ const STRANGER_COST: f64 = 2.0;
 /// Bodies shrunk to this fraction of their size must not overlap.
 const BODY_FRACTION: f64 = 0.8;
 
+/// In the place of a candidate: the patch was not found as one.
+const NO_CANDIDATE: usize = usize::MAX;
+/// A team patch whose best robot has this misfit for each patch, or more, gets a second opinion.
+const DOUBTFUL: f64 = 0.1;
+
 /// A robot that may be there.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hypothesis {
     /// Index into the pattern's identities.
     pub identity: usize,
-    /// For each patch, index among the candidates of its kind.
+    /// For each patch, index among the candidates of its kind; [`NO_CANDIDATE`] where the pixels
+    /// were asked instead.
     pub candidates: [usize; MAX_PATCHES],
     /// Where each patch was measured.
     places: [FieldPoint; MAX_PATCHES],
@@ -81,6 +91,9 @@ pub(crate) struct Pairing {
     choices: Vec<Choice>,
     believed: Vec<usize>,
     solver: Solver,
+    surroundings: Surroundings,
+    opinions: Vec<Opinion>,
+    paired: Vec<Pose>,
 }
 
 /// What the steps below look at.
@@ -96,7 +109,7 @@ impl Pairing {
     /// Finds the robots among the regions of `frame` and appends them to it, by team and number.
     pub fn find(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
         self.finder.find(scene.pattern, scene.camera, scene.pitch, frame);
-        self.hypothesise(scene);
+        self.hypothesise(scene, frame);
         self.believe(scene);
         self.separate_grown_together(scene, frame);
         self.write(scene, frame);
@@ -107,10 +120,15 @@ impl Pairing {
         self.believed.iter().map(|&index| &self.hypotheses[index])
     }
 
-    /// The candidate a robot's patch was found as.
-    pub fn candidate(&self, pattern: &Pattern, robot: &Hypothesis, patch: usize) -> &Candidate {
+    /// The candidate a robot's patch was found as; `None` if only its pixels were.
+    pub fn candidate(
+        &self,
+        pattern: &Pattern,
+        robot: &Hypothesis,
+        patch: usize,
+    ) -> Option<&Candidate> {
         let kind = pattern.identities[robot.identity].kinds[patch];
-        &self.finder.of_kind(kind)[robot.candidates[patch]]
+        self.finder.of_kind(kind).get(robot.candidates[patch])
     }
 
     /// What became of a candidate for a team patch.
@@ -118,12 +136,13 @@ impl Pairing {
         self.fates[team as usize].get(candidate).copied().unwrap_or(Fate::Incomplete)
     }
 
-    fn hypothesise(&mut self, scene: &Scene) {
+    fn hypothesise(&mut self, scene: &Scene, frame: &DetectionFrame) {
         self.hypotheses.clear();
+        let mut opinions_left = MAX_OPINIONS;
         for team in Team::ALL {
-            let fates = &mut self.fates[team as usize];
-            fates.clear();
+            self.fates[team as usize].clear();
             for candidate in 0..self.finder.of_kind(scene.pattern.team_kind(team)).len() {
+                let first = self.hypotheses.len();
                 let mut builder = Builder {
                     scene,
                     finder: &self.finder,
@@ -139,11 +158,65 @@ impl Pairing {
                         builder.add_patch(identity, 0);
                     }
                 }
-                fates.push(builder.fate);
+                let mut fate = builder.fate;
+                if opinions_left > 0 && self.ask_pixels(scene, frame, team, candidate, first) {
+                    opinions_left -= 1;
+                    if self.hypotheses.len() > first {
+                        fate = Fate::Complete;
+                    }
+                }
+                self.fates[team as usize].push(fate);
             }
         }
         self.hypotheses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         self.hypotheses.truncate(MAX_HYPOTHESES);
+    }
+
+    /// Replaces the hypotheses of a team patch, those from `first` on, by what its pixels say, if they
+    /// fit badly and the pixels say something. Returns whether the pixels were asked.
+    fn ask_pixels(
+        &mut self,
+        scene: &Scene,
+        frame: &DetectionFrame,
+        team: Team,
+        candidate: usize,
+        first: usize,
+    ) -> bool {
+        let pattern = scene.pattern;
+        let doubtful = DOUBTFUL * pattern.patches.len() as f64;
+        let paired = &self.hypotheses[first..];
+        if paired.iter().any(|hypothesis| hypothesis.misfit < doubtful) {
+            return false;
+        }
+        self.paired.clear();
+        self.paired.extend(paired.iter().take(MAX_STARTS).map(|hypothesis| hypothesis.pose));
+        let team_patch = &self.finder.of_kind(pattern.team_kind(team))[candidate];
+        second_opinion::ask(
+            scene,
+            frame,
+            team,
+            &team_patch.measure,
+            &self.paired,
+            &mut self.surroundings,
+            &mut self.opinions,
+        );
+        let is_inside = |opinion: &&Opinion| scene.pitch.contains(opinion.pose.position, 0.0);
+        let mut opinions = self.opinions.iter().filter(is_inside).peekable();
+        if opinions.peek().is_some() {
+            self.hypotheses.truncate(first);
+        }
+        self.hypotheses.extend(opinions.map(|opinion| {
+            let Opinion { identity, pose, misfit } = *opinion;
+            let mut candidates = [NO_CANDIDATE; MAX_PATCHES];
+            candidates[pattern.team_patch] = candidate;
+            let mut places = [FieldPoint::default(); MAX_PATCHES];
+            for (place, patch) in places.iter_mut().zip(&pattern.patches) {
+                *place = pose.field_from_robot(patch.centroid_mm);
+            }
+            let prior = scene.prior.cost(identity, pose.position, pattern.size_mm);
+            Hypothesis { identity, candidates, places, pose, misfit, cost: misfit + prior }
+        }));
+        true
     }
 
     /// Chooses among the hypotheses.
@@ -168,12 +241,38 @@ impl Pairing {
         let contradict =
             |a: usize, b: usize| contradict(pattern, finder, &hypotheses[a], &hypotheses[b]);
         self.solver.solve(&self.choices, contradict, &mut self.believed);
+        self.drop_ambiguous();
+    }
+
+    /// Of a robot whose pixels speak for another of its team just as well, and that other one is not
+    /// found elsewhere, it is not known which of the two it is: better no name than a wrong one.
+    fn drop_ambiguous(&mut self) {
+        let (hypotheses, choices) = (&self.hypotheses, &self.choices);
+        let is_named = |identity: usize, believed: &[usize]| {
+            believed.iter().any(|&index| hypotheses[index].identity == identity)
+        };
+        let believed = self.believed.clone();
+        self.believed.retain(|&index| {
+            let robot = &hypotheses[index];
+            let is_rival = |&(other, rival): &(usize, &Hypothesis)| {
+                choices[other].group == choices[index].group
+                    && rival.identity != robot.identity
+                    && rival.cost < robot.cost + f64::from(AMBIGUITY)
+                    && !is_named(rival.identity, &believed)
+            };
+            robot.candidates.iter().filter(|&&candidate| candidate != NO_CANDIDATE).count() > 1
+                || !hypotheses.iter().enumerate().any(|entry| is_rival(&entry))
+        });
     }
 
     /// Other regions of a patch's size and shape on the robot's top.
     fn count_strangers(&self, pattern: &Pattern, hypothesis: &Hypothesis) -> u32 {
         let half = pattern.size_mm * BODY_FRACTION / 2.0;
         let own = &pattern.identities[hypothesis.identity].kinds;
+        // Pixels have been asked about everything on the top already.
+        if hypothesis.candidates[..own.len()].contains(&NO_CANDIDATE) {
+            return 0;
+        }
         let is_own = |region: u32| {
             own.iter()
                 .zip(&hypothesis.candidates)
@@ -208,7 +307,8 @@ impl Pairing {
         for index in 0..self.believed.len() {
             for patch in 0..pattern.patches.len() {
                 let robot = &self.hypotheses[self.believed[index]];
-                let seed = self.candidate(pattern, robot, patch).seed();
+                let Some(candidate) = self.candidate(pattern, robot, patch) else { continue };
+                let seed = candidate.seed();
                 // Each region once, with its first piece, and only if all pieces have owners.
                 if seed.pieces < 2 || seed.piece != 0 {
                     continue;
@@ -230,7 +330,8 @@ impl Pairing {
         for &index in &self.believed {
             for patch in 0..pattern.patches.len() {
                 let robot = &self.hypotheses[index];
-                if self.candidate(pattern, robot, patch).uses_region(region) {
+                let candidate = self.candidate(pattern, robot, patch);
+                if candidate.is_some_and(|candidate| candidate.uses_region(region)) {
                     owners.push((index, patch));
                 }
             }
@@ -301,7 +402,9 @@ impl Pairing {
             let mut patch_regions = [u32::MAX; MAX_PATCHES];
             for (patch, region) in patch_regions.iter_mut().enumerate().take(pattern.patches.len())
             {
-                *region = self.candidate(pattern, robot, patch).seed().region;
+                if let Some(candidate) = self.candidate(pattern, robot, patch) {
+                    *region = candidate.seed().region;
+                }
             }
             frame.push_robot(DetectedRobot {
                 team: identity.team as u32,
@@ -346,10 +449,11 @@ fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &H
         return true;
     }
     identity_a.kinds.iter().zip(&a.candidates).any(|(&kind_a, &candidate_a)| {
-        let ours = &finder.of_kind(kind_a)[candidate_a];
+        let Some(ours) = finder.of_kind(kind_a).get(candidate_a) else { return false };
         identity_b.kinds.iter().zip(&b.candidates).any(|(&kind_b, &candidate_b)| {
+            let theirs = finder.of_kind(kind_b).get(candidate_b);
             pattern.kinds[kind_a].class == pattern.kinds[kind_b].class
-                && ours.overlaps(&finder.of_kind(kind_b)[candidate_b])
+                && theirs.is_some_and(|theirs| ours.overlaps(theirs))
         })
     })
 }

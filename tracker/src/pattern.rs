@@ -3,6 +3,7 @@
 //! Everything that can be computed from the configuration alone is computed here, once, and
 //! everything that is wrong with it is refused here.
 
+use crate::agreement::Shares;
 use crate::footprint::Footprints;
 use common::config::{Config, Pair, PatchRole, RobotsConfig};
 use common::geometry::{GeometryError, Pose};
@@ -91,6 +92,8 @@ pub(crate) struct Pattern {
     pub height_mm: f64,
     /// What of a robot's top may belong to which patch.
     pub footprints: Footprints,
+    /// How much of each patch there is at every point of a top.
+    pub shares: Shares,
     /// Tolerances.
     pub limits: Limits,
 }
@@ -213,6 +216,7 @@ impl Pattern {
             body_turn: body_turn(robots),
             height_mm: robots.height_mm,
             footprints: Footprints::new(robots),
+            shares: Shares::new(robots),
             limits,
         })
     }

@@ -69,7 +69,8 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
     let is_used = |region: u32| {
         pairing.robots().any(|robot| {
             (0..pattern.patches.len())
-                .any(|patch| pairing.candidate(pattern, robot, patch).uses_region(region))
+                .filter_map(|patch| pairing.candidate(pattern, robot, patch))
+                .any(|candidate| candidate.uses_region(region))
         })
     };
     if is_used(spot.region) {

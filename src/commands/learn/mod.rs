@@ -1,5 +1,7 @@
 //! `touchline learn`: colours out of pictures.
 
+mod auto;
+
 use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
 use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
@@ -17,57 +19,87 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// A labelled picture.
-struct Lesson<'a> {
-    labels: &'a ImageLabels,
+struct Lesson {
+    labels: ImageLabels,
     bayer: Vec<u8>,
 }
 
 /// Learns, prints how well colours can be told apart, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
-    let labels = Labels::load(&args.samples)?;
     if let Some(path) = args.output.as_ref().filter(|path| path.exists() && !args.force) {
         return Err(format!("{} exists; --force overwrites it", path.display()).into());
     }
-    let lessons = load(&labels, &args.pictures, &config)?;
+    let mut lessons = match &args.samples {
+        Some(samples) => labelled(&Labels::load(samples)?, &args.pictures, &config)?,
+        None => unlabelled(&args.pictures, &config)?,
+    };
     config.light.pitch_rgb = match args.fixed_light {
         true => None,
         false => pitch_color(&config, &lessons)?,
     };
-    let samples = gather(&config, &lessons)?;
-    let is_needed = |color: &ColorConfig| is_worn(&config, &color.name);
-    let learned = separate::learn(&config.colors, is_needed, &samples, &Wishes::default())?;
-
-    eprintln!("{}", summary(&config, &learned, &samples)?);
+    let learned = match args.auto {
+        true => auto::learn(&config, &mut lessons)?,
+        false => learn_from(&config, &lessons, true)?,
+    };
+    eprintln!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
     config.colors = learned;
     match &args.output {
         None => print!("{}", fragment(&config)),
         Some(path) => {
             write(path, &commented_toml(&config), args.force)?;
-            let path = path.display();
-            println!(
-                "{path}: written; `touchline score {} --config {path}` tells how it does",
-                args.samples.display()
-            );
+            println!("{path}: written", path = path.display());
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
+/// Bounds for the colours that the lessons show. One that is worn and not shown is an error, or else
+/// stays as it is, behind the others.
+fn learn_from(
+    config: &Config,
+    lessons: &[Lesson],
+    is_strict: bool,
+) -> Result<Vec<ColorConfig>, CommandError> {
+    let samples = gather(config, lessons)?;
+    let is_needed = |color: &ColorConfig| is_strict && is_worn(config, &color.name);
+    let mut learned = separate::learn(&config.colors, is_needed, &samples, &Wishes::default())?;
+    for color in &config.colors {
+        let is_known = learned.iter().any(|known| known.name == color.name);
+        if !is_known && is_worn(config, &color.name) {
+            learned.push(color.clone());
+        }
+    }
+    Ok(learned)
+}
+
+/// Pictures of which nothing is known yet.
+fn unlabelled(arguments: &[PathBuf], config: &Config) -> Result<Vec<Lesson>, CommandError> {
+    let mut lessons = Vec::new();
+    for argument in arguments {
+        for file in list_pictures(argument)? {
+            let bayer = load_bayer(&file, &config.camera)?;
+            let labels = ImageLabels { file, robots: None, ball: None, samples: Vec::new() };
+            lessons.push(Lesson { labels, bayer });
+        }
+    }
+    Ok(lessons)
+}
+
 /// The labelled pictures, or those of them that are named.
-fn load<'a>(
-    labels: &'a Labels,
+fn labelled(
+    labels: &Labels,
     pictures: &[PathBuf],
     config: &Config,
-) -> Result<Vec<Lesson<'a>>, CommandError> {
+) -> Result<Vec<Lesson>, CommandError> {
     let mut chosen: Vec<&ImageLabels> = Vec::new();
     for argument in pictures {
         for path in list_pictures(argument)? {
             let is_it = |image: &&ImageLabels| is_same_file(&image.file, &path);
-            let image = labels.images.iter().find(is_it).ok_or_else(|| {
+            let image = labels.images.iter().find(is_it);
+            chosen.push(image.ok_or_else(|| {
                 format!("{}: nothing is labelled in this picture", path.display())
-            })?;
-            chosen.push(image);
+            })?);
         }
     }
     if pictures.is_empty() {
@@ -76,8 +108,8 @@ fn load<'a>(
     if chosen.is_empty() {
         return Err("there is no labelled picture to learn from".into());
     }
-    let lesson = |labels: &'a ImageLabels| -> Result<Lesson, CommandError> {
-        Ok(Lesson { labels, bayer: load_bayer(&labels.file, &config.camera)? })
+    let lesson = |labels: &ImageLabels| -> Result<Lesson, CommandError> {
+        Ok(Lesson { labels: labels.clone(), bayer: load_bayer(&labels.file, &config.camera)? })
     };
     chosen.into_iter().map(lesson).collect()
 }
@@ -125,7 +157,7 @@ fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> 
         demosaic(&image, &mut rgb);
         let gains: Gains = lamp.as_ref().map_or(NO_GAINS, |lamp| lamp.gains(&Frame::Bayer(image)));
         let picture = Picture::new(image.width(), &rgb).corrected(&corrections(gains));
-        gatherer.add(lesson.labels, &picture)?;
+        gatherer.add(&lesson.labels, &picture)?;
     }
     Ok(gatherer.finish())
 }

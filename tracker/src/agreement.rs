@@ -1,0 +1,402 @@
+//! Poses by agreement: where the layout, laid over the picture, explains most pixels.
+//!
+//! A fit of centroids is as good as the regions are whole. Small, dark patches under a poor camera
+//! are not: half of one is missing, a neighbour's rim has its colour, and the heading is off by ten
+//! degrees. What then still tells the pose is every single pixel: at the right pose pixels of each
+//! patch's colour lie in that patch, and few others do. So the pose is moved, by ever smaller steps,
+//! to where the sum over all pixels around is greatest: a pixel counts for the patch it lies in,
+//! weighted by how far inside it lies, when it has the patch's colour, and against it when it has
+//! another or none.
+
+use crate::pattern::Pattern;
+use common::config::RobotsConfig;
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use common::layout::topmost_patch;
+use common::messages::{DetectionFrame, MAX_PATCHES};
+
+/// A pixel of another patch's colour, or of none, counts this much.
+const STRANGER: f32 = -0.5;
+const BLANK: f32 = -0.5;
+/// The rims of patches fade over this distance: demosaicing mixes pixels with their neighbours, and a
+/// sum that changes gradually shows the way to its greatest value.
+const FADE_MM: f64 = 6.0;
+const CELL_MM: f64 = 1.0;
+/// At most so many pixels are looked at for a robot; of larger pictures every second, third … one.
+const MAX_PIXELS: f64 = 1600.0;
+/// The robot may be so far from where it is looked for.
+const START_ERROR_MM: f64 = 12.0;
+/// First and last steps of the search.
+const FIRST_STEP_MM: f64 = 4.0;
+const FIRST_STEP_DEG: f64 = 8.0;
+const HALVINGS: u32 = 4;
+/// Headings from which a search begins, around the one that is given: there may be another maximum.
+const BEGINNINGS_DEG: [f64; 3] = [0.0, 12.0, -12.0];
+/// Headings around the best one over which the mean is taken, …
+const MEAN_STEPS: i32 = 5;
+const MEAN_STEP_DEG: f64 = 2.0;
+/// … each at the best of five places this far apart …
+const MEAN_STEP_MM: f64 = 1.5;
+/// … and by how many pixels less agreement a heading counts e times less.
+const MEAN_TOLERANCE: f32 = 2.0;
+/// Most times a pose is tried for a robot.
+const MAX_TRIALS: u32 = 160;
+
+/// How much of each patch there is at every point of a robot's top, the rims faded.
+#[derive(Debug, Clone)]
+pub(crate) struct Shares {
+    reach_mm: f64,
+    columns: usize,
+    patches: usize,
+    /// For each cell, the share of each patch.
+    cells: Vec<[f32; MAX_PATCHES]>,
+    /// For each patch, the sum of its shares in square millimetres.
+    areas_mm2: [f32; MAX_PATCHES],
+}
+
+/// The pixels around a robot.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Surroundings {
+    pixels: Vec<Pixel>,
+    /// What each stands for.
+    pixel_mm2: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Pixel {
+    place: FieldPoint,
+    /// Bit i: it has colour class i.
+    class_bit: u32,
+}
+
+/// For each patch, the classes that agree with it, as a bit set.
+pub(crate) type Accepted = [u32; MAX_PATCHES];
+
+impl Shares {
+    pub fn new(robots: &RobotsConfig) -> Self {
+        let reach_mm = robots.size_mm * 0.75 + 2.0 * FADE_MM;
+        let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(1);
+        let place = |index: usize| (index as f64 + 0.5) * CELL_MM - reach_mm;
+        let mut cells = vec![[0.0; MAX_PATCHES]; columns * columns];
+        for (cell, share) in cells.iter_mut().enumerate() {
+            let point = [place(cell % columns), place(cell / columns)];
+            if let Some(patch) = topmost_patch(robots, point) {
+                share[patch] = 1.0;
+            }
+        }
+        fade(&mut cells, columns);
+        let mut areas_mm2 = [0.0; MAX_PATCHES];
+        for share in &cells {
+            areas_mm2.iter_mut().zip(share).for_each(|(area, share)| *area += share);
+        }
+        areas_mm2.iter_mut().for_each(|area| *area *= (CELL_MM * CELL_MM) as f32);
+        let patches = robots.patches.len().min(MAX_PATCHES);
+        Self { reach_mm, columns, patches, cells, areas_mm2 }
+    }
+}
+
+impl Surroundings {
+    /// Looks at the pixels around a robot near `pose`.
+    pub fn look_at(
+        &mut self,
+        pattern: &Pattern,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+        pose: &Pose,
+    ) {
+        self.pixels.clear();
+        let center = camera.image_from_field(pose.position, pattern.height_mm);
+        let area_mm2 = camera.pixel_area_mm2(center, pattern.height_mm);
+        let reach_mm = pattern.size_mm * 0.75 + START_ERROR_MM;
+        let reach_px = reach_mm / area_mm2.sqrt();
+        if !(center.x_px.is_finite() && center.y_px.is_finite() && reach_px < 1e4) {
+            return;
+        }
+        let step =
+            ((std::f64::consts::PI * reach_px * reach_px / MAX_PIXELS).sqrt().ceil()).max(1.0);
+        self.pixel_mm2 = (area_mm2 * step * step) as f32;
+        let step = step as i64;
+        let (column, row) = (center.x_px.round() as i64, center.y_px.round() as i64);
+        let steps = (reach_px / step as f64).ceil() as i64;
+        // The map from pixels to millimetres is as good as linear over a robot.
+        let at = |dx: f64, dy: f64| {
+            let point = ImagePoint::new(column as f64 + dx, row as f64 + dy);
+            camera.field_from_image(point, pattern.height_mm)
+        };
+        let (origin, right, down) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0));
+        let side = (2 * steps + 1) as usize;
+        for j in -steps..=steps {
+            for i in -steps..=steps {
+                let (dx, dy) = ((i * step) as f64, (j * step) as f64);
+                let place = FieldPoint::new(
+                    origin.x_mm + dx * (right.x_mm - origin.x_mm) + dy * (down.x_mm - origin.x_mm),
+                    origin.y_mm + dx * (right.y_mm - origin.y_mm) + dy * (down.y_mm - origin.y_mm),
+                );
+                self.pixels.push(Pixel { place, class_bit: 0 });
+            }
+        }
+        // What the regions show of it.
+        let (left, top) = (column - steps * step, row - steps * step);
+        let (last, bottom) = (column + steps * step, row + steps * step);
+        for region in frame.regions() {
+            let apart = i64::from(region.left) > last
+                || i64::from(region.right) < left
+                || i64::from(region.top) > bottom
+                || i64::from(region.bottom) < top;
+            if apart {
+                continue;
+            }
+            let class_bit = 1u32.checked_shl(region.class).unwrap_or(0);
+            for run in frame.runs_of(region) {
+                let dy = i64::from(run.row) - top;
+                if dy < 0 || i64::from(run.row) > bottom || dy % step != 0 {
+                    continue;
+                }
+                let first = (i64::from(run.begin) - left).max(0);
+                let end = (i64::from(run.end) - left).min(last - left + 1);
+                let mut dx = first + (step - first % step) % step;
+                while dx < end {
+                    let index = (dy / step) as usize * side + (dx / step) as usize;
+                    self.pixels[index].class_bit = class_bit;
+                    dx += step;
+                }
+            }
+        }
+        let reach2 = reach_mm * reach_mm;
+        self.pixels.retain(|pixel| {
+            let (dx, dy) =
+                (pixel.place.x_mm - pose.position.x_mm, pixel.place.y_mm - pose.position.y_mm);
+            dx * dx + dy * dy <= reach2
+        });
+    }
+
+    /// For each patch, what speaks for and against it.
+    fn sums(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> [f32; MAX_PATCHES] {
+        let mut sums = [0.0; MAX_PATCHES];
+        let scale = 1.0 / CELL_MM;
+        let (sin, cos) = pose.orientation.sin_cos();
+        let columns = shares.columns as f64;
+        for pixel in &self.pixels {
+            let (dx, dy) =
+                (pixel.place.x_mm - pose.position.x_mm, pixel.place.y_mm - pose.position.y_mm);
+            let x = (cos * dx + sin * dy + shares.reach_mm) * scale;
+            let y = (cos * dy - sin * dx + shares.reach_mm) * scale;
+            if !(x >= 0.0 && y >= 0.0 && x < columns && y < columns) {
+                continue;
+            }
+            let cell = &shares.cells[y as usize * shares.columns + x as usize];
+            let otherwise = if pixel.class_bit == 0 { BLANK } else { STRANGER };
+            for patch in 0..shares.patches {
+                let agrees = accepted[patch] & pixel.class_bit != 0;
+                sums[patch] += cell[patch] * if agrees { 1.0 } else { otherwise };
+            }
+        }
+        sums
+    }
+
+    fn total(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> f32 {
+        self.sums(shares, accepted, pose).iter().sum()
+    }
+
+    /// For each patch, 1 when all of it has a colour that agrees; at worst −½.
+    pub fn agreement(
+        &self,
+        shares: &Shares,
+        accepted: &Accepted,
+        pose: &Pose,
+    ) -> [f32; MAX_PATCHES] {
+        let mut sums = self.sums(shares, accepted, pose);
+        for (sum, area_mm2) in sums.iter_mut().zip(shares.areas_mm2) {
+            *sum *= if area_mm2 > 0.0 { self.pixel_mm2 / area_mm2 } else { 0.0 };
+        }
+        sums
+    }
+
+    /// The pose near `start` that explains most.
+    pub fn best_near(&self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
+        let mut best = start;
+        let mut most = self.total(shares, accepted, &best);
+        let mut trials = 0;
+        for halving in 0..=HALVINGS {
+            let part = 0.5f64.powi(halving as i32);
+            let (step_mm, step) = (FIRST_STEP_MM * part, FIRST_STEP_DEG.to_radians() * part);
+            loop {
+                let before = most;
+                for [dx, dy, turn] in [
+                    [step_mm, 0.0, 0.0],
+                    [-step_mm, 0.0, 0.0],
+                    [0.0, step_mm, 0.0],
+                    [0.0, -step_mm, 0.0],
+                    [0.0, 0.0, step],
+                    [0.0, 0.0, -step],
+                ] {
+                    let position =
+                        FieldPoint::new(best.position.x_mm + dx, best.position.y_mm + dy);
+                    let tried = Pose { position, orientation: best.orientation + turn };
+                    let sum = self.total(shares, accepted, &tried);
+                    trials += 1;
+                    // More than rounding.
+                    if sum > most + 1e-3 {
+                        (best, most) = (tried, sum);
+                    }
+                }
+                if most <= before || trials >= MAX_TRIALS {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    /// As [`best_near`](Self::best_near), from several beginnings; and the heading is the mean over all
+    /// that agree nearly as well, because a sum over pixels has many small maxima side by side.
+    pub fn fit(&self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
+        let begin = |degrees: f64| {
+            let orientation = start.orientation + degrees.to_radians();
+            let pose = self.best_near(shares, accepted, Pose { orientation, ..start });
+            (self.total(shares, accepted, &pose), pose)
+        };
+        let best = BEGINNINGS_DEG.map(begin).into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((most, best)) = best else { return start };
+        let (mut weights, mut mean) = (0.0, 0.0);
+        for step in -MEAN_STEPS..=MEAN_STEPS {
+            let turn = f64::from(step) * MEAN_STEP_DEG.to_radians();
+            let around = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+            let sums = around.map(|[dx, dy]| {
+                let position = FieldPoint::new(
+                    best.position.x_mm + MEAN_STEP_MM * dx,
+                    best.position.y_mm + MEAN_STEP_MM * dy,
+                );
+                let tried = Pose { position, orientation: best.orientation + turn };
+                self.total(shares, accepted, &tried)
+            });
+            let sum = sums.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            let weight = f64::from(((sum - most) / MEAN_TOLERANCE).exp());
+            weights += weight;
+            mean += weight * turn;
+        }
+        if weights > 0.0 && mean.is_finite() && weights.is_finite() {
+            Pose { orientation: best.orientation + mean / weights, ..best }
+        } else {
+            best
+        }
+    }
+}
+
+/// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
+fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize) {
+    // Three boxes of width w have a variance of (w² − 1)/4 cells².
+    let sigma = FADE_MM / CELL_MM;
+    let half = (((4.0 * sigma * sigma + 1.0).sqrt() - 1.0) / 2.0).round() as usize;
+    for _ in 0..3 {
+        for vertical in [false, true] {
+            let before = shares.to_vec();
+            let index = |line: usize, place: usize| {
+                if vertical { place * columns + line } else { line * columns + place }
+            };
+            for line in 0..columns {
+                for place in 0..columns {
+                    let around = place.saturating_sub(half)..(place + half + 1).min(columns);
+                    let mut sum = [0.0; MAX_PATCHES];
+                    for other in around {
+                        let share = &before[index(line, other)];
+                        sum.iter_mut().zip(share).for_each(|(sum, share)| *sum += share);
+                    }
+                    shares[index(line, place)] = sum.map(|sum| sum / (2 * half + 1) as f32);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regions::RegionFinder;
+    use bytemuck::Zeroable;
+    use common::config::{Config, Preset};
+    use common::geometry::wrap_angle;
+    use common::messages::Run;
+
+    /// A robot of the large league at a pose, as runs: class i for patch i. `shows` says which pixels
+    /// are recognised.
+    fn painted(
+        config: &Config,
+        pose: &Pose,
+        shows: impl Fn(u16, u16) -> bool,
+    ) -> Box<DetectionFrame> {
+        let camera = &config.camera;
+        let model = CameraModel::new(&config.geometry, camera.width, camera.height).unwrap();
+        let mut runs = Vec::new();
+        for row in 0..camera.height as u16 {
+            for column in 0..camera.width as u16 {
+                let point = ImagePoint::new(column.into(), row.into());
+                let place = model.field_from_image(point, config.robots.height_mm);
+                let point = crate::pose::robot_from_field(pose, place);
+                let patch = topmost_patch(&config.robots, point).filter(|_| shows(column, row));
+                if let Some(patch) = patch {
+                    let class = patch as u8;
+                    runs.push(Run { row, begin: column, end: column + 1, class, reserved: 0 });
+                }
+            }
+        }
+        let mut frame = Box::new(DetectionFrame::zeroed());
+        RegionFinder::new(camera.width, camera.height, 8, 1).find(&runs, &mut frame);
+        frame
+    }
+
+    #[test]
+    fn half_a_robot_still_tells_its_pose() {
+        let mut config = Preset::MirosotLarge.config();
+        config.camera.width = 640;
+        config.camera.height = 480;
+        config.geometry =
+            common::config::GeometryConfig::above(&config.field, &config.camera, 4000.0);
+        let pattern = Pattern::new(&config).unwrap();
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let accepted = [1, 2, 4, 0, 0, 0];
+        for degrees in [0.0, 33.0, 130.0, -75.0] {
+            let position = FieldPoint::new(310.0, -220.0);
+            let pose = Pose { position, orientation: f64::to_radians(degrees) };
+            // A checkerboard of holes, and one identification patch gone at all.
+            let frame = painted(&config, &pose, |column, row| (column / 2 + row / 2) % 3 != 0);
+            let mut surroundings = Surroundings::default();
+            surroundings.look_at(&pattern, &camera, &frame, &pose);
+            let start = Pose {
+                position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
+                orientation: pose.orientation + 0.3,
+            };
+            let fitted = surroundings.fit(&pattern.shares, &accepted, start);
+            let turned = wrap_angle(fitted.orientation - pose.orientation).to_degrees().abs();
+            assert!(turned < 6.0, "{degrees}: {turned}°");
+            assert!(fitted.position.distance(position) < 6.0, "{degrees}: {fitted:?}");
+            let right = surroundings.agreement(&pattern.shares, &accepted, &fitted);
+            let swapped = surroundings.agreement(&pattern.shares, &[1, 4, 2, 0, 0, 0], &fitted);
+            assert!(right[1] > 0.2 && swapped[1] < 0.0, "{right:?} {swapped:?}");
+        }
+    }
+
+    #[test]
+    fn shares_add_up_to_the_patches() {
+        let config = Config::default();
+        let shares = Shares::new(&config.robots);
+        for (patch, expected) in [34.0 * 34.0, 34.0 * 34.0].iter().enumerate() {
+            let area = f64::from(shares.areas_mm2[patch]);
+            assert!((area / expected - 1.0).abs() < 0.01, "{area} mm²");
+        }
+    }
+
+    #[test]
+    fn nowhere_is_survived() {
+        let config = Config::default();
+        let pattern = Pattern::new(&config).unwrap();
+        let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
+        let frame = Box::new(DetectionFrame::zeroed());
+        let mut surroundings = Surroundings::default();
+        for x_mm in [f64::NAN, 1e12, -5000.0] {
+            let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
+            surroundings.look_at(&pattern, &camera, &frame, &pose);
+            let fitted = surroundings.fit(&pattern.shares, &[1; MAX_PATCHES], pose);
+            assert!(!fitted.orientation.is_nan());
+        }
+    }
+}

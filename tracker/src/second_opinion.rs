@@ -1,0 +1,127 @@
+//! Robots whose patches are in too bad a state to be paired: what the pixels themselves say.
+//!
+//! Where a team patch found no robot that fits it well, its shape (or what was paired with it)
+//! says where the robot must be; the pose is then fitted to all pixels around it
+//! ([`agreement`](crate::agreement)), first to those of any identification colour, and then each robot
+//! of the team is asked how well it agrees. That needs no whole region of any colour, so it also names
+//! robots whose patches are half dark, cut in pieces or grown together. Of robots that agree about
+//! equally well, the assignment may choose; all others are ruled out, since a wrong name is worse than
+//! none.
+
+use crate::agreement::{Accepted, Surroundings};
+use crate::footprint;
+use crate::measure::Measure;
+use crate::pairing::Scene;
+use crate::pattern::Pattern;
+use common::geometry::Pose;
+use common::messages::{DetectionFrame, MAX_PATCHES, Team};
+
+/// Most team patches that get a second opinion in a frame; each takes about a fifth of a millisecond.
+pub(crate) const MAX_OPINIONS: usize = 32;
+/// Half of the team patch must agree, after what disagrees has been taken off …
+const MIN_TEAM_AGREEMENT: f32 = 0.3;
+/// … and of the identification patches together so much: one may be too dark to have a colour, if
+/// the others are good.
+const MIN_MEAN_AGREEMENT: f32 = -0.05;
+/// From a pose at which less of the team patch agrees nothing good comes.
+const MIN_START: f32 = 0.0;
+/// Robots that agree less than the best by this before their own pose is fitted will not overtake it.
+const WORTH_FITTING: f32 = 0.25;
+/// Robots that agree less than the best by this, over all their patches together, are ruled out.
+pub(crate) const AMBIGUITY: f32 = 0.15;
+
+/// A robot that the pixels agree with.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Opinion {
+    /// Index into the pattern's identities.
+    pub identity: usize,
+    pub pose: Pose,
+    /// Sum over the patches of what is missing to full agreement, weighted like the sum of a
+    /// hypothesis: 0 is perfect.
+    pub misfit: f64,
+}
+
+/// Asks the pixels around a team patch which robot it is. `paired` are poses of robots that were
+/// paired with it, if any.
+pub(crate) fn ask(
+    scene: &Scene,
+    frame: &DetectionFrame,
+    team: Team,
+    team_patch: &Measure,
+    paired: &[Pose],
+    surroundings: &mut Surroundings,
+    opinions: &mut Vec<Opinion>,
+) {
+    let pattern = scene.pattern;
+    opinions.clear();
+    let by_shape = footprint::poses(&pattern.patches[pattern.team_patch], team_patch);
+    let starts = by_shape.iter().flatten().chain(paired);
+    let Some(first) = starts.clone().next() else { return };
+    surroundings.look_at(pattern, scene.camera, frame, first);
+    let any = accepted_by_any(pattern, team);
+    let total = |accepted: &Accepted, pose: &Pose| -> f32 {
+        surroundings.agreement(&pattern.shares, accepted, pose).iter().sum()
+    };
+    let better = |a: &&Pose, b: &&Pose| total(&any, a).total_cmp(&total(&any, b));
+    let Some(&start) = starts.clone().max_by(better) else { return };
+    if surroundings.agreement(&pattern.shares, &any, &start)[pattern.team_patch] < MIN_START {
+        return;
+    }
+    let near = surroundings.best_near(&pattern.shares, &any, start);
+
+    // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better.
+    let start_of = |accepted: &Accepted| {
+        let candidates = std::iter::once(&near).chain(paired);
+        let candidates = candidates.map(|pose| (total(accepted, pose), *pose));
+        candidates.fold((f32::NEG_INFINITY, near), |a, b| if b.0 > a.0 { b } else { a })
+    };
+    let wearers = || (0..pattern.identities.len()).filter(|&i| pattern.identities[i].team == team);
+    let at_once = wearers().map(|identity| start_of(&accepted_by(pattern, identity)).0);
+    let at_once = at_once.fold(f32::NEG_INFINITY, f32::max);
+    let mut best = f32::NEG_INFINITY;
+    for identity in wearers() {
+        let accepted = accepted_by(pattern, identity);
+        let (agreement, start) = start_of(&accepted);
+        if agreement < at_once - WORTH_FITTING {
+            continue;
+        }
+        let pose = surroundings.fit(&pattern.shares, &accepted, start);
+        let agreement = surroundings.agreement(&pattern.shares, &accepted, &pose);
+        let agreement = &agreement[..pattern.patches.len()];
+        best = best.max(agreement.iter().sum());
+        if is_believable(pattern, agreement) {
+            let misfit = agreement.iter().map(|&part| 1.0 - f64::from(part)).sum();
+            opinions.push(Opinion { identity, pose, misfit });
+        }
+    }
+    // Whoever is ruled out may still have been the best: then nobody is sure.
+    let full = pattern.patches.len() as f64;
+    opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
+}
+
+fn is_believable(pattern: &Pattern, agreement: &[f32]) -> bool {
+    let own = agreement[pattern.team_patch];
+    let mean = (agreement.iter().sum::<f32>() - own) / (agreement.len() - 1) as f32;
+    own >= MIN_TEAM_AGREEMENT && mean >= MIN_MEAN_AGREEMENT
+}
+
+/// The colours of a robot.
+fn accepted_by(pattern: &Pattern, identity: usize) -> Accepted {
+    let mut accepted = [0; MAX_PATCHES];
+    for (bits, &kind) in accepted.iter_mut().zip(&pattern.identities[identity].kinds) {
+        *bits = 1u32.checked_shl(pattern.kinds[kind].class).unwrap_or(0);
+    }
+    accepted
+}
+
+/// The colours of all robots of a team, patch by patch.
+fn accepted_by_any(pattern: &Pattern, team: Team) -> Accepted {
+    let mut accepted = [0; MAX_PATCHES];
+    for (identity, wearer) in pattern.identities.iter().enumerate() {
+        if wearer.team == team {
+            let own = accepted_by(pattern, identity);
+            accepted.iter_mut().zip(own).for_each(|(bits, own)| *bits |= own);
+        }
+    }
+    accepted
+}
