@@ -44,7 +44,7 @@ impl Classifier {
         let lamp = Lamp::new(config)?;
         let (gains, lit_tables) = (NO_GAINS, tables.clone());
         let mask = FieldMask::new(config);
-        let kernel = Kernel::new(level, &tables, width as usize);
+        let kernel = Kernel::new(level, &tables);
         Ok(Self { width, height, tables, lamp, gains, lit_tables, mask, kernel })
     }
 

@@ -29,10 +29,9 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// For pictures of `width` pixels in a row. A level that this machine does not have is as good
-    /// as [`SimdLevel::Scalar`].
-    pub fn new(level: SimdLevel, tables: &ClassTables, width: usize) -> Self {
-        Self { level, prefilters: Prefilters::new(tables), scratch: Scratch::new(width) }
+    /// A level that this machine does not have is as good as [`SimdLevel::Scalar`].
+    pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
+        Self { level, prefilters: Prefilters::new(tables), scratch: Scratch::default() }
     }
 
     /// Whose instructions it uses.
@@ -40,8 +39,8 @@ impl Kernel {
         self.level
     }
 
-    /// As [`scalar::classify`], of a picture as wide as the kernel was made for. Other tables than
-    /// last time cost a few microseconds.
+    /// As [`scalar::classify`]. Other tables than last time cost some microseconds, a wider picture
+    /// an allocation.
     pub fn classify(
         &mut self,
         picture: &Picture,
@@ -52,6 +51,7 @@ impl Kernel {
         if self.prefilters.version != tables.version() {
             self.prefilters = Prefilters::new(tables);
         }
+        self.scratch.fit(picture.width());
         let Prefilters { rgb, yuv, .. } = &self.prefilters;
         self.level.classify(picture, Setup { tables, rgb, yuv, mask }, &mut self.scratch, out)
     }

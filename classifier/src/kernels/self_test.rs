@@ -24,7 +24,7 @@ pub fn passes(level: SimdLevel) -> bool {
     [5, MAX_CLASSES].into_iter().all(|count| {
         let colors: Vec<ColorConfig> = (0..count).map(|_| random.color(count)).collect();
         let Ok(tables) = ClassTables::new(&colors) else { return false };
-        let mut kernel = Kernel::new(level, &tables, WIDTH as usize);
+        let mut kernel = Kernel::new(level, &tables);
         orders.into_iter().chain(others).all(|layout| {
             let stride = layout.format.row_bytes(WIDTH) as u32 + 3;
             let bytes = layout.format.frame_bytes(WIDTH, HEIGHT, stride);

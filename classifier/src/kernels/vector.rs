@@ -45,11 +45,11 @@ struct Noted {
 }
 
 impl Scratch {
-    /// For rows of `width` pixels.
-    pub fn new(width: usize) -> Self {
-        Self {
-            noted: vec![Noted::default(); width.div_ceil(MIN_LANES) + 1],
-            rows: Default::default(),
+    /// Makes room to note every block of a row of `width` pixels.
+    pub fn fit(&mut self, width: usize) {
+        let blocks = width.div_ceil(MIN_LANES) + 1;
+        if self.noted.len() < blocks {
+            self.noted.resize(blocks, Noted::default());
         }
     }
 
