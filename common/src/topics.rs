@@ -136,7 +136,7 @@ pub const FRAMES: Topic<u8, FrameHeader> = Topic {
     ..work(
         "frames",
         "grabber",
-        "classifier",
+        "classifier, tracker",
         |_, header| header.seq,
         |_, header| header.t_capture_ns,
     )

@@ -47,7 +47,7 @@ impl Pipeline {
         };
         self.classifier.step(&header, bayer, &mut self.runs_header, &mut self.runs)?;
         let runs = self.runs_header.valid(&self.runs);
-        self.tracker.step(&self.runs_header, runs, None, &mut self.seen);
+        self.tracker.step(&self.runs_header, runs, Some(bayer), None, &mut self.seen);
         Ok(&self.seen)
     }
 

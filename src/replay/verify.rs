@@ -250,7 +250,10 @@ impl Stages {
             DetectionFrame::NO_WORLD => None,
             prior => Some(inputs.world(prior).ok_or(Verdict::Without("the world it used"))?),
         };
-        self.tracker.step(&header, &runs, prior, &mut self.detections);
+        // The tracker had the frame at hand, or had not.
+        let frame = (recorded.flags & DetectionFrame::FRAME_USED != 0).then(|| inputs.frame(seq));
+        let pixels = frame.flatten().map(|frame| &frame.pixels[..]);
+        self.tracker.step(&header, &runs, pixels, prior, &mut self.detections);
         self.detections.clear_stale();
         self.detections.t_runs_taken_ns = recorded.t_runs_taken_ns;
         self.detections.t_sent_ns = recorded.t_sent_ns;

@@ -96,6 +96,7 @@ impl BallFinder {
                 y_px: measure.image.y_px as f32,
                 confidence: confidence as f32,
                 region,
+                ..DetectedBall::default()
             });
         }
         self.found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));

@@ -1,6 +1,7 @@
 //! The tracker: from runs to regions to robots and balls (sections 5 and 6.1 of the paper).
 //!
-//! Consumes `runs`, and `world` as a hint; produces `detections`.
+//! Consumes `runs`, `frames` to measure what the runs have shown, and `world` as a hint; produces
+//! `detections`.
 //!
 //! One frame at a time, and each frame whole: nothing is searched only near where it was, so nothing
 //! stays lost. The steps, each in a file of its own:
@@ -13,7 +14,9 @@
 //!    and `assignment` picks the set of hypotheses that explains most of the picture best. Where they
 //!    fit badly, `second_opinion` asks the pixels instead of the regions, by `agreement`.
 //! 4. `pose`: the places of the patches become a pose.
-//! 5. `ball`, and `reasons`: what became of everything else.
+//! 5. `refine`: poses are measured to hundredths of a pixel where the patches have their edges in the
+//!    raw picture (`raw`, `edges`, `edge_fit`, `local_map`), and get their covariance.
+//! 6. `ball`, and `reasons`: what became of everything else.
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
 
@@ -21,7 +24,10 @@ mod agreement;
 mod assignment;
 mod ball;
 mod candidates;
+mod edge_fit;
+mod edges;
 mod footprint;
+mod local_map;
 mod measure;
 mod pairing;
 mod pattern;
@@ -29,7 +35,9 @@ mod pitch;
 mod pose;
 mod prior;
 pub mod process;
+mod raw;
 mod reasons;
+mod refine;
 pub mod regions;
 mod second_opinion;
 mod split;

@@ -418,6 +418,7 @@ impl Pairing {
                 orientation_image: orientation_image as f32,
                 patch_count: pattern.patches.len() as u32,
                 patch_regions,
+                ..DetectedRobot::default()
             });
         }
     }

@@ -4,7 +4,7 @@ use crate::Tracker;
 use common::bus::Received;
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::messages::{DetectionFrame, ProcessKind};
+use common::messages::{DetectionFrame, FrameHeader, ProcessKind};
 use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
 use common::topics;
 
@@ -14,6 +14,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     // Before its input: no output is missed whose input is not.
     let previous = process.bus.newest_only(&topics::DETECTIONS)?;
     let runs = process.bus.subscriber_with_history(&topics::RUNS)?;
+    let frames = process.bus.subscriber_with_history(&topics::FRAMES)?;
     let world = process.bus.newest_only(&topics::WORLD)?;
     let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
     let mut tracker =
@@ -32,6 +33,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     drop(previous);
 
     let mut prior = None;
+    let mut frame: Option<Received<u8, FrameHeader>> = None;
     while process.keep_running()? {
         let Some(input) = runs.receive()? else {
             wake_up.wait(LOOK_AROUND);
@@ -44,10 +46,17 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             continue;
         }
         prior = world.newest()?.or(prior);
+        // The frame that the runs were made from, if it has not been overwritten meanwhile.
+        while frame.as_ref().is_none_or(|frame| frame.header().seq < seq) {
+            let Some(next) = frames.receive()? else { break };
+            frame = Some(next);
+        }
+        let pixels = frame.as_ref().filter(|frame| frame.header().seq == seq);
+        let pixels = pixels.map(Received::elements);
         let mut output = detections.loan(1)?;
         let detection = &mut output.elements()[0];
         let prior = prior.as_ref().and_then(Received::message);
-        tracker.step(header, header.valid(input.elements()), prior, detection);
+        tracker.step(header, header.valid(input.elements()), pixels, prior, detection);
         detection.t_runs_taken_ns = taken_ns;
         detection.t_sent_ns = monotonic_ns();
         output.send()?;

@@ -5,7 +5,9 @@ use crate::pairing::{Pairing, Scene};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::prior::Prior;
+use crate::raw::RawFrame;
 use crate::reasons::{Rejections, explain_team_patches};
+use crate::refine::Refiner;
 use crate::regions::RegionFinder;
 use common::config::Config;
 use common::geometry::CameraModel;
@@ -24,7 +26,10 @@ pub struct Tracker {
     prior: Prior,
     pairing: Pairing,
     ball_finder: BallFinder,
+    refiner: Refiner,
     rejections: Rejections,
+    /// Of the pictures, as configured.
+    size: (u32, u32),
 }
 
 impl Tracker {
@@ -32,8 +37,8 @@ impl Tracker {
     pub fn new(config: &Config) -> Result<Self, TrackerError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let pattern = Pattern::new(config)?;
+        let camera = CameraModel::new(&config.geometry, width, height)?;
         Ok(Self {
-            camera: CameraModel::new(&config.geometry, width, height)?,
             pitch: Pitch::new(config),
             region_finder: RegionFinder::new(
                 width,
@@ -44,13 +49,17 @@ impl Tracker {
             prior: Prior::default(),
             pairing: Pairing::default(),
             ball_finder: BallFinder::new(config, pattern.limits)?,
+            refiner: Refiner::new(config, &pattern, &camera),
             rejections: Rejections::default(),
+            size: (width, height),
+            camera,
             pattern,
         })
     }
 
-    /// Works on one frame: `runs` is the valid part of the payload that `header` came with, `prior`
-    /// the newest `world` there is. Everything in `out` is replaced, except that arrays keep stale
+    /// Works on one frame: `runs` is the valid part of the payload that `header` came with, `pixels`
+    /// the bytes of the raw frame itself, if they are at hand, and `prior` the newest `world` there
+    /// is. Everything in `out` is replaced, except that arrays keep stale
     /// elements behind their counts, and `t_runs_taken_ns` and `t_sent_ns` are left 0 for the sender
     /// to fill in.
     ///
@@ -58,12 +67,18 @@ impl Tracker {
     /// are cut off, which counts as [`DetectionFrame::INPUT_OVERFLOW`], and so is any number of
     /// candidates beyond what a match can have, so that rubbish takes a bounded time.
     ///
+    /// With the raw frame, robots and balls are measured by their edges; without it, or where there
+    /// is too little of them, by their classified pixels ([`DetectionFrame::FRAME_USED`],
+    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). What is found,
+    /// and under which name, does not depend on it.
+    ///
     /// `prior` decides between explanations of the picture that are equally good, and nothing else;
     /// it is ignored if it is not from before the frame.
     pub fn step(
         &mut self,
         header: &RunsHeader,
         runs: &[Run],
+        pixels: Option<&[u8]>,
         prior: Option<&WorldFrame>,
         out: &mut DetectionFrame,
     ) {
@@ -79,6 +94,12 @@ impl Tracker {
             out.flags |= DetectionFrame::INPUT_OVERFLOW;
         }
 
+        let (width, height) = self.size;
+        let frame = pixels.and_then(|pixels| RawFrame::new(&header.frame, pixels, width, height));
+        if frame.is_some() {
+            out.flags |= DetectionFrame::FRAME_USED;
+        }
+
         self.region_finder.find(runs, out);
         let scene = Scene {
             pattern: &self.pattern,
@@ -87,9 +108,11 @@ impl Tracker {
             prior: &self.prior,
         };
         self.pairing.find(&scene, out);
+        self.refiner.refine_robots(&self.camera, frame.as_ref(), out);
         self.rejections.clear();
         explain_team_patches(&self.pattern, &self.pairing, &mut self.rejections);
         self.ball_finder.find(&self.camera, &self.pitch, out, &mut self.rejections);
+        self.refiner.refine_balls(&self.camera, frame.as_ref(), out);
         self.rejections.write(out);
     }
 }

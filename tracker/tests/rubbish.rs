@@ -121,10 +121,10 @@ fn a_tracker_remembers_nothing() {
     let mut header = RunsHeader::zeroed();
     header.frame = fresh.frame;
     header.flags = RunsHeader::OVERFLOW;
-    tracker.step(&header, &blocks(3, 2000, 14).runs(), None, &mut out);
+    tracker.step(&header, &blocks(3, 2000, 14).runs(), None, None, &mut out);
     assert_ne!(out.flags, 0);
     header.flags = 0;
-    tracker.step(&header, &quiet, None, &mut out);
+    tracker.step(&header, &quiet, None, None, &mut out);
     assert_eq!(out.flags, 0);
     assert_eq!(out.robots(), fresh.robots());
     assert_eq!(out.regions(), fresh.regions());

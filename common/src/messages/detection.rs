@@ -47,7 +47,7 @@ pub struct Region {
 
 /// A robot found in this frame alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/DetectedRobot/1")]
+#[type_name("touchline/DetectedRobot/2")]
 #[repr(C)]
 pub struct DetectedRobot {
     /// A [`Team`](super::Team) number.
@@ -73,25 +73,37 @@ pub struct DetectedRobot {
     /// For each patch of the layout in turn: index of the region it is, or is a part of; `u32::MAX`
     /// where not seen.
     pub patch_regions: [u32; MAX_PATCHES],
+    /// How uncertain x, y and orientation are: upper triangle of their covariance, row by row, in mm
+    /// and radians (xx, xy, xθ, yy, yθ, θθ). All 0 when unknown.
+    pub covariance: [f32; 6],
+    /// Samples of the raw picture, at the edges of the patches, that the pose was measured by; 0 when
+    /// it comes from the centroids of the patches alone.
+    pub edge_samples: u32,
 }
 
 /// A ball candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/DetectedBall/1")]
+#[type_name("touchline/DetectedBall/2")]
 #[repr(C)]
 pub struct DetectedBall {
     /// Centre of the ball on the field.
     pub x_mm: f32,
     /// Centre of the ball on the field.
     pub y_mm: f32,
-    /// Centroid of its region.
+    /// Centre of the ball in the image.
     pub x_px: f32,
-    /// Centroid of its region.
+    /// Centre of the ball in the image.
     pub y_px: f32,
     /// 0–1: how well size and shape fit a ball.
     pub confidence: f32,
     /// Index of its region.
     pub region: u32,
+    /// How uncertain x and y are: upper triangle of their covariance, row by row, in mm². All 0 when
+    /// unknown.
+    pub covariance: [f32; 3],
+    /// Samples of the raw picture, at its rim, that its place was measured by; 0 when it is the
+    /// centroid of its region.
+    pub edge_samples: u32,
 }
 
 /// Why a candidate did not become a robot or a ball.
@@ -171,7 +183,7 @@ impl Rejected {
 
 /// Everything the tracker saw in one frame, and why.
 #[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/DetectionFrame/2")]
+#[type_name("touchline/DetectionFrame/3")]
 #[repr(C)]
 pub struct DetectionFrame {
     /// The frame it was seen in.
@@ -216,12 +228,12 @@ pub struct DetectionFrame {
 }
 
 const _: () = assert!(size_of::<Region>() == 32);
-const _: () = assert!(size_of::<DetectedRobot>() == 64);
+const _: () = assert!(size_of::<DetectedRobot>() == 92);
 const _: () = assert!(
     size_of::<DetectionFrame>()
         == 136
-            + MAX_ROBOTS * 64
-            + MAX_BALLS * 24
+            + MAX_ROBOTS * 92
+            + MAX_BALLS * 40
             + MAX_REJECTED * 16
             + MAX_REGIONS * 32
             + super::MAX_RUNS * 8
@@ -234,6 +246,8 @@ impl DetectionFrame {
     pub const REGIONS_OVERFLOW: u32 = 2;
     /// Flag: some regions come without their runs.
     pub const RUNS_OVERFLOW: u32 = 4;
+    /// Flag: the raw frame was at hand, so that poses could be measured by edges in it.
+    pub const FRAME_USED: u32 = 8;
     /// Value of `prior_world_seq` when no `world` was used.
     pub const NO_WORLD: u64 = u64::MAX;
 
@@ -267,6 +281,18 @@ impl DetectionFrame {
     /// Regions found.
     pub fn regions(&self) -> &[Region] {
         filled(&self.regions, self.region_count)
+    }
+
+    /// Robots, to be changed, and regions.
+    pub fn robots_and_regions_mut(&mut self) -> (&mut [DetectedRobot], &[Region]) {
+        let count = (self.robot_count as usize).min(MAX_ROBOTS);
+        (&mut self.robots[..count], filled(&self.regions, self.region_count))
+    }
+
+    /// Ball candidates, to be changed, and regions.
+    pub fn balls_and_regions_mut(&mut self) -> (&mut [DetectedBall], &[Region]) {
+        let count = (self.ball_count as usize).min(MAX_BALLS);
+        (&mut self.balls[..count], filled(&self.regions, self.region_count))
     }
 
     /// The pixels of a region, as runs.

@@ -203,7 +203,7 @@ pub fn detections(
     header.frame.seq = 100;
     header.frame.t_capture_ns = 1_000_000_000;
     header.run_count = runs.len() as u32;
-    Tracker::new(config).unwrap().step(&header, runs, prior, &mut out);
+    Tracker::new(config).unwrap().step(&header, runs, None, prior, &mut out);
     out
 }
 

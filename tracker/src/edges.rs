@@ -1,0 +1,255 @@
+//! The edges of the patches on a robot's top, as a table: for any point of it, which edge a pixel
+//! there would show.
+//!
+//! Only edges that can be located count: where a patch visibly ends, straight or gently curved, with
+//! no other edge and no corner so near that the lens would mix them. They are put together into
+//! *stretches* along which one colour lies on this side and one on that.
+
+use common::config::Pair;
+
+/// What is inside and outside of an edge must be seen, so it is looked at this far to each side.
+const BAND_PX: f64 = 2.25;
+/// Other edges must be at least so far away: at twice the deviation of the spot that lens and pixel
+/// make of a point, 2 % of the light are mixed.
+const CLEAR_PX: f64 = 1.25;
+/// Entries of the table are so far apart. Distances do not suffer from that, since they are computed
+/// from the edge that the entry names.
+const STEP_MM: f64 = 0.75;
+/// Points along the edges, at which is looked what shows on both sides.
+const SAMPLE_MM: f64 = 0.5;
+/// So far to each side.
+const BESIDE_MM: f64 = 0.2;
+/// Edges that meet at a smaller angle go on as one stretch, …
+const GENTLE_DEG: f64 = 25.0;
+/// … but not around more than this.
+const MOST_TURN_DEG: f64 = 100.0;
+/// More stretches or edges than that are left out; layouts have up to a dozen.
+pub(crate) const MAX_STRETCHES: usize = 48;
+const MAX_EDGES: usize = 1000;
+const MAX_SIDE: usize = 512;
+const NO_EDGE: u16 = u16::MAX;
+
+/// A straight edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Edge {
+    /// Unit normal, pointing into the patch.
+    pub normal: [f32; 2],
+    /// A point lies normal · point − `offset_mm` inside.
+    pub offset_mm: f32,
+    /// Which stretch it belongs to.
+    pub stretch: u32,
+}
+
+/// The edges of a top, by place.
+#[derive(Debug, Clone)]
+pub(crate) struct EdgeMap {
+    edges: Vec<Edge>,
+    pub stretch_count: usize,
+    /// No edge shows farther from the origin.
+    pub reach_mm: f64,
+    side: usize,
+    cells: Vec<u16>,
+}
+
+/// A visible piece of an outline, from `a` to `b`.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    a: Pair,
+    b: Pair,
+    normal: Pair,
+    stretch: usize,
+}
+
+impl EdgeMap {
+    /// The edges of areas with the given outlines, of which `topmost` tells which shows at a point;
+    /// for pictures with pixels of about `mm_per_px`.
+    pub fn new(
+        outlines: &[&[Pair]],
+        topmost: impl Fn(Pair) -> Option<usize>,
+        mm_per_px: f64,
+    ) -> Self {
+        let mut pieces = Vec::new();
+        for (patch, outline) in outlines.iter().enumerate() {
+            add_pieces(patch, outline, &topmost, &mut pieces);
+        }
+        pieces.retain(|piece| piece.stretch < MAX_STRETCHES);
+        pieces.truncate(MAX_EDGES);
+        let (band_mm, clear_mm) = (BAND_PX * mm_per_px, CLEAR_PX * mm_per_px);
+        let farthest = |reach: f64, [x, y]: Pair| reach.max(x.hypot(y));
+        let reach_mm =
+            pieces.iter().flat_map(|piece| [piece.a, piece.b]).fold(0.0, farthest) + band_mm;
+        let side = ((2.0 * reach_mm / STEP_MM).ceil() as usize).clamp(1, MAX_SIDE);
+        let place = |index: usize| (index as f64 + 0.5) * STEP_MM - reach_mm;
+        let cells = (0..side * side)
+            .map(|cell| {
+                let point = [place(cell % side), place(cell / side)];
+                edge_at(point, &pieces, band_mm, clear_mm)
+            })
+            .collect();
+        let edges = pieces.iter().map(|piece| {
+            let [nx, ny] = piece.normal;
+            Edge {
+                normal: [nx as f32, ny as f32],
+                offset_mm: (nx * piece.a[0] + ny * piece.a[1]) as f32,
+                stretch: piece.stretch as u32,
+            }
+        });
+        let stretch_count = pieces.iter().map(|piece| piece.stretch + 1).max().unwrap_or(0);
+        Self { edges: edges.collect(), stretch_count, reach_mm, side, cells }
+    }
+
+    /// The edge that shows at a point of the top, if there is one.
+    #[inline(always)]
+    pub fn at(&self, x_mm: f32, y_mm: f32) -> Option<&Edge> {
+        let index = |value: f32| {
+            // Negative numbers and NaN become 0, where there is no edge.
+            ((value + self.reach_mm as f32) * (1.0 / STEP_MM) as f32) as usize
+        };
+        let (column, row) = (index(x_mm), index(y_mm));
+        if column >= self.side {
+            return None;
+        }
+        let edge = *self.cells.get(row * self.side + column)?;
+        self.edges.get(usize::from(edge))
+    }
+}
+
+/// Adds the visible pieces of one patch's outline.
+fn add_pieces(
+    patch: usize,
+    outline: &[Pair],
+    topmost: &impl Fn(Pair) -> Option<usize>,
+    pieces: &mut Vec<Piece>,
+) {
+    let first = pieces.len();
+    let mut stretch = pieces.last().map_or(0, |piece| piece.stretch + 1);
+    let mut turned_deg = 0.0;
+    for (index, &a) in outline.iter().enumerate() {
+        let b = outline[(index + 1) % outline.len()];
+        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+        if length < 1e-6 {
+            continue;
+        }
+        let along = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
+        let at = |s: f64| [a[0] + along[0] * s, a[1] + along[1] * s];
+        let beside = |[x, y]: Pair, [nx, ny]: Pair, side: f64| {
+            topmost([x + side * BESIDE_MM * nx, y + side * BESIDE_MM * ny])
+        };
+        let count = (length / SAMPLE_MM).ceil().max(1.0) as usize;
+        let left = [-along[1], along[0]];
+        let mut shown: Option<(f64, Pair)> = None;
+        for sample in 0..=count {
+            let s = (sample as f64 + 0.5) / count as f64 * length;
+            let is_shown = |normal: Pair| {
+                sample < count
+                    && beside(at(s), normal, 1.0) == Some(patch)
+                    && beside(at(s), normal, -1.0) != Some(patch)
+            };
+            let normal = [left, [-left[0], -left[1]]].into_iter().find(|&normal| is_shown(normal));
+            match (shown, normal) {
+                (None, Some(normal)) => shown = Some((s - length / count as f64 / 2.0, normal)),
+                (Some((from, last)), normal) if normal != Some(last) => {
+                    let piece = Piece {
+                        a: at(from),
+                        b: at(s - length / count as f64 / 2.0),
+                        normal: last,
+                        stretch,
+                    };
+                    push_piece(pieces, first, piece, &mut stretch, &mut turned_deg);
+                    shown = normal.map(|normal| (s - length / count as f64 / 2.0, normal));
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Adds a piece to the stretch of the one before it if it goes on from there, else to a new one.
+fn push_piece(
+    pieces: &mut Vec<Piece>,
+    first: usize,
+    mut piece: Piece,
+    stretch: &mut usize,
+    turned_deg: &mut f64,
+) {
+    if let Some(last) = pieces[first..].last() {
+        let turn = turn_deg(last, &piece);
+        if meet(last, &piece) && turn < GENTLE_DEG && *turned_deg + turn < MOST_TURN_DEG {
+            *turned_deg += turn;
+        } else {
+            *turned_deg = 0.0;
+            *stretch = last.stretch + 1;
+        }
+    }
+    piece.stretch = *stretch;
+    pieces.push(piece);
+}
+
+fn turn_deg(a: &Piece, b: &Piece) -> f64 {
+    let cos = a.normal[0] * b.normal[0] + a.normal[1] * b.normal[1];
+    cos.clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// Whether one ends where the other begins, give or take a sample.
+fn meet(a: &Piece, b: &Piece) -> bool {
+    let near = |p: Pair, q: Pair| (p[0] - q[0]).hypot(p[1] - q[1]) < SAMPLE_MM;
+    near(a.b, b.a) || near(b.b, a.a)
+}
+
+fn edge_at(point: Pair, pieces: &[Piece], band_mm: f64, clear_mm: f64) -> u16 {
+    let nearest = (0..pieces.len())
+        .min_by(|&a, &b| pieces[a].distance_mm(point).total_cmp(&pieces[b].distance_mm(point)));
+    let Some(nearest) = nearest else { return NO_EDGE };
+    let piece = &pieces[nearest];
+    if piece.distance_mm(point) > band_mm {
+        return NO_EDGE;
+    }
+    let goes_on = |other: &Piece| meet(piece, other) && turn_deg(piece, other) < GENTLE_DEG;
+    // Beyond the end of an edge is a corner, unless another one goes on from there.
+    let (s, length) = piece.along(point);
+    let has_next = |end: Pair| {
+        let near = |p: Pair| (p[0] - end[0]).hypot(p[1] - end[1]) < SAMPLE_MM;
+        pieces.iter().enumerate().any(|(index, other)| {
+            index != nearest && goes_on(other) && (near(other.a) || near(other.b))
+        })
+    };
+    if (s < 0.0 && !has_next(piece.a)) || (s > length && !has_next(piece.b)) {
+        return NO_EDGE;
+    }
+    let is_clear = |(index, other): (usize, &Piece)| {
+        index == nearest
+            || other.distance_mm(point) >= clear_mm
+            || goes_on(other)
+            || (other.stretch == piece.stretch && turn_deg(piece, other) < 2.0 * GENTLE_DEG)
+            || piece.is_same_line(other)
+    };
+    if pieces.iter().enumerate().all(is_clear) { nearest as u16 } else { NO_EDGE }
+}
+
+impl Piece {
+    /// Where along the edge a point lies, and how long the edge is.
+    fn along(&self, [x, y]: Pair) -> (f64, f64) {
+        let (dx, dy) = (self.b[0] - self.a[0], self.b[1] - self.a[1]);
+        let length = dx.hypot(dy).max(1e-9);
+        (((x - self.a[0]) * dx + (y - self.a[1]) * dy) / length, length)
+    }
+
+    fn distance_mm(&self, [x, y]: Pair) -> f64 {
+        let (s, length) = self.along([x, y]);
+        let part = (s / length).clamp(0.0, 1.0);
+        let near = [0, 1].map(|axis| self.a[axis] + part * (self.b[axis] - self.a[axis]));
+        (x - near[0]).hypot(y - near[1])
+    }
+
+    /// Two patches that share an edge have it both, from both sides.
+    fn is_same_line(&self, other: &Self) -> bool {
+        let off = |[x, y]: Pair| {
+            (self.normal[0] * (x - self.a[0]) + self.normal[1] * (y - self.a[1])).abs()
+        };
+        let overlap = |p: Pair| {
+            let (s, length) = self.along(p);
+            (-BESIDE_MM..=length + BESIDE_MM).contains(&s)
+        };
+        off(other.a) < BESIDE_MM && off(other.b) < BESIDE_MM && overlap(other.a) && overlap(other.b)
+    }
+}

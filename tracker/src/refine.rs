@@ -1,0 +1,190 @@
+//! What has been found, measured once more in the raw picture; and how sure each measurement is.
+
+use crate::edge_fit::{Deviations, EdgeFitter, Fitted};
+use crate::edges::EdgeMap;
+use crate::pattern::Pattern;
+use crate::pose::image_pose;
+use crate::raw::RawFrame;
+use common::config::{Config, Pair};
+use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
+use common::layout::topmost_patch;
+use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region};
+use std::f64::consts::TAU;
+
+/// A centroid of so many pixels of a class is off by this over the root of their number, 1σ in
+/// pixels.
+const CENTROID_NOISE_PX: f64 = 0.7;
+/// The edges of a region that is more than a patch were guessed.
+const MERGED_FACTOR: f64 = 3.0;
+/// A region of more than so many patches' area is more than a patch.
+const MERGED_AREA_RATIO: f64 = 1.5;
+/// By how much more uncertain than it is the pose that the fit begins with is said to be: it has
+/// been made of the same pixels.
+const START_FACTOR: f64 = 2.0;
+/// Corners of what stands for the circle of the ball.
+const BALL_CORNERS: usize = 24;
+
+/// Measures robots and balls again.
+#[derive(Debug, Clone)]
+pub(crate) struct Refiner {
+    robot: EdgeFitter,
+    ball: EdgeFitter,
+    robot_height_mm: f64,
+    ball_height_mm: f64,
+    patches: Vec<Patch>,
+}
+
+/// What a patch's centroid says of the pose.
+#[derive(Debug, Clone, Copy)]
+struct Patch {
+    area_mm2: f64,
+    /// From the centroid of all patches.
+    lever_mm: f64,
+}
+
+impl Refiner {
+    pub fn new(config: &Config, pattern: &Pattern, camera: &CameraModel) -> Self {
+        let scale = |height_mm: f64| {
+            let middle = camera.image_from_field(FieldPoint::default(), height_mm);
+            camera.pixel_area_mm2(middle, height_mm).sqrt().clamp(1e-3, 1e3)
+        };
+        let robots = &config.robots;
+        let outlines: Vec<&[Pair]> =
+            robots.patches.iter().map(|patch| patch.outline_mm.as_slice()).collect();
+        let edges =
+            EdgeMap::new(&outlines, |point| topmost_patch(robots, point), scale(pattern.height_mm));
+        let radius_mm = config.ball.diameter_mm / 2.0;
+        // The polygon's area is that of the circle.
+        let step = TAU / BALL_CORNERS as f64;
+        let corner_mm = radius_mm * (step / step.sin()).sqrt();
+        let circle: Vec<Pair> = (0..BALL_CORNERS)
+            .map(|corner| (corner as f64 * step).sin_cos())
+            .map(|(sin, cos)| [corner_mm * cos, corner_mm * sin])
+            .collect();
+        let in_ball = |[x, y]: Pair| (x.hypot(y) < radius_mm).then_some(0);
+        let circle = EdgeMap::new(&[&circle], in_ball, scale(radius_mm));
+        let area: f64 = pattern.patches.iter().map(|patch| patch.area_mm2).sum();
+        let middle = [0, 1].map(|axis| {
+            let moment = pattern.patches.iter().map(|p| p.area_mm2 * p.centroid_mm[axis]);
+            moment.sum::<f64>() / area
+        });
+        let patches = pattern.patches.iter().map(|patch| Patch {
+            area_mm2: patch.area_mm2,
+            lever_mm: (patch.centroid_mm[0] - middle[0]).hypot(patch.centroid_mm[1] - middle[1]),
+        });
+        Self {
+            robot: EdgeFitter::new(edges, pattern.height_mm),
+            ball: EdgeFitter::new(circle, radius_mm),
+            robot_height_mm: pattern.height_mm,
+            ball_height_mm: radius_mm,
+            patches: patches.collect(),
+        }
+    }
+
+    /// Measures the robots of `seen` by their edges in `frame`, where they can be; gives all of them
+    /// their covariance.
+    pub fn refine_robots(
+        &mut self,
+        camera: &CameraModel,
+        frame: Option<&RawFrame>,
+        seen: &mut DetectionFrame,
+    ) {
+        let (robots, regions) = seen.robots_and_regions_mut();
+        for robot in robots {
+            let start = Pose {
+                position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
+                orientation: f64::from(robot.orientation),
+            };
+            let deviations = self.deviations(camera, robot, regions);
+            let begin = Deviations {
+                position_mm: START_FACTOR * deviations.position_mm,
+                heading_rad: START_FACTOR * deviations.heading_rad,
+            };
+            let fitted = frame.and_then(|frame| self.robot.fit(camera, frame, &start, &begin));
+            let fitted = fitted.unwrap_or_else(|| deviations.around(start));
+            let (image, heading) = image_pose(camera, &fitted.pose, self.robot_height_mm);
+            *robot = DetectedRobot {
+                x_mm: fitted.pose.position.x_mm as f32,
+                y_mm: fitted.pose.position.y_mm as f32,
+                orientation: wrap_angle(fitted.pose.orientation) as f32,
+                covariance: fitted.covariance.map(|term| term as f32),
+                edge_samples: fitted.samples,
+                x_px: image.x_px as f32,
+                y_px: image.y_px as f32,
+                orientation_image: heading as f32,
+                ..*robot
+            };
+        }
+    }
+
+    /// Measures the balls of `seen` likewise.
+    pub fn refine_balls(
+        &mut self,
+        camera: &CameraModel,
+        frame: Option<&RawFrame>,
+        seen: &mut DetectionFrame,
+    ) {
+        let (balls, regions) = seen.balls_and_regions_mut();
+        for ball in balls {
+            let position = FieldPoint::new(f64::from(ball.x_mm), f64::from(ball.y_mm));
+            let start = Pose { position, orientation: 0.0 };
+            let pixels = regions.get(ball.region as usize).map_or(1, |region| region.pixel_count);
+            let mm_per_px = mm_per_px(camera, position, self.ball_height_mm);
+            let deviation = CENTROID_NOISE_PX / f64::from(pixels.max(1)).sqrt() * mm_per_px;
+            // Which way a ball is turned nobody can see.
+            let deviations = Deviations { position_mm: deviation, heading_rad: 1e-3 };
+            let begin = Deviations { position_mm: START_FACTOR * deviation, ..deviations };
+            let fitted = frame.and_then(|frame| self.ball.fit(camera, frame, &start, &begin));
+            let fitted = fitted.unwrap_or_else(|| deviations.around(start));
+            let image = camera.image_from_field(fitted.pose.position, self.ball_height_mm);
+            let [xx, xy, _, yy, _, _] = fitted.covariance;
+            *ball = DetectedBall {
+                x_mm: fitted.pose.position.x_mm as f32,
+                y_mm: fitted.pose.position.y_mm as f32,
+                x_px: image.x_px as f32,
+                y_px: image.y_px as f32,
+                covariance: [xx, xy, yy].map(|term| term as f32),
+                edge_samples: fitted.samples,
+                ..*ball
+            };
+        }
+    }
+
+    /// How uncertain a pose is that was fitted to the centroids of its patches.
+    fn deviations(
+        &self,
+        camera: &CameraModel,
+        robot: &DetectedRobot,
+        regions: &[Region],
+    ) -> Deviations {
+        let position = FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm));
+        let mm_per_px = mm_per_px(camera, position, self.robot_height_mm);
+        let (mut weight, mut turning) = (0.0, 0.0);
+        for (patch, region) in self.patches.iter().zip(robot.patch_regions) {
+            let whole_px = patch.area_mm2 / (mm_per_px * mm_per_px);
+            let seen_px = regions
+                .get(region as usize)
+                .map_or(1.0, |region| f64::from(region.pixel_count.max(1)));
+            let mut deviation = CENTROID_NOISE_PX / seen_px.min(whole_px.max(1.0)).sqrt();
+            if seen_px > MERGED_AREA_RATIO * whole_px {
+                deviation *= MERGED_FACTOR;
+            }
+            let information = (deviation * mm_per_px).powi(-2);
+            weight += information;
+            turning += information * patch.lever_mm * patch.lever_mm;
+        }
+        Deviations { position_mm: weight.powf(-0.5), heading_rad: turning.powf(-0.5).min(1.0) }
+    }
+}
+
+impl Deviations {
+    fn around(&self, pose: Pose) -> Fitted {
+        let [place, heading] = [self.position_mm.powi(2), self.heading_rad.powi(2)];
+        Fitted { pose, covariance: [place, 0.0, 0.0, place, 0.0, heading], samples: 0 }
+    }
+}
+
+fn mm_per_px(camera: &CameraModel, position: FieldPoint, height_mm: f64) -> f64 {
+    let scale = camera.pixel_area_mm2(camera.image_from_field(position, height_mm), height_mm);
+    scale.sqrt().clamp(1e-3, 1e3)
+}
