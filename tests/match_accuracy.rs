@@ -223,6 +223,18 @@ fn score_predictions(game: &SyntheticMatch, before: &WorldFrame, outcome: &mut O
 
 #[test]
 fn robots_are_known_to_a_fraction_of_a_millimetre() {
-    let outcome = play(&Config::default(), 1..5, 800);
+    let outcome = play(&Config::default(), 1..4, 400);
     outcome.print("5v5");
+    assert_eq!(outcome.found, outcome.expected);
+    assert!(outcome.seen_still.position_mm.len() > 500);
+    let ([mm, deg], [most_mm, most_deg]) =
+        (outcome.seen_still.rms(), outcome.seen_still.greatest());
+    assert!(mm < 0.15 && deg < 0.2, "{mm} mm {deg}°");
+    assert!(most_mm < 0.5 && most_deg < 0.6, "{most_mm} mm {most_deg}°");
+    let [mm, deg] = outcome.known_still.rms();
+    assert!(mm < 0.1 && deg < 0.15, "{mm} mm {deg}°");
+    let [mm, deg] = outcome.known.rms();
+    assert!(mm < 0.5 && deg < 0.4, "{mm} mm {deg}°");
+    let [mm, deg] = outcome.predicted.rms();
+    assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
 }

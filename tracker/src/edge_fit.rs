@@ -419,10 +419,11 @@ impl SpotTable {
         let index = (place as usize).min(Self::ENTRIES - 1);
         let [w, density] = self.0[index];
         let off = z - (index as f32 / Self::PER_SIGMA - Self::REACH);
-        if off.abs() > 1.0 / Self::PER_SIGMA {
-            (w, density)
-        } else {
+        // This way round it is false for NaN.
+        if off.abs() < 1.0 / Self::PER_SIGMA {
             (w + density * off, density * (1.0 - z * off))
+        } else {
+            (w, density)
         }
     }
 }

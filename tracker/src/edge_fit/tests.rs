@@ -30,7 +30,7 @@ impl Scene {
     /// Paints what is near `pose` as a lens with a spot of `spot_px` shows it; `over` may paint over
     /// the top, in the frame of the robot.
     fn paint(&mut self, pose: &Pose, spot_px: f64, over: impl Fn(Pair) -> Option<Color>) {
-        const LOOKS: i32 = 4;
+        const LOOKS: u32 = 400;
         let robots = &self.config.robots;
         let width = self.config.camera.width as usize;
         let color_at = |point: ImagePoint| {
@@ -48,9 +48,10 @@ impl Scene {
             for column in (center.x_px - 22.0) as usize..(center.x_px + 22.0) as usize {
                 let channel = order.channel_at(column, row);
                 let (mut sum, mut weights) = (0.0, 0.0);
-                for look in 0..(2 * LOOKS + 1).pow(2) {
-                    let offset = |index: i32| 2.6 * f64::from(index - LOOKS) / f64::from(LOOKS);
-                    let (x, y) = (offset(look % (2 * LOOKS + 1)), offset(look / (2 * LOOKS + 1)));
+                for look in 0..LOOKS {
+                    // No two of them are above each other, or beside.
+                    let spread = |step: f64| 5.6 * ((f64::from(look) * step).fract() - 0.5);
+                    let (x, y) = (spread(0.754_877_666), spread(0.569_840_296));
                     let weight = (-(x * x + y * y) / 2.0).exp();
                     let point =
                         ImagePoint::new(column as f64 + x * spot_px, row as f64 + y * spot_px);
@@ -118,9 +119,10 @@ const POSES: [(f64, f64, f64); 6] = [
 
 #[test]
 fn poses_are_found_to_hundredths_of_a_pixel_in_every_layout_and_focus() {
-    for preset in Preset::ALL {
-        let (mut worst_mm, mut worst_deg) = (0.0f64, 0.0f64);
-        for spot_px in [0.5, 0.62, 0.8] {
+    // Pixels of about 4 mm; a picture that is sharper or softer than the fit takes it for.
+    for (spot_px, most_mm, most_deg) in [(0.5, 0.3, 0.4), (0.62, 0.16, 0.3), (0.8, 0.4, 0.6)] {
+        for preset in Preset::ALL {
+            let (mut worst_mm, mut worst_deg) = (0.0f64, 0.0f64);
             for (x, y, degrees) in POSES {
                 let truth = pose(x, y, degrees);
                 let mut scene = Scene::new(preset);
@@ -130,9 +132,10 @@ fn poses_are_found_to_hundredths_of_a_pixel_in_every_layout_and_focus() {
                 (worst_mm, worst_deg) = (worst_mm.max(mm), worst_deg.max(deg));
                 assert!(fitted.samples > 100, "{fitted:?}");
             }
+            let what = format!("{}, spot {spot_px} px", preset.name());
+            eprintln!("{what}: worst {worst_mm:.3} mm {worst_deg:.3}°");
+            assert!(worst_mm < most_mm && worst_deg < most_deg, "{what}: {worst_mm} {worst_deg}");
         }
-        println!("{}: worst {worst_mm:.3} mm {worst_deg:.3}°", preset.name());
-        assert!(worst_mm < 0.3 && worst_deg < 0.35, "{}: {worst_mm} {worst_deg}", preset.name());
     }
 }
 
@@ -144,7 +147,7 @@ fn what_touches_a_robot_hardly_moves_it() {
         let mut scene = Scene::new(Preset::Mirosot5v5);
         scene.paint(&truth, 0.62, |[x, _]| (x > 40.0).then_some([250.0, 250.0, 250.0]));
         let (mm, deg) = error(&scene.fit(&nearby(&truth)).unwrap(), &truth);
-        assert!(mm < 0.4 && deg < 0.6, "{truth:?}: {mm} mm {deg}°");
+        assert!(mm < 0.3 && deg < 0.4, "{truth:?}: {mm} mm {deg}°");
     }
 }
 
@@ -155,7 +158,7 @@ fn a_hand_over_half_a_patch_hardly_moves_the_robot() {
         let mut scene = Scene::new(Preset::Mirosot5v5);
         scene.paint(&truth, 0.62, |[x, y]| (y > 20.0 + 0.2 * x).then_some([150.0, 110.0, 90.0]));
         let (mm, deg) = error(&scene.fit(&nearby(&truth)).unwrap(), &truth);
-        assert!(mm < 0.6 && deg < 1.0, "{truth:?}: {mm} mm {deg}°");
+        assert!(mm < 0.3 && deg < 0.5, "{truth:?}: {mm} mm {deg}°");
     }
 }
 
