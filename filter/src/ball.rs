@@ -11,7 +11,7 @@ use crate::robot::NOISE_LASTS_S;
 use crate::track::Motion;
 use common::config::FilterConfig;
 use common::messages::BALL_HYPOTHESES;
-use nalgebra::{Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 
 /// Uncertainty of the velocity of a ball seen for the first time.
 const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
@@ -23,7 +23,7 @@ const MAX_FRICTION_PER_S: f64 = 0.999;
 /// The constants of the filter, from the configuration, in mm and s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallMotion {
-    variances: Vector2<f64>,
+    noise: Matrix2<f64>,
     /// Acceleration noise by hypothesis.
     accelerations: [f64; BALL_HYPOTHESES],
     /// −ln(1 − friction): the rate at which the speed decays.
@@ -36,7 +36,7 @@ impl BallMotion {
         let rolling = config.ball_acceleration_noise_mm_s2;
         let friction = config.ball_friction_per_s.clamp(0.0, MAX_FRICTION_PER_S);
         Self {
-            variances: Vector2::repeat(config.ball_noise_mm.powi(2)),
+            noise: Matrix2::identity() * config.ball_noise_mm.powi(2),
             accelerations: [rolling, rolling * config.ball_kick_factor],
             decay_per_s: -(-friction).ln_1p(),
         }
@@ -81,8 +81,8 @@ impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
     /// From rolling, struck to the same.
     const ODDS: [[f64; BALL_HYPOTHESES]; BALL_HYPOTHESES] = [[0.98, 0.02], [0.9, 0.1]];
 
-    fn variances(&self) -> &Vector2<f64> {
-        &self.variances
+    fn noise(&self) -> &Matrix2<f64> {
+        &self.noise
     }
 
     fn initial(&self, measured: &Vector2<f64>) -> Blend<4, BALL_HYPOTHESES> {
@@ -90,8 +90,8 @@ impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
         let belief = Gaussian {
             mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
             covariance: Matrix4::from_diagonal(&Vector4::new(
-                self.variances[0],
-                self.variances[1],
+                self.noise[(0, 0)],
+                self.noise[(1, 1)],
                 speed_variance,
                 speed_variance,
             )),
@@ -100,7 +100,7 @@ impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
     }
 
     fn reach(&self, dt_s: f64) -> Vector2<f64> {
-        self.variances.map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
+        self.noise.diagonal().map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
     }
 
     fn limits(&self) -> Vector4<f64> {

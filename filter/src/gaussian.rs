@@ -29,16 +29,16 @@ pub struct Innovation<const Z: usize> {
 }
 
 impl<const N: usize> Gaussian<N> {
-    /// The innovation of a measurement that differs by `difference` from the mean, with independent
-    /// noise of the given variances (the diagonal of R). `None` when the covariance is not usable
+    /// The innovation of a measurement that differs by `difference` from the mean, with noise of the
+    /// given covariance (R). `None` when the covariance is not usable
     /// (not positive definite, or not finite).
     pub fn innovation<const Z: usize>(
         &self,
         difference: SVector<f64, Z>,
-        variances: &SVector<f64, Z>,
+        noise: &SMatrix<f64, Z, Z>,
     ) -> Option<Innovation<Z>> {
         let predicted = self.covariance.fixed_view::<Z, Z>(0, 0);
-        let factor = (predicted + SMatrix::from_diagonal(variances)).cholesky()?;
+        let factor = (predicted + noise).cholesky()?;
         let precision = factor.inverse();
         let distance2 = difference.dot(&(precision * difference));
         let ln_determinant = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
@@ -58,15 +58,15 @@ impl<const N: usize> Gaussian<N> {
     pub fn correct<const Z: usize>(
         &mut self,
         innovation: &Innovation<Z>,
-        variances: &SVector<f64, Z>,
+        noise: &SMatrix<f64, Z, Z>,
     ) {
         let gain = self.covariance.fixed_columns::<Z>(0) * innovation.precision;
         self.mean += gain * innovation.difference;
         let mut keep = SMatrix::<f64, N, N>::identity();
         let mut measured = keep.fixed_columns_mut::<Z>(0);
         measured -= gain;
-        self.covariance = keep * self.covariance * keep.transpose()
-            + gain * SMatrix::from_diagonal(variances) * gain.transpose();
+        self.covariance =
+            keep * self.covariance * keep.transpose() + gain * noise * gain.transpose();
         self.symmetrise();
     }
 
@@ -162,8 +162,8 @@ mod tests {
             let p = (Matrix3::identity() - k) * before.covariance;
 
             let mut after = before;
-            let innovation = before.innovation(z - before.mean, &variances).unwrap();
-            after.correct(&innovation, &variances);
+            let innovation = before.innovation(z - before.mean, &r).unwrap();
+            after.correct(&innovation, &r);
             prop_assert!((after.mean - x).norm() < 1e-8);
             prop_assert!((after.covariance - p).norm() < 1e-8);
             prop_assert_eq!(after.covariance, after.covariance.transpose());
@@ -184,12 +184,12 @@ mod tests {
         // Position 1 ± 2 and a speed correlated with it; the position is measured as 3 ± 2.
         let mut state =
             Gaussian { mean: Vector2::new(1.0, 0.0), covariance: Matrix2::new(4.0, 2.0, 2.0, 3.0) };
-        let variances = nalgebra::Vector1::new(4.0);
-        let innovation = state.innovation(nalgebra::Vector1::new(2.0), &variances).unwrap();
+        let noise = nalgebra::Matrix1::new(4.0);
+        let innovation = state.innovation(nalgebra::Vector1::new(2.0), &noise).unwrap();
         assert!((innovation.distance2 - 0.5).abs() < 1e-12);
         let density = (-0.25f64).exp() / (std::f64::consts::TAU * 8.0).sqrt();
         assert!((innovation.ln_density - density.ln()).abs() < 1e-12);
-        state.correct(&innovation, &variances);
+        state.correct(&innovation, &noise);
         assert!((state.mean - Vector2::new(2.0, 0.5)).norm() < 1e-12);
         assert!((state.covariance - Matrix2::new(2.0, 1.0, 1.0, 2.5)).norm() < 1e-12);
     }

@@ -12,7 +12,7 @@
 //! | paper | here |
 //! |---|---|
 //! | differential drive, eq. (7) | [`robot::Drive::Steered`]: v = (v_R + v_L)/2, ω = (v_R − v_L)/b |
-//! | measurement z, eqs. (8), (9) | [`track::Candidate`]; R is [`track::Motion::variances`] |
+//! | measurement z, eqs. (8), (9) | [`track::Candidate`]; R is [`track::Candidate::noise`] |
 //! | state x̂ and P, eq. (10) | [`gaussian::Gaussian`] |
 //! | x̂⁻ = f(x̂, u), eq. (11) | [`robot::RobotMotion::advance`] |
 //! | P⁻ = A P Aᵀ + Q, eq. (12) | [`robot::RobotMotion::predict`] |

@@ -39,9 +39,10 @@
 //! # The error that stays
 //!
 //! Eq. (14) takes the errors of successive measurements for independent. They are not: most of the
-//! error of a patch's centroid comes from how its edges lie on the pixel grid, and stays the same
-//! until the patch has moved by a part of a pixel. In the synthetic match 84 % of its variance is of
-//! that kind, and its correlation over a distance d falls as e^(−d/0.8 mm), a fifth of a pixel. A
+//! error of a pose comes from how its edges lie on the pixel grid, and stays the same until they have
+//! moved by a part of a pixel. In the synthetic match most of its variance is of that kind, measured by
+//! centroids or by edges, and its correlation over a distance d falls as e^(−d/0.8 mm), a fifth of a
+//! pixel. A
 //! filter that believes a hundred measurements of a standing robot to be a hundred opinions ends
 //! up at the error of the one place where the robot happens to stand, up to 2° in heading.
 //!
@@ -57,7 +58,7 @@ use crate::track::Motion;
 use common::config::Config;
 use common::geometry::wrap_angle;
 use common::messages::{QueuedCommand, ROBOT_HYPOTHESES};
-use nalgebra::{Matrix5, Vector3, Vector5};
+use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
 /// Indices into the state.
 const X: usize = 0;
@@ -116,7 +117,7 @@ impl Drive {
 pub struct RobotMotion {
     wheel_base_mm: f64,
     lag_s: f64,
-    variances: Vector3<f64>,
+    noise: Matrix3<f64>,
     acceleration: f64,
     angular_acceleration: f64,
     lateral: f64,
@@ -142,11 +143,11 @@ impl RobotMotion {
         Self {
             wheel_base_mm: config.robots.wheel_base_mm,
             lag_s: filter.command_lag_ms * 1e-3,
-            variances: Vector3::new(
+            noise: Matrix3::from_diagonal(&Vector3::new(
                 filter.position_noise_mm.powi(2),
                 filter.position_noise_mm.powi(2),
                 heading_sigma.powi(2),
-            ),
+            )),
             acceleration: filter.acceleration_noise_mm_s2,
             angular_acceleration: filter.angular_acceleration_noise_deg_s2.to_radians(),
             lateral: filter.lateral_noise_mm_s,
@@ -306,17 +307,17 @@ impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {
     const ODDS: [[f64; ROBOT_HYPOTHESES]; ROBOT_HYPOTHESES] =
         [[0.992, 0.007, 0.001], [0.020, 0.977, 0.003], [0.300, 0.600, 0.100]];
 
-    fn variances(&self) -> &Vector3<f64> {
-        &self.variances
+    fn noise(&self) -> &Matrix3<f64> {
+        &self.noise
     }
 
     fn initial(&self, measured: &Vector3<f64>) -> Blend<5, ROBOT_HYPOTHESES> {
         let belief = Gaussian {
             mean: Vector5::new(measured[X], measured[Y], measured[THETA], 0.0, 0.0),
             covariance: Matrix5::from_diagonal(&Vector5::new(
-                self.variances[X],
-                self.variances[Y],
-                self.variances[THETA],
+                self.noise[(X, X)],
+                self.noise[(Y, Y)],
+                self.noise[(THETA, THETA)],
                 INITIAL_V_SIGMA_MM_S.powi(2),
                 INITIAL_OMEGA_SIGMA.powi(2),
             )),
@@ -326,7 +327,7 @@ impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {
 
     fn reach(&self, dt_s: f64) -> Vector3<f64> {
         Vector3::new(MAX_V_MM_S, MAX_V_MM_S, MAX_OMEGA) * dt_s
-            + self.variances.map(|variance| 6.0 * variance.sqrt())
+            + self.noise.diagonal().map(|variance| 6.0 * variance.sqrt())
     }
 
     fn limits(&self) -> Vector5<f64> {

@@ -11,7 +11,7 @@ use common::messages::{
     BALL_HYPOTHESES, Commands, CommandsName, DetectedBall, DetectedRobot, DetectionFrame,
     MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame,
 };
-use nalgebra::{Vector2, Vector3, Vector4, Vector5};
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector5};
 
 /// After a longer pause between two frames, or when time runs backwards, what was known is worth
 /// nothing, and all tracks start over.
@@ -175,7 +175,7 @@ impl Filter {
             detected
                 .iter()
                 .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
-                .filter_map(robot_candidate)
+                .filter_map(|robot| robot_candidate(robot, robot_motion))
         };
         robots.retain_mut(|robot| {
             let seen = candidates(robot.team, robot.robot_id);
@@ -200,7 +200,7 @@ impl Filter {
 
     fn follow_ball(&mut self, detected: &[DetectedBall], from_ns: u64, t_ns: u64) {
         let Self { ball, ball_motion, rules, .. } = self;
-        let candidates = detected.iter().filter_map(ball_candidate);
+        let candidates = detected.iter().filter_map(|ball| ball_candidate(ball, ball_motion));
         if let Some(track) = ball {
             predict_ball(track, from_ns, t_ns, ball_motion);
             track.observe(candidates.clone(), &[1.0; BALL_HYPOTHESES], t_ns, ball_motion, rules);
@@ -315,20 +315,35 @@ fn best<const Z: usize>(
         .filter(|candidate| candidate.confidence >= rules.start_confidence)
 }
 
-/// A detection as a measurement (eq. 8); `None` for rubbish.
-fn robot_candidate(robot: &DetectedRobot) -> Option<Candidate<3>> {
+/// A detection as a measurement (eq. 8) with its covariance; `None` for rubbish.
+fn robot_candidate(robot: &DetectedRobot, motion: &RobotMotion) -> Option<Candidate<3>> {
     let orientation = f64::from(robot.orientation);
     let position = position(robot.x_mm, robot.y_mm)?;
     let confidence = confidence(robot.confidence)?;
+    let [xx, xy, xt, yy, yt, tt] = robot.covariance.map(f64::from);
+    let given = Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt);
     orientation.is_finite().then(|| Candidate {
         measured: Vector3::new(position.x, position.y, wrap_angle(orientation)),
+        noise: usable_noise(given).unwrap_or(*motion.noise()),
         confidence,
     })
 }
 
-fn ball_candidate(ball: &DetectedBall) -> Option<Candidate<2>> {
+fn ball_candidate(ball: &DetectedBall, motion: &BallMotion) -> Option<Candidate<2>> {
     let measured = position(ball.x_mm, ball.y_mm)?;
-    Some(Candidate { measured, confidence: confidence(ball.confidence)? })
+    let [xx, xy, yy] = ball.covariance.map(f64::from);
+    let noise = usable_noise(Matrix2::new(xx, xy, xy, yy)).unwrap_or(*motion.noise());
+    Some(Candidate { measured, noise, confidence: confidence(ball.confidence)? })
+}
+
+/// A covariance that can be one: positive definite, and not beyond measure. Most that come from
+/// elsewhere are all 0, for unknown.
+fn usable_noise<const Z: usize>(noise: SMatrix<f64, Z, Z>) -> Option<SMatrix<f64, Z, Z>> {
+    const MAX_VARIANCE: f64 = 1e6;
+    const MIN_VARIANCE: f64 = 1e-9;
+    let is_usable = noise.diagonal().iter().all(|v| (MIN_VARIANCE..=MAX_VARIANCE).contains(v))
+        && noise.cholesky().is_some();
+    is_usable.then_some(noise)
 }
 
 fn position(x_mm: f32, y_mm: f32) -> Option<Vector2<f64>> {

@@ -5,7 +5,7 @@ use crate::blend::{Blend, Wrap};
 use crate::gaussian::Innovation;
 use common::config::FilterConfig;
 use common::messages::TrackStatus;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 /// What a track needs to know about the thing it follows: `N` components of state, the first `Z` of
 /// them measured, `M` hypotheses about its motion.
@@ -17,8 +17,8 @@ pub trait Motion<const N: usize, const M: usize, const Z: usize> {
     /// Odds that one hypothesis takes over from another between two frames.
     const ODDS: [[f64; M]; M];
 
-    /// Variances of a measurement: the diagonal of R.
-    fn variances(&self) -> &SVector<f64, Z>;
+    /// Covariance of a measurement that does not say how uncertain it is: the configured R.
+    fn noise(&self) -> &SMatrix<f64, Z, Z>;
     /// The state before anything but one measurement is known: x̂(0), P(0).
     fn initial(&self, measured: &SVector<f64, Z>) -> Blend<N, M>;
     /// How far each measured component may move in a time, noise included.
@@ -32,6 +32,8 @@ pub trait Motion<const N: usize, const M: usize, const Z: usize> {
 pub struct Candidate<const Z: usize> {
     /// What was measured; finite.
     pub measured: SVector<f64, Z>,
+    /// Its covariance, R; positive definite.
+    pub noise: SMatrix<f64, Z, Z>,
     /// 0–1.
     pub confidence: f64,
 }
@@ -118,18 +120,18 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     /// * failing that, a confident one outside the gate is an outlier and ignored (`Gated`), unless
     ///   it agrees with enough such before it: then the track starts over from it (`Initialised`);
     /// * failing that, the track coasts (`Coasting`).
-    pub fn observe<I>(
+    pub fn observe<T: Motion<N, M, Z>, I>(
         &mut self,
         candidates: I,
         repeats: &[f64; M],
         t_ns: u64,
-        motion: &impl Motion<N, M, Z>,
+        motion: &T,
         rules: &TrackRules,
     ) where
         I: Iterator<Item = Candidate<Z>> + Clone,
     {
-        if let Some(best) = self.likeliest(candidates.clone(), motion, rules) {
-            self.correct(&best, repeats, motion);
+        if let Some(best) = self.likeliest::<T>(candidates.clone(), rules) {
+            self.correct::<T>(&best, repeats);
             self.status = TrackStatus::Measured;
             self.frames_unseen = 0;
             self.frames_gated = 0;
@@ -173,15 +175,14 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     /// gate of at least one hypothesis. A doubtful one, that could not start a track, is good
     /// enough to go on with but not to find something again: it must be where the track, seen a
     /// moment ago, leads without being struck.
-    fn likeliest(
+    fn likeliest<T: Motion<N, M, Z>>(
         &self,
         candidates: impl Iterator<Item = Candidate<Z>>,
-        motion: &impl Motion<N, M, Z>,
         rules: &TrackRules,
     ) -> Option<Candidate<Z>> {
         let mut best: Option<(f64, Candidate<Z>)> = None;
         for candidate in candidates.filter(|candidate| candidate.confidence > 0.0) {
-            let innovations = self.innovations(&candidate.measured, motion);
+            let innovations = self.innovations::<T>(&candidate);
             let believable = if candidate.confidence >= rules.start_confidence {
                 M
             } else if self.frames_unseen <= MAX_DOUBTFUL_GAP_FRAMES {
@@ -206,22 +207,17 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         best.map(|(_, candidate)| candidate)
     }
 
-    fn correct<T: Motion<N, M, Z>>(
-        &mut self,
-        candidate: &Candidate<Z>,
-        repeats: &[f64; M],
-        motion: &T,
-    ) {
-        let innovations = self.innovations(&candidate.measured, motion);
+    fn correct<T: Motion<N, M, Z>>(&mut self, candidate: &Candidate<Z>, repeats: &[f64; M]) {
+        let innovations = self.innovations::<T>(candidate);
         self.blend.weigh(&innovations.map(|innovation| innovation.map(|i| i.ln_density)));
         for ((hypothesis, innovation), repeats) in
             self.blend.hypotheses.iter_mut().zip(innovations).zip(repeats)
         {
-            let variances = motion.variances() * *repeats;
+            let noise = candidate.noise * *repeats;
             let shared =
-                innovation.and_then(|i| hypothesis.belief.innovation(i.difference, &variances));
+                innovation.and_then(|i| hypothesis.belief.innovation(i.difference, &noise));
             if let Some(innovation) = shared {
-                hypothesis.belief.correct(&innovation, &variances);
+                hypothesis.belief.correct(&innovation, &noise);
                 T::WRAP(&mut hypothesis.belief.mean);
             }
         }
@@ -229,13 +225,12 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
 
     fn innovations<T: Motion<N, M, Z>>(
         &self,
-        measured: &SVector<f64, Z>,
-        motion: &T,
+        candidate: &Candidate<Z>,
     ) -> [Option<Innovation<Z>>; M] {
         self.blend.hypotheses.map(|hypothesis| {
-            let mut difference = measured - hypothesis.belief.mean.fixed_rows::<Z>(0);
+            let mut difference = candidate.measured - hypothesis.belief.mean.fixed_rows::<Z>(0);
             T::WRAP_MEASURED(&mut difference);
-            hypothesis.belief.innovation(difference, motion.variances())
+            hypothesis.belief.innovation(difference, &candidate.noise)
         })
     }
 

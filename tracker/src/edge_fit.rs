@@ -40,7 +40,7 @@ const SPOT_PX: f32 = 0.62;
 const SAMPLE_NOISE: f64 = 2.0;
 const MODEL_NOISE: f64 = 0.02;
 /// What an edge as a whole may be off: patches are cut by hand, and not all spots are alike.
-const EDGE_NOISE_PX: f64 = 0.04;
+const EDGE_NOISE_PX: f64 = 0.03;
 /// From about this far off the others an edge is not believed.
 const OUTLIER_PX: f64 = 0.12;
 /// Fewer samples tell nothing of two levels and a place.

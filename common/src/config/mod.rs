@@ -350,10 +350,11 @@ pub struct TrackerConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilterConfig {
-    /// Measurement noise of a robot's position, 1σ (R in eq. 14).
+    /// Measurement noise of a robot's position, 1σ (R in eq. 14), for detections that do not say how
+    /// uncertain they are; the tracker's do.
     #[schemars(range(min = 0.001, max = 1000))]
     pub position_noise_mm: f64,
-    /// Measurement noise of a robot's heading, 1σ (R in eq. 14).
+    /// Measurement noise of a robot's heading, 1σ (R in eq. 14), likewise.
     #[schemars(range(min = 0.001, max = 180))]
     pub heading_noise_deg: f64,
     /// The error of a measurement stays the same until the patches have moved by about this much, a
@@ -404,7 +405,7 @@ pub struct FilterConfig {
     /// A robot or ball unseen for longer is forgotten.
     #[schemars(range(min = 1, max = 600_000))]
     pub forget_after_ms: f64,
-    /// Measurement noise of the ball, 1σ.
+    /// Measurement noise of the ball, 1σ, for detections that do not say how uncertain they are.
     #[schemars(range(min = 0.001, max = 1000))]
     pub ball_noise_mm: f64,
     /// How strongly a rolling ball may accelerate, 1σ.

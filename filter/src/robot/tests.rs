@@ -65,7 +65,7 @@ fn compare(motion: &RobotMotion, heading_at: f64, frames: &[([f64; 2], [f64; 3])
         wheel_base_mm: motion.wheel_base_mm,
         heading_at,
     };
-    let r = Matrix3::from_diagonal(&motion.variances);
+    let r = motion.noise;
     let mut worst = (0.0f64, 0.0f64);
     for &([left_mm_s, right_mm_s], noise) in frames {
         let drive = Drive::Steered { left_mm_s, right_mm_s };
@@ -76,8 +76,8 @@ fn compare(motion: &RobotMotion, heading_at: f64, frames: &[([f64; 2], [f64; 3])
         let z = papers.x + Vector3::from(noise);
         let mut difference = z - ours.mean.fixed_rows::<3>(0);
         wrap_heading(&mut difference);
-        let innovation = ours.innovation(difference, &motion.variances).unwrap();
-        ours.correct(&innovation, &motion.variances);
+        let innovation = ours.innovation(difference, &motion.noise).unwrap();
+        ours.correct(&innovation, &motion.noise);
         wrap_heading(&mut ours.mean);
         papers.correct(z, r);
         let mut apart = papers.x - ours.mean.fixed_rows::<3>(0);
@@ -198,8 +198,8 @@ proptest! {
             motion.predict(&mut belief, drive, dt_s);
             if seen {
                 let difference = Vector3::new(left_mm_s, right_mm_s, 1.0) * 1e-3;
-                let innovation = belief.innovation(difference, &motion.variances).unwrap();
-                belief.correct(&innovation, &motion.variances);
+                let innovation = belief.innovation(difference, &motion.noise).unwrap();
+                belief.correct(&innovation, &motion.noise);
             }
             prop_assert_eq!(belief.covariance, belief.covariance.transpose());
             prop_assert!(belief.covariance.cholesky().is_some(), "{}", belief.covariance);
@@ -269,11 +269,11 @@ fn innovations_are_as_large_as_predicted() {
             belief.mean[V] *= 0.99;
             belief.mean[OMEGA] *= 0.99;
             motion.predict(&mut belief, drive, T);
-            let noise = Vector3::from_fn(|i, _| motion.variances[i].sqrt() * normal());
+            let noise = Vector3::from_fn(|i, _| motion.noise[(i, i)].sqrt() * normal());
             let mut difference = truth.fixed_rows::<3>(0) + noise - belief.mean.fixed_rows::<3>(0);
             wrap_heading(&mut difference);
-            let innovation = belief.innovation(difference, &motion.variances).unwrap();
-            belief.correct(&innovation, &motion.variances);
+            let innovation = belief.innovation(difference, &motion.noise).unwrap();
+            belief.correct(&innovation, &motion.noise);
             if frame >= 50 {
                 let mut error = truth - belief.mean;
                 wrap_heading(&mut error);
