@@ -62,7 +62,7 @@ fn main() {
             subject.merge_ns.push(timed(|| finder.find(black_box(runs), &mut out)));
             let copy = &mut copy[..runs.len()];
             subject.copy_ns.push(timed(|| black_box(copy).copy_from_slice(black_box(runs))));
-            subject.track_ns.push(timed(|| tracker.step(&header, runs, None, &mut out)));
+            subject.track_ns.push(timed(|| tracker.step(&header, runs, None, None, &mut out)));
         }
     }
     println!(

@@ -47,7 +47,11 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         }
         prior = world.newest()?.or(prior);
         // The frame that the runs were made from, if it has not been overwritten meanwhile.
-        while frame.as_ref().is_none_or(|frame| frame.header().seq < seq) {
+        // Numbers far ahead are rubbish, and must not be waited for.
+        let newest = seq.saturating_add(topics::FRAMES.buffer as u64);
+        let is_due =
+            |frame: &Received<u8, FrameHeader>| (seq..=newest).contains(&frame.header().seq);
+        while !frame.as_ref().is_some_and(is_due) {
             let Some(next) = frames.receive()? else { break };
             frame = Some(next);
         }
