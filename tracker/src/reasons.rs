@@ -21,7 +21,7 @@ impl Rejections {
         self.list.clear();
     }
 
-    /// Adds a candidate of a team, or of the ball ([`Rejected::BALL`]).
+    /// Adds a candidate of a team, or what stands in its place ([`Rejected::BALL`]).
     pub fn add(&mut self, team: u32, reason: RejectReason, place: ImagePoint, area_mm2: f64) {
         let (x_px, y_px) = (place.x_px as f32, place.y_px as f32);
         self.list.push((area_mm2, Rejected { team, reason: reason as u32, x_px, y_px }));
@@ -64,15 +64,56 @@ pub(crate) fn explain_team_patches(
     }
 }
 
+/// Lists every identification patch of the right size that is in no robot and has no region of a
+/// team's colour beside it: whoever wears it is not seen, because his team's colour is not.
+pub(crate) fn explain_lonely_patches(
+    pattern: &Pattern,
+    pairing: &Pairing,
+    rejections: &mut Rejections,
+) {
+    let is_of_team = |class: u32| {
+        Team::ALL.iter().any(|&team| pattern.kinds[pattern.team_kind(team)].class == class)
+    };
+    // However small: a bad team patch is listed with a reason of its own.
+    let team_spots = || pairing.finder.spots.iter().filter(|spot| is_of_team(spot.class));
+    for spot in &pairing.finder.spots {
+        if spot.outside || is_of_team(spot.class) || is_used(pattern, pairing, spot.region) {
+            continue;
+        }
+        let reach = |patch: usize| {
+            pattern.distance_mm(patch, pattern.team_patch) + pattern.limits.patch_tolerance_mm
+        };
+        let could_be = pattern.kinds.iter().filter(|kind| {
+            let patch = &pattern.patches[kind.patch];
+            kind.team.is_none()
+                && kind.class == spot.class
+                && pattern.limits.admit_area(spot.measure.area_mm2 / patch.area_mm2)
+                && spot.measure.is_shaped_like(patch)
+        });
+        let farthest = could_be.map(|kind| reach(kind.patch)).reduce(f64::max);
+        let is_lonely = farthest.is_some_and(|farthest| {
+            team_spots()
+                .all(|team| team.measure.position.distance(spot.measure.position) > farthest)
+        });
+        if is_lonely {
+            let (reason, measure) = (RejectReason::NoTeamPatch, &spot.measure);
+            rejections.add(Rejected::UNKNOWN_TEAM, reason, measure.image, measure.area_mm2);
+        }
+    }
+}
+
+/// Whether a region is in a robot.
+fn is_used(pattern: &Pattern, pairing: &Pairing, region: u32) -> bool {
+    pairing.robots().any(|robot| {
+        (0..pattern.patches.len())
+            .filter_map(|patch| pairing.candidate(pattern, robot, patch))
+            .any(|candidate| candidate.uses_region(region))
+    })
+}
+
 /// Why a region of a team's colour is not in a robot; `None` if it is.
 fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Option<RejectReason> {
-    let is_used = |region: u32| {
-        pairing.robots().any(|robot| {
-            (0..pattern.patches.len())
-                .filter_map(|patch| pairing.candidate(pattern, robot, patch))
-                .any(|candidate| candidate.uses_region(region))
-        })
-    };
+    let is_used = |region: u32| is_used(pattern, pairing, region);
     if is_used(spot.region) {
         return None;
     }

@@ -6,7 +6,7 @@ use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::prior::Prior;
 use crate::raw::RawFrame;
-use crate::reasons::{Rejections, explain_team_patches};
+use crate::reasons::{Rejections, explain_lonely_patches, explain_team_patches};
 use crate::refine::Refiner;
 use crate::regions::RegionFinder;
 use common::config::Config;
@@ -111,6 +111,7 @@ impl Tracker {
         self.refiner.refine_robots(&self.camera, frame.as_ref(), out);
         self.rejections.clear();
         explain_team_patches(&self.pattern, &self.pairing, &mut self.rejections);
+        explain_lonely_patches(&self.pattern, &self.pairing, &mut self.rejections);
         self.ball_finder.find(&self.camera, &self.pitch, out, &mut self.rejections);
         self.refiner.refine_balls(&self.camera, frame.as_ref(), out);
         self.rejections.write(out);

@@ -368,3 +368,30 @@ fn a_second_patch_of_the_team_too_close_to_the_first_is_no_robot() {
     assert_eq!(names(&frame), [(Yellow, 1)]);
     assert_eq!(reasons(&frame, Yellow), [RejectReason::TooCloseToTeamPatch]);
 }
+
+#[test]
+fn an_identification_patch_without_a_team_patch_is_told_of() {
+    let config = Config::default();
+    let lone = robot(Blue, 2, 200.0, 100.0, 60.0);
+    let whole = robot(Yellow, 1, -300.0, 100.0, 0.0);
+    let mut picture = Picture::of_robots(&config, &[whole]);
+    let mut classes = picture.classes_of(&lone);
+    classes[0] = None;
+    picture.paint_top(&lone.pose, &classes);
+    let frame = picture.detections();
+    assert_found(&frame, &[whole], 1.0, 2.0);
+    let [rejected] = frame.rejected() else { panic!("{:?}", frame.rejected()) };
+    assert_eq!(rejected.team, common::messages::Rejected::UNKNOWN_TEAM);
+    assert_eq!(rejected.reason, RejectReason::NoTeamPatch as u32);
+    let place = lone.pose.field_from_robot([-18.0, -18.0]);
+    let image = picture.camera.image_from_field(place, 75.0);
+    let off = (f64::from(rejected.x_px) - image.x_px).hypot(f64::from(rejected.y_px) - image.y_px);
+    assert!(off < 1.0, "{off} px");
+
+    // Not outside the pitch, and not if it is no patch of the layout by its size.
+    let mut picture = Picture::new(&config);
+    let green = picture.class("green");
+    picture.square([-1230.0, 600.0], 34.0, Some(green));
+    picture.square([0.0, 0.0], 90.0, Some(green));
+    assert!(picture.detections().rejected().is_empty());
+}

@@ -126,11 +126,13 @@ pub enum RejectReason {
     OutsideField = 7,
     /// The shape is not that of a ball.
     NotRound = 8,
+    /// An identification patch to which no patch of a team's colour belongs.
+    NoTeamPatch = 9,
 }
 
 impl RejectReason {
     /// All reasons.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::TooSmall,
         Self::TooLarge,
         Self::TooCloseToTeamPatch,
@@ -139,6 +141,7 @@ impl RejectReason {
         Self::TakenByAnother,
         Self::OutsideField,
         Self::NotRound,
+        Self::NoTeamPatch,
     ];
 
     /// The reason with this number in a message, if there is one.
@@ -157,6 +160,7 @@ impl RejectReason {
             Self::TakenByAnother => "identification patches taken by another robot",
             Self::OutsideField => "outside the field",
             Self::NotRound => "not round enough for a ball",
+            Self::NoTeamPatch => "identification patch without a team patch in range",
         }
     }
 }
@@ -166,7 +170,7 @@ impl RejectReason {
 #[type_name("touchline/Rejected/1")]
 #[repr(C)]
 pub struct Rejected {
-    /// A [`Team`](super::Team) number, or [`Rejected::BALL`].
+    /// A [`Team`](super::Team) number, [`Rejected::BALL`], or [`Rejected::UNKNOWN_TEAM`].
     pub team: u32,
     /// A [`RejectReason`] number.
     pub reason: u32,
@@ -179,6 +183,8 @@ pub struct Rejected {
 impl Rejected {
     /// In the place of a team: the candidate was one for the ball.
     pub const BALL: u32 = 2;
+    /// In the place of a team: the candidate was one for a robot, of whichever team.
+    pub const UNKNOWN_TEAM: u32 = 3;
 }
 
 /// Everything the tracker saw in one frame, and why.
