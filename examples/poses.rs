@@ -1,24 +1,31 @@
-//! Prints where the robots of a running group are: the smallest consumer.
+//! Prints where the robots of a group are: the smallest consumer. It waits for the group to start,
+//! outlives its restarts, and says what it has missed.
 //!
 //! Start `touchline run` in one terminal and `cargo run --release --example poses` in another.
 
-use common::{bus::Bus, instance::Instance, topics};
+use common::consumer::{Consumer, Event};
+use common::{instance::Instance, topics};
+use std::time::Duration;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let name = std::env::args().nth(1).unwrap_or("default".into());
-    let bus = Bus::join(&Instance::new(&name)?, "poses")?;
-    let world = bus.subscriber(&topics::WORLD)?;
-    let mut wake_up = bus.wake_up(&topics::WORLD)?;
+    let mut world = Consumer::new(Instance::new(&name)?, "poses", &topics::WORLD);
     loop {
-        while let Some(received) = world.receive()? {
-            for robot in received.message().into_iter().flat_map(|world| world.robots()) {
-                let degrees = robot.orientation.to_degrees();
-                println!(
-                    "team {} robot {}: {:.1} mm, {:.1} mm, {degrees:.1}°",
-                    robot.team, robot.robot_id, robot.x_mm, robot.y_mm
-                );
+        match world.next(Duration::from_secs(1))? {
+            Some(Event::Message(received)) => {
+                for robot in received.message().into_iter().flat_map(|world| world.robots()) {
+                    let degrees = robot.orientation.to_degrees();
+                    println!(
+                        "team {} robot {}: {:.1} mm, {:.1} mm, {degrees:.1}°",
+                        robot.team, robot.robot_id, robot.x_mm, robot.y_mm
+                    );
+                }
             }
+            Some(Event::Missed(count)) => eprintln!("missed {count} frames"),
+            Some(Event::Joined) => eprintln!("the group {name:?} is there"),
+            Some(Event::Restarted) => eprintln!("another match has begun"),
+            Some(Event::Left) => eprintln!("the group has ended"),
+            None => {}
         }
-        wake_up.wait(std::time::Duration::from_millis(100));
     }
 }

@@ -1,8 +1,10 @@
 //! The command line.
 
 mod recordings;
+mod topics;
 
-pub use recordings::{InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
+pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
+pub use topics::{TopicsArgs, TopicsFormat};
 
 use crate::commands::chaos::Disturbance;
 use clap::{Args, Parser, Subcommand};
@@ -92,6 +94,8 @@ pub enum Command {
     /// Attaches to a group and reads, for `chaos`.
     #[command(hide = true)]
     Bystander(InstanceArgs),
+    /// Lists the topics: rates, sizes, who is connected, and what a program needs to attach.
+    Topics(TopicsArgs),
     /// Records a running group: every frame, and what the group made of it.
     ///
     /// Attaches as a consumer that the group does not feel, waits for the group if need be, and goes
@@ -108,6 +112,8 @@ pub enum Command {
     /// and last moments, dropped messages) is not checked, and counted as such. The exit status is 0
     /// when nothing is different.
     Replay(ReplayArgs),
+    /// Writes what is in a recording as a table or as pictures.
+    Export(ExportArgs),
     /// Completes recordings that were never finished: killed, disk full, power lost.
     Recover(RecoverArgs),
     /// Finds the highest frame rate that this machine sustains without losing a frame.
@@ -135,8 +141,9 @@ pub struct RunArgs {
     /// Configuration file [default: MiroSot middle league on a synthetic pitch]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Where frames come from: `synthetic`; `images:PATH` with a picture or a folder of them; or
-    /// `synthetic-loop:N`, N frames painted in advance, shown to and fro
+    /// Where frames come from: `synthetic`; `images:PATH` with a picture or a folder of them;
+    /// `recording:FILE[,loop][,from=SECONDS]`; or `synthetic-loop:N`, N frames painted in advance, shown
+    /// to and fro
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Frames a second [default: as configured]
@@ -413,7 +420,7 @@ pub struct GrabberArgs {
     /// As for every stage.
     #[command(flatten)]
     pub stage: StageArgs,
-    /// Where frames come from: `synthetic`, `synthetic-loop:N` or `images:PATH`
+    /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH` or `recording:FILE`
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Capture so many frames, then wait to be ended

@@ -119,6 +119,15 @@ pub struct Bus {
     instance: Instance,
 }
 
+/// Who is connected to a topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Population {
+    /// Writers.
+    pub publishers: usize,
+    /// Readers.
+    pub subscribers: usize,
+}
+
 /// A process that has joined an instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LivingProcess {
@@ -274,6 +283,19 @@ impl Bus {
         Ok(Subscriber { port, topic: topic.name, seq: topic.seq, capacity, queue })
     }
 
+    /// How many processes are connected to a topic, spares included.
+    pub fn population<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<Population, BusError> {
+        let service = self.open(topic)?;
+        let connected = service.dynamic_config();
+        Ok(Population {
+            publishers: connected.number_of_publishers(),
+            subscribers: connected.number_of_subscribers(),
+        })
+    }
+
     /// What a reader sleeps on until the topic has something new.
     pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, BusError> {
         self.wake_up_by(topic, WakeUpStrategy::Event)
@@ -366,6 +388,11 @@ impl Bell {
 }
 
 impl<E: Message, H: Header> Publisher<E, H> {
+    /// Whether a message is one of this writer's own.
+    pub fn has_sent(&self, received: &Received<E, H>) -> bool {
+        received.sample.origin() == self.port.id()
+    }
+
     /// Borrows a message of `length` elements from shared memory, to be filled in place. It goes
     /// back unpublished when it is dropped.
     pub fn loan(&mut self, length: usize) -> Result<Loan<E, H>, BusError> {

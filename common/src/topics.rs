@@ -6,6 +6,7 @@
 use crate::bus::{Header, Message};
 use crate::messages::*;
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// One topic. A message on it is a slice of `Element`s with a `Header` beside it; where the element
 /// is a whole message, the slice has one.
@@ -168,8 +169,10 @@ pub const WORLD: Topic<WorldFrame> = Topic {
     ..topic("world", "filter", "tracker, monitor, strategies", 64)
 };
 /// Wheel speeds that strategies have sent to the robots.
-pub const COMMANDS: Topic<Commands> =
-    Topic { publishers: 8, ..topic("commands", "strategies, synthetic match", "filter", 64) };
+pub const COMMANDS: Topic<Commands> = Topic {
+    publishers: 8,
+    ..topic("commands", "strategies, synthetic match", "filter, synthetic match", 64)
+};
 /// Signs of life of every process.
 pub const HEALTH: Topic<Heartbeat> =
     Topic { publishers: 24, ..topic("health", "every process", "supervisor, monitor", 64) };
@@ -179,6 +182,28 @@ pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)",
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
 /// The report of the running group, as JSON text.
 pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);
+
+/// Does something with a topic, whatever its types.
+pub trait Visitor {
+    /// Is given one topic.
+    fn visit<E, H>(&mut self, topic: &'static Topic<E, H>)
+    where
+        E: Message + JsonSchema,
+        H: Header + JsonSchema;
+}
+
+/// Shows a visitor all topics.
+pub fn visit_all(visitor: &mut impl Visitor) {
+    visitor.visit(&FRAMES);
+    visitor.visit(&RUNS);
+    visitor.visit(&DETECTIONS);
+    visitor.visit(&WORLD);
+    visitor.visit(&COMMANDS);
+    visitor.visit(&TRUTH);
+    visitor.visit(&CAMERA);
+    visitor.visit(&HEALTH);
+    visitor.visit(&STATUS);
+}
 
 #[cfg(test)]
 mod tests {

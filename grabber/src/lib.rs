@@ -1,8 +1,9 @@
 //! The grabber: takes frames from a camera and writes them straight into shared memory.
 //!
-//! * Consumes: a camera, picture files, or the synthetic match ([`source`]).
+//! * Consumes: a camera, picture files, a recording, or the synthetic match ([`source`]), whose robots
+//!   obey `commands`.
 //! * Produces: `frames`; for a real camera also `camera`, for the synthetic match also `truth` and
-//!   `commands`.
+//!   `commands`, for a recording what was recorded of these.
 //! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never
 //!   captured. Capture times are the source's own.
 
@@ -11,6 +12,7 @@ pub mod camera;
 mod injector;
 pub mod mosaic;
 pub mod pictures;
+pub mod playback;
 pub mod process;
 pub mod source;
 pub mod synthetic;

@@ -30,6 +30,7 @@ pub fn run(
     let mut pool = FramePool::new(&process.bus, config.camera.frame_bytes())?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
+    let heard = process.bus.subscriber(&topics::COMMANDS)?;
     let mut bulletin = Bulletin::new(&process.bus)?;
     let stage_error = |error: CameraError| ProcessError::Stage(error.to_string());
     // Opened before reporting ready: loading pictures and painting the pitch take their time.
@@ -38,10 +39,19 @@ pub fn run(
         return Ok(());
     }
 
-    let mut camera = open_camera(grabber.resume_after);
+    let mut camera = open_camera(grabber.resume_after).map_err(stage_error)?;
     let end = grabber.frames.unwrap_or(u64::MAX);
     let mut next_seq = grabber.resume_after.map_or(0, |last| last.seq + 1);
-    while process.keep_running()? && next_seq < end {
+    while process.keep_running()? && next_seq < end && !camera.is_over() {
+        // Bounded, so that a flood of commands cannot keep the camera waiting.
+        for _ in 0..topics::COMMANDS.buffer {
+            let Some(received) = heard.receive()? else { break };
+            if let Some(message) = received.message()
+                && !commands.has_sent(&received)
+            {
+                camera.obey(message);
+            }
+        }
         let captured = camera.capture(&mut pool);
         if let Some(report) = camera.report() {
             bulletin.publish(report, &mut process)?;
@@ -65,13 +75,11 @@ pub fn run(
         process.counters.dropped[DropReason::Late as usize] += exposure.skipped;
         process.accept(exposure.seq);
         // Truth and commands go first, so that they are there when the frame's results come.
-        if let Some((frame_truth, frame_commands)) = camera.truth() {
-            let mut frame_truth = *frame_truth;
-            (frame_truth.seq, frame_truth.t_capture_ns) = (exposure.seq, exposure.t_capture_ns);
-            truth.publish(&frame_truth)?;
-            let mut frame_commands = *frame_commands;
-            (frame_commands.seq, frame_commands.t_sent_ns) = (exposure.seq, exposure.t_capture_ns);
-            commands.publish(&frame_commands)?;
+        if let Some(frame_truth) = camera.truth() {
+            truth.publish(frame_truth)?;
+        }
+        for message in camera.commands() {
+            commands.publish(message)?;
         }
         let header = captured.header(monotonic_ns());
         *captured.frame.parts().1 = header;

@@ -3,6 +3,7 @@
 use crate::camera::{Camera, CameraError, Exposure, LastFrame, Painted, Painter, Timeline};
 use crate::injector::Injector;
 use crate::pictures::{PictureCamera, load_frames};
+use crate::playback::{Playback, Playlist, recorded_config};
 use crate::synthetic::SyntheticMatch;
 use common::config::Config;
 use common::messages::{Commands, TruthFrame};
@@ -19,6 +20,8 @@ pub enum Source {
     Loop(u32),
     /// Picture files: `images:PATH`.
     Pictures(PathBuf),
+    /// A recording: `recording:FILE[,loop][,from=SECONDS]`.
+    Recording(Playlist),
 }
 
 /// Frames of a loop when no number is given.
@@ -38,7 +41,10 @@ impl FromStr for Source {
                 _ => Err(format!("use synthetic-loop:N with N from 1 to {MOST_LOOP_FRAMES}")),
             },
             Some(("images", path)) if !path.is_empty() => Ok(Self::Pictures(path.into())),
-            _ => Err("use synthetic, or images:PATH with a picture or a folder of pictures".into()),
+            Some(("recording", playlist)) => Ok(Self::Recording(playlist.parse()?)),
+            _ => Err("use synthetic, images:PATH with a picture or a folder of pictures, or \
+                      recording:FILE[,loop][,from=SECONDS]"
+                .into()),
         }
     }
 }
@@ -49,12 +55,20 @@ impl std::fmt::Display for Source {
             Self::Synthetic => write!(f, "synthetic"),
             Self::Loop(frames) => write!(f, "synthetic-loop:{frames}"),
             Self::Pictures(path) => write!(f, "images:{}", path.display()),
+            Self::Recording(playlist) => write!(f, "recording:{playlist}"),
         }
     }
 }
 
+impl Source {
+    /// Whether there is an end to it.
+    pub fn is_bounded(&self) -> bool {
+        matches!(self, Self::Recording(playlist) if !playlist.is_loop)
+    }
+}
+
 /// A source made ready, waiting for the moment to start.
-type Opened = Box<dyn FnOnce(Option<LastFrame>) -> Box<dyn Camera>>;
+type Opened = Box<dyn FnOnce(Option<LastFrame>) -> Result<Box<dyn Camera>, CameraError>>;
 
 /// Says what is wrong with a source, if anything, without keeping it.
 pub fn check(source: &Source, config: &Config) -> Result<(), CameraError> {
@@ -73,7 +87,7 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
                 let timeline = Timeline::new(camera.fps, last);
                 let width = camera.width as usize;
                 let painter = SyntheticCamera { scene, width, position: 0, timeline };
-                Box::new(Painted::new(painter, &camera))
+                Ok(Box::new(Painted::new(painter, &camera)))
             }))
         }
         Source::Loop(frames) => {
@@ -87,8 +101,24 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             let frames = load_frames(path, &camera)?;
             Ok(Box::new(move |last| {
                 let timeline = Timeline::new(camera.fps, last);
-                Box::new(Painted::new(PictureCamera::new(frames, timeline), &camera))
+                Ok(Box::new(Painted::new(PictureCamera::new(frames, timeline), &camera)))
             }))
+        }
+        Source::Recording(playlist) => {
+            let recorded = recorded_config(&playlist.path)?.camera;
+            let size = (camera.width, camera.height);
+            if size != (recorded.width, recorded.height) {
+                return Err(CameraError::Picture {
+                    path: playlist.path.display().to_string(),
+                    problem: format!(
+                        "its frames are {}×{}, the configuration says {}×{}; without --config the \
+                         recorded configuration is used",
+                        recorded.width, recorded.height, camera.width, camera.height
+                    ),
+                });
+            }
+            let (playlist, config) = (playlist.clone(), config.clone());
+            Ok(Box::new(move |last| Ok(Box::new(Playback::open(&playlist, &config, last)?))))
         }
     }
 }
@@ -118,5 +148,9 @@ impl Painter for SyntheticCamera {
 
     fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
         Some((self.scene.truth(), self.scene.commands()))
+    }
+
+    fn obey(&mut self, commands: &Commands) {
+        self.scene.obey(commands);
     }
 }

@@ -73,6 +73,24 @@ pub struct ReplayArgs {
     pub verify: bool,
 }
 
+/// Arguments of `export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// The recording
+    #[arg(value_name = "FILE.mcap")]
+    pub file: PathBuf,
+    /// Write robots and ball of detections, world and truth to a table, one row each
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write the frames to this folder; Bayer frames as grey pictures, as `detect` reads them
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<PathBuf>,
+    /// Of the frames, only every Nth
+    #[arg(long, value_name = "N", default_value = "1", requires = "png",
+        value_parser = clap::value_parser!(u64).range(1..))]
+    pub every: u64,
+}
+
 /// What is on the disk under that name; `scene` stands for all that is made for viewers.
 fn parse_topic(text: &str) -> Result<Channel, String> {
     Channel::from_name(text)

@@ -12,6 +12,7 @@ mod recordings;
 mod run;
 mod score;
 mod stress;
+mod topics;
 
 use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
 use common::config::Config;
@@ -42,9 +43,11 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Stress(args)) => stress::stress(args),
         Some(Command::Bystander(args)) => chaos::attach(&args.instance),
+        Some(Command::Topics(args)) => topics::topics(args),
         Some(Command::Record(args)) => recordings::record(args),
         Some(Command::Info(args)) => recordings::info(args),
         Some(Command::Replay(args)) => recordings::replay(args),
+        Some(Command::Export(args)) => recordings::export(args),
         Some(Command::Recover(args)) => recordings::recover(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),

@@ -6,6 +6,7 @@ use crate::monitor::{Monitor, Output, summary};
 use crate::supervisor::{self, Launch, Outcome, Record, Until};
 use common::config::Config;
 use common::instance::Instance;
+use grabber::playback::Playlist;
 use grabber::source::Source;
 use std::fs::File;
 use std::os::unix::process::CommandExt;
@@ -26,7 +27,8 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     let report_file = args.report.as_deref().map(create).transpose()?;
 
     let output = if args.quiet { Output::Quiet } else { Output::for_stdout() };
-    let until = if launch.frames.is_some() { Until::Finished } else { Until::Stopped };
+    let is_bounded = launch.frames.is_some() || launch.source.is_bounded();
+    let until = if is_bounded { Until::Finished } else { Until::Stopped };
     let source = launch.source.to_string();
     let outcome = supervisor::run(launch, &config, until, |view| {
         Monitor::start(&instance, source, &config, view, output)
@@ -47,7 +49,11 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
 
 /// A group as the command line describes it.
 fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
-    let mut config = load_config(args.config.as_deref())?;
+    let mut config = match (&args.config, &args.source) {
+        // What was made with one configuration is hardly meant to be seen with another.
+        (None, Source::Recording(playlist)) => grabber::playback::recorded_config(&playlist.path)?,
+        _ => load_config(args.config.as_deref())?,
+    };
     if let Some(fps) = args.fps {
         config.camera.fps = fps;
     }
@@ -99,6 +105,12 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
         Source::Pictures(path) => Source::Pictures(
             path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?,
         ),
+        Source::Recording(playlist) => {
+            let path = &playlist.path;
+            let path =
+                path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?;
+            Source::Recording(Playlist { path, ..playlist })
+        }
         Source::Synthetic | Source::Loop(_) => source,
     })
 }

@@ -21,7 +21,7 @@ const CHUNK_TIME: Duration = Duration::from_millis(40);
 /// How often the system is asked to bring the file to the disk: so much is lost with the power.
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 /// Compressing has time; the group's processes do not.
-const NICENESS: i32 = 10;
+const NICENESS: i32 = 5;
 
 /// When a file is full.
 #[derive(Debug, Clone, Copy)]

@@ -9,9 +9,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, s
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// So much may wait to be written: five seconds of raw frames from a camera of 640×480 pixels and 80
+/// So much may wait to be written: four seconds of raw frames from a camera of 640×480 pixels and 80
 /// frames a second.
 const MAX_BYTES: usize = 128 << 20;
+/// Of that, frames leave a quarter to what was made of them: poses are worth more, and small.
+const MAX_BYTES_WITH_FRAMES: usize = MAX_BYTES / 4 * 3;
 /// Buffers kept for further use, at most.
 const MAX_SPARE: usize = 32;
 
@@ -133,7 +135,9 @@ impl Entrance {
     /// Puts a message in; drops and counts it when too much is waiting already.
     pub fn put(&mut self, message: Recorded<'_>) {
         let waiting = self.waiting_bytes.load(Ordering::Relaxed);
-        if waiting + message.size_hint > MAX_BYTES {
+        let is_frame = message.channel == Channel::Frames;
+        let room = if is_frame { MAX_BYTES_WITH_FRAMES } else { MAX_BYTES };
+        if waiting + message.size_hint > room {
             self.totals.count_dropped(message.channel);
             return;
         }
@@ -177,9 +181,9 @@ mod tests {
         let totals = Arc::new(Totals::default());
         let (mut entrance, mut exit) = queue(Arc::clone(&totals));
         let size = MAX_BYTES / 4 + 1;
-        let put = |entrance: &mut Entrance| {
+        let put = |entrance: &mut Entrance, channel| {
             entrance.put(Recorded {
-                channel: Channel::Frames,
+                channel,
                 size_hint: size,
                 encode: &mut |out| {
                     out.resize(size, 0);
@@ -187,13 +191,17 @@ mod tests {
                 },
             });
         };
-        for _ in 0..5 {
-            put(&mut entrance);
+        for _ in 0..3 {
+            put(&mut entrance, Channel::Frames);
         }
-        assert_eq!(totals.dropped().get(&Channel::Frames), Some(&2));
+        assert_eq!(totals.dropped().get(&Channel::Frames), Some(&1));
+        put(&mut entrance, Channel::World);
+        assert_eq!(totals.dropped().get(&Channel::World), None, "there is room left for results");
+        put(&mut entrance, Channel::World);
+        assert_eq!(totals.dropped().get(&Channel::World), Some(&1));
         assert!(matches!(exit.take(Duration::ZERO), Ok(Job::Message { t_sent_ns: 1, .. })));
-        put(&mut entrance);
-        assert_eq!(totals.dropped().get(&Channel::Frames), Some(&2), "there was room again");
+        put(&mut entrance, Channel::World);
+        assert_eq!(totals.dropped().get(&Channel::World), Some(&1), "there was room again");
     }
 
     #[test]

@@ -89,10 +89,15 @@ impl Verifier {
 
     /// Takes in the next message.
     pub fn take(&mut self, entry: &Entry) -> Result<(), ConfigurationError> {
-        self.work_off(Some(entry.t_sent_ns));
+        if self.stages.is_some() {
+            self.work_off(Some(entry.t_sent_ns));
+        }
         if entry.channel == Channel::Setup {
-            // Everything up to here was made with the configuration before.
-            self.work_off(None);
+            // Everything up to here was made with the configuration before, if there was one: what was
+            // under way when the recording began was sent a moment before its first message.
+            if self.stages.is_some() {
+                self.work_off(None);
+            }
             let Some(setup) = Setup::decode(&entry.data) else {
                 self.findings.rubbish += 1;
                 return Ok(());

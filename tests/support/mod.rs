@@ -94,6 +94,18 @@ impl Group {
         Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
     }
 
+    /// Starts `touchline run` with these arguments alone.
+    pub fn start_plain(name: &str, args: &[&str]) -> Self {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let scratch = Scratch::new(name);
+        let instance = Instance::below(&scratch.path.join("run"), "test").unwrap();
+        let base = ["run", "--instance", "test"];
+        let arguments: Vec<String> =
+            base.iter().chain(args).map(|argument| argument.to_string()).collect();
+        let supervisor = Self::spawn(&scratch, &arguments, &[]);
+        Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
+    }
+
     fn spawn(scratch: &Scratch, arguments: &[String], variables: &[(&str, &str)]) -> Child {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         touchline(scratch, &arguments)

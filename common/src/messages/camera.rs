@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use schemars::JsonSchema;
 
 /// What a camera does, or what keeps it from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -76,7 +77,7 @@ impl CameraState {
 }
 
 /// Published by a grabber with a real camera, at every change and several times a second.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/CameraReport/1")]
 #[repr(C)]
 pub struct CameraReport {
@@ -97,10 +98,13 @@ pub struct CameraReport {
     /// Frames a second that have come, incomplete ones left out; 0 when not measured yet.
     pub delivered_fps: f32,
     /// Where frames come from, as named on the command line: UTF-8, ended by a zero.
+    #[schemars(with = "super::List<u8, 96>")]
     pub device: [u8; 96],
     /// Model, format and way of transfer, likewise.
+    #[schemars(with = "super::List<u8, 160>")]
     pub description: [u8; 160],
     /// What is wrong and what to do about it, likewise; empty when nothing is.
+    #[schemars(with = "super::List<u8, 384>")]
     pub problem: [u8; 384],
 }
 

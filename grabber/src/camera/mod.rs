@@ -103,6 +103,9 @@ pub enum CameraError {
         /// What is wrong with it, and what would be right.
         problem: String,
     },
+    /// A recording cannot be played.
+    #[error("{0}")]
+    Recording(String),
     /// The synthetic match cannot be built.
     #[error("synthetic match: {0}")]
     Synthetic(String),
@@ -120,10 +123,22 @@ pub trait Camera {
     /// An error ends the process, except [`CameraError::NoMemory`], which loses a frame.
     fn capture(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, CameraError>;
 
-    /// For a source that knows what is really there: the truth of the frame just captured, and the
-    /// commands sent to the robots at that time.
-    fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
+    /// For a source that knows what is really there: the truth of the frame just captured.
+    fn truth(&self) -> Option<&TruthFrame> {
         None
+    }
+
+    /// For a source that plays the strategies too: the commands sent up to the frame just captured.
+    fn commands(&self) -> &[Commands] {
+        &[]
+    }
+
+    /// Somebody else has sent commands; robots that are only played obey them.
+    fn obey(&mut self, _commands: &Commands) {}
+
+    /// Whether there will be no more frames.
+    fn is_over(&self) -> bool {
+        false
     }
 
     /// How a real camera is.

@@ -11,16 +11,22 @@ pub trait Painter {
     /// Waits for the next frame, writes it to `pixels` and says when it was taken.
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError>;
 
-    /// See [`Camera::truth`].
+    /// For a source that knows what is really there: the truth of the frame just exposed, and the
+    /// commands sent to the robots at that time.
     fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
         None
     }
+
+    /// Somebody else has sent commands; robots that are only played obey them.
+    fn obey(&mut self, _commands: &Commands) {}
 }
 
 /// A painter as a camera.
 pub struct Painted<P> {
     painter: P,
     picture: Picture,
+    truth: Option<TruthFrame>,
+    commands: Vec<Commands>,
 }
 
 impl<P: Painter> Painted<P> {
@@ -34,7 +40,7 @@ impl<P: Painter> Painted<P> {
             bayer_order: config.bayer_order,
             exposure_us: config.exposure_us,
         };
-        Self { painter, picture }
+        Self { painter, picture, truth: None, commands: Vec::with_capacity(1) }
     }
 }
 
@@ -43,10 +49,24 @@ impl<P: Painter> Camera for Painted<P> {
         let picture = self.picture;
         let mut frame = pool.loan(picture.stride as usize * picture.height as usize)?;
         let exposure = self.painter.expose(frame.elements())?;
+        let Exposure { seq, t_capture_ns, .. } = exposure;
+        self.commands.clear();
+        self.truth = self.painter.truth().map(|(truth, commands)| {
+            self.commands.push(Commands { seq, t_sent_ns: t_capture_ns, ..*commands });
+            TruthFrame { seq, t_capture_ns, ..*truth }
+        });
         Ok(Some(Captured { frame, exposure, picture }))
     }
 
-    fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
-        self.painter.truth()
+    fn truth(&self) -> Option<&TruthFrame> {
+        self.truth.as_ref()
+    }
+
+    fn commands(&self) -> &[Commands] {
+        &self.commands
+    }
+
+    fn obey(&mut self, commands: &Commands) {
+        self.painter.obey(commands);
     }
 }

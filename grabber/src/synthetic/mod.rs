@@ -41,7 +41,8 @@ mod tests;
 use bytemuck::Zeroable;
 use common::config::Config;
 use common::geometry::GeometryError;
-use common::messages::{Commands, MAX_ROBOTS, TruthFrame, TruthRobot, WheelCommand};
+use common::messages::{Commands, MAX_ROBOTS, Team, TruthFrame, TruthRobot, WheelCommand};
+use motion::WheelSpeeds;
 use play::Play;
 use render::Renderer;
 
@@ -146,6 +147,19 @@ impl SyntheticMatch {
         self.renderer.render(&self.play, self.frame_number, pixels, stride);
     }
 
+    /// Has robots do as somebody else says. Each goes on doing it until that somebody says something
+    /// else, or says nothing for `filter.command_timeout_ms`; then it plays by itself again. Wheels
+    /// still speed up and turn no faster than they can. Such a robot's commands are not among
+    /// [`commands`](Self::commands), and what is said of [sameness](self#sameness) is no longer true.
+    pub fn obey(&mut self, commands: &Commands) {
+        for wheels in commands.wheels() {
+            let speeds = WheelSpeeds { left_mm_s: wheels.left_mm_s, right_mm_s: wheels.right_mm_s };
+            if let Some(team) = Team::from_number(wheels.team) {
+                self.play.obey(team, wheels.robot_id, speeds);
+            }
+        }
+    }
+
     fn describe(&mut self) {
         let ball = self.play.ball;
         let poses = self.play.robots.iter().map(|robot| robot.pose);
@@ -154,9 +168,8 @@ impl SyntheticMatch {
         self.truth.ball_y_mm = ball.position.y_mm;
         [self.truth.ball_vx_mm_s, self.truth.ball_vy_mm_s] = ball.velocity_mm_s;
         self.truth.robot_count = self.play.robots.len() as u32;
-        self.commands.wheel_count = self.play.robots.len() as u32;
-        let messages = self.truth.robots.iter_mut().zip(&mut self.commands.wheels);
-        for (robot, (truth, wheels)) in self.play.robots.iter().zip(messages) {
+        self.commands.wheel_count = 0;
+        for (robot, truth) in self.play.robots.iter().zip(&mut self.truth.robots) {
             *truth = TruthRobot {
                 team: robot.team as u32,
                 robot_id: robot.id,
@@ -168,7 +181,12 @@ impl SyntheticMatch {
                 frames_still: robot.frames_still,
                 visible: self.renderer.shows_robot(&robot.pose).into(),
             };
+            if robot.is_obeying() {
+                continue;
+            }
             let command = robot.command();
+            let wheels = &mut self.commands.wheels[self.commands.wheel_count as usize];
+            self.commands.wheel_count += 1;
             *wheels = WheelCommand {
                 team: robot.team as u32,
                 robot_id: robot.id,

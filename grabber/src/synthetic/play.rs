@@ -52,9 +52,16 @@ pub struct Robot {
     /// What its wheels do while they come up to speed again after it was blocked.
     recovering: Option<WheelSpeeds>,
     blocked: bool,
+    /// What somebody else wants of it, and for how many more frames that counts.
+    ordered: Option<(WheelSpeeds, u32)>,
 }
 
 impl Robot {
+    /// Whether somebody else commands it.
+    pub fn is_obeying(&self) -> bool {
+        self.ordered.is_some()
+    }
+
     /// The command that is sent to it in this frame.
     pub fn command(&self) -> WheelSpeeds {
         self.delay.newest()
@@ -86,6 +93,8 @@ pub struct Play {
     max_acceleration_mm_s2: f64,
     delay_s: f64,
     period_s: f64,
+    /// An order counts for so many frames.
+    order_frames: u32,
     random: Random,
     ball_idle_s: f64,
     /// Scratch: where everybody is.
@@ -119,6 +128,9 @@ impl Play {
             )?,
             delay_s: config.filter.actuation_delay_ms.clamp(0.0, 1000.0) / 1000.0,
             period_s: 1.0 / positive("camera.fps", config.camera.fps)?,
+            order_frames: (config.filter.command_timeout_ms.clamp(0.0, 60_000.0) / 1000.0
+                * config.camera.fps)
+                .ceil() as u32,
             random: Random::new(config.synthetic.seed, STREAM_BALL),
             ball_idle_s: 0.0,
             poses: Vec::with_capacity(robots.identities.len()),
@@ -168,6 +180,7 @@ impl Play {
                 behaviour,
                 recovering: None,
                 blocked: false,
+                ordered: None,
             });
         }
         Ok(())
@@ -203,6 +216,15 @@ impl Play {
             }
         }
         best.map(|(_, pose)| pose)
+    }
+
+    /// Has a robot do as somebody else says.
+    pub fn obey(&mut self, team: Team, id: u32, speeds: WheelSpeeds) {
+        let is_possible = speeds.left_mm_s.is_finite() && speeds.right_mm_s.is_finite();
+        let robot = self.robots.iter_mut().find(|robot| (robot.team, robot.id) == (team, id));
+        if let Some(robot) = robot.filter(|_| is_possible) {
+            robot.ordered = Some((speeds.limited(self.max_speed_mm_s), self.order_frames));
+        }
     }
 
     /// Moves everything on by one frame.
@@ -387,12 +409,18 @@ impl Play {
             let mut behaviour = robot.behaviour.clone();
             let predicted = robot.delay.predict(robot.pose, self.wheel_base_mm);
             let wanted = behaviour.decide(predicted, robot.blocked, &around, self.period_s);
-            let wanted =
-                WheelSpeeds::from_twist(wanted, self.wheel_base_mm).limited(self.max_speed_mm_s);
+            let wanted = match robot.ordered {
+                Some((ordered, _)) => ordered,
+                None => {
+                    WheelSpeeds::from_twist(wanted, self.wheel_base_mm).limited(self.max_speed_mm_s)
+                }
+            };
             let command = robot.delay.newest().towards(wanted, change);
 
             let robot = &mut self.robots[index];
             robot.behaviour = behaviour;
+            robot.ordered =
+                robot.ordered.and_then(|(speeds, frames)| Some((speeds, frames.checked_sub(1)?)));
             robot.delay.send(command);
             let speeds = robot.recovering.unwrap_or(robot.delay.acting());
             robot.twist = speeds.twist(self.wheel_base_mm);

@@ -1,10 +1,12 @@
 //! Making and using recordings.
 
+mod export;
 mod info;
 mod record;
 mod recover;
 mod replay;
 
+pub use export::export;
 pub use info::info;
 pub use record::record;
 pub use recover::recover;

@@ -1,0 +1,137 @@
+"""Attaches to a group of Touchline. Needs `pip install iceoryx2==0.10.0`, and Python 3.10 or newer."""
+
+import contextlib
+import ctypes
+import os
+import time
+
+import iceoryx2 as iox2
+from touchline_messages import TOPICS
+
+
+def directory_of(instance):
+    """Where a group keeps its files (see ARCHITECTURE.md, "Instances, files and rights")."""
+    base = os.environ.get("TOUCHLINE_RUNTIME_DIR")
+    if not base:
+        runtime = os.environ.get("XDG_RUNTIME_DIR")
+        base = os.path.join(runtime, "touchline") if runtime else f"/tmp/touchline-{os.getuid()}"
+    return os.path.join(base, instance)
+
+
+def prefix_of(directory):
+    """How the names of the group's shared memory begin: FNV-1a of the directory."""
+    value = 0xCBF29CE484222325
+    for byte in os.fsencode(directory):
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return f"tl_{value % 2**32:08x}_"
+
+
+class Group:
+    """A running group. Topics are opened by name: `world`, `commands`, `frames`, …"""
+
+    def __init__(self, instance="default", name="python", patience_s=10.0):
+        directory = directory_of(instance)
+        ends = time.monotonic() + patience_s
+        while not os.path.isdir(os.path.join(directory, "ipc")):
+            if time.monotonic() > ends:
+                raise TimeoutError(f"no group {instance!r} is running ({directory})")
+            time.sleep(0.1)
+        iox2.set_log_level(iox2.LogLevel.Fatal)
+        config = iox2.config.default()
+        config.global_cfg.root_path = iox2.Path.new(os.path.join(directory, "ipc"))
+        config.global_cfg.prefix = iox2.FileName.new(prefix_of(directory))
+        # The supervisor cleans up after the dead.
+        config.global_cfg.node.cleanup_dead_nodes_on_creation = False
+        config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
+        config.global_cfg.service.cleanup_dead_nodes_on_open = False
+        self.node = (
+            iox2.NodeBuilder.new()
+            .name(iox2.NodeName.new(name))
+            .config(config)
+            .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
+            .create(iox2.ServiceType.Ipc)
+        )
+        self.patience_s = patience_s
+
+    def _open(self, name):
+        topic = TOPICS[name]
+        ends = time.monotonic() + self.patience_s
+        while True:
+            service = self.node.service_builder(iox2.ServiceName.new(name))
+            service = service.publish_subscribe(iox2.Slice[topic.element])
+            if topic.header:
+                service = service.user_header(topic.header)
+            try:
+                return service.open()
+            except iox2.PublishSubscribeOpenError:
+                # A group that is just starting.
+                if time.monotonic() > ends:
+                    raise
+                time.sleep(0.1)
+
+    def reader(self, name):
+        """Gives the messages of a topic."""
+        return Reader(self._open(name).subscriber_builder().create())
+
+    def writer(self, name):
+        """Publishes on a topic whose messages have one element."""
+        builder = self._open(name).publisher_builder().initial_max_slice_len(1)
+        builder = builder.allocation_strategy(iox2.AllocationStrategy.Static)
+        builder = builder.backpressure_strategy(iox2.BackpressureStrategy.DiscardData)
+        return Writer(builder.create(), TOPICS[name].element)
+
+
+class Reader:
+    """Reads messages in place: they are valid until the next one is asked for."""
+
+    def __init__(self, port):
+        self.port = port
+        self.sample = None
+
+    def next(self, timeout_s=1.0):
+        """The next message as (elements, header), or None when none comes in time."""
+        ends = time.monotonic() + timeout_s
+        while True:
+            self.sample = self.port.receive()
+            if self.sample is not None:
+                header = self.sample.user_header() if self._has_header() else None
+                return self.sample.payload(), header and header.contents
+            if time.monotonic() > ends:
+                return None
+            time.sleep(0.001)
+
+    def _has_header(self):
+        return getattr(self.sample, "_Sample__user_header_type_details", None) is not None
+
+    def messages(self, timeout_s=1.0):
+        """The messages of a topic with one element each, until none comes in time."""
+        while (message := self.next(timeout_s)) is not None:
+            yield message[0][0]
+
+
+class Writer:
+    """Publishes messages."""
+
+    def __init__(self, port, element):
+        self.port = port
+        self.element = element
+
+    def send(self, message):
+        """Publishes a copy of a message."""
+        sample = self.port.loan_slice_uninit(1)
+        ctypes.memmove(sample.payload_ptr, ctypes.byref(message), ctypes.sizeof(message))
+        sample.assume_init().send()
+
+
+def monotonic_ns():
+    """The clock of all stamps."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+@contextlib.contextmanager
+def until_interrupted():
+    """Ctrl-C is the usual end."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        pass

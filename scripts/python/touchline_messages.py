@@ -1,0 +1,591 @@
+"""The messages of Touchline, as they lie in shared memory.
+
+Made by `touchline topics --format python`; a test compares. Do not edit.
+"""
+
+import ctypes
+import enum
+from typing import NamedTuple
+
+
+class Team(enum.IntEnum):
+    YELLOW = 0
+    BLUE = 1
+
+
+class TrackStatus(enum.IntEnum):
+    ABSENT = 0
+    INITIALISED = 1
+    MEASURED = 2
+    COASTING = 3
+    GATED = 4
+
+
+class PixelFormat(enum.IntEnum):
+    BAYER8 = 1
+    BAYER10 = 2
+    BAYER12 = 3
+    BAYER16 = 4
+    RGB24 = 5
+    YUYV = 6
+    UYVY = 7
+    NV12 = 8
+    I420 = 9
+
+
+class BayerOrder(enum.IntEnum):
+    RGGB = 0
+    GRBG = 1
+    GBRG = 2
+    BGGR = 3
+
+
+class RejectReason(enum.IntEnum):
+    TOO_SMALL = 1
+    TOO_LARGE = 2
+    TOO_CLOSE_TO_TEAM_PATCH = 3
+    NO_IDENTIFICATION_PATCH = 4
+    LAYOUT_MISMATCH = 5
+    TAKEN_BY_ANOTHER = 6
+    OUTSIDE_FIELD = 7
+    NOT_ROUND = 8
+
+
+class ProcessKind(enum.IntEnum):
+    GRABBER = 0
+    CLASSIFIER = 1
+    TRACKER = 2
+    FILTER = 3
+
+
+class ProcessState(enum.IntEnum):
+    SPARE = 1
+    ACTIVE = 2
+    FINISHED = 3
+    WAITING = 4
+
+
+class DropReason(enum.IntEnum):
+    OUT_OF_ORDER = 0
+    BAD_HEADER = 1
+    WRONG_SIZE = 2
+    WRONG_FORMAT = 3
+    LATE = 4
+    NOT_PUBLISHED = 5
+    POISONOUS = 6
+    INCOMPLETE = 7
+
+
+class CameraState(enum.IntEnum):
+    OPENING = 0
+    STREAMING = 1
+    SLOW = 2
+    MISSING = 3
+    NO_RIGHTS = 4
+    BUSY = 5
+    WRONG_FORMAT = 6
+    WRONG_SETTING = 7
+    HUNG = 8
+    NO_LIBRARY = 9
+    FAILED = 10
+
+
+NONE = 18446744073709551615 # a number that stands for none
+
+
+class FrameHeader(ctypes.Structure):
+    """Travels with every raw frame; the pixels are the payload, laid out as PixelFormat says."""
+
+    _fields_ = [
+        ("seq", ctypes.c_uint64),
+        ("t_capture_ns", ctypes.c_uint64),
+        ("t_capture_wall_ns", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+        ("camera_id", ctypes.c_uint32),
+        ("width", ctypes.c_uint32),
+        ("height", ctypes.c_uint32),
+        ("stride", ctypes.c_uint32),
+        ("pixel_format", ctypes.c_uint32),
+        ("bayer_order", ctypes.c_uint32),
+        ("exposure_us", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/FrameHeader/1"
+
+
+assert ctypes.sizeof(FrameHeader) == 64
+
+
+class RunsHeader(ctypes.Structure):
+    """Travels with every list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid."""
+
+    _fields_ = [
+        ("frame", FrameHeader),
+        ("t_frame_taken_ns", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+        ("class_table_version", ctypes.c_uint64),
+        ("run_count", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/RunsHeader/2"
+
+
+assert ctypes.sizeof(RunsHeader) == 96
+
+
+class Run(ctypes.Structure):
+    """Pixels begin..end of one row, all of one class, bounded by other classes or by background. A message lists its runs by row, within a row by column."""
+
+    _fields_ = [
+        ("row", ctypes.c_uint16),
+        ("begin", ctypes.c_uint16),
+        ("end", ctypes.c_uint16),
+        ("class_", ctypes.c_uint8),
+        ("reserved", ctypes.c_uint8),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/Run/1"
+
+
+assert ctypes.sizeof(Run) == 8
+
+
+class DetectedRobot(ctypes.Structure):
+    """A robot found in this frame alone."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("robot_id", ctypes.c_uint32),
+        ("x_mm", ctypes.c_float),
+        ("y_mm", ctypes.c_float),
+        ("orientation", ctypes.c_float),
+        ("confidence", ctypes.c_float),
+        ("x_px", ctypes.c_float),
+        ("y_px", ctypes.c_float),
+        ("orientation_image", ctypes.c_float),
+        ("patch_count", ctypes.c_uint32),
+        ("patch_regions", ctypes.c_uint32 * 6),
+    ]
+
+
+assert ctypes.sizeof(DetectedRobot) == 64
+
+
+class DetectedBall(ctypes.Structure):
+    """A ball candidate."""
+
+    _fields_ = [
+        ("x_mm", ctypes.c_float),
+        ("y_mm", ctypes.c_float),
+        ("x_px", ctypes.c_float),
+        ("y_px", ctypes.c_float),
+        ("confidence", ctypes.c_float),
+        ("region", ctypes.c_uint32),
+    ]
+
+
+assert ctypes.sizeof(DetectedBall) == 24
+
+
+class Rejected(ctypes.Structure):
+    """A candidate that became nothing, and why."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("reason", ctypes.c_uint32),
+        ("x_px", ctypes.c_float),
+        ("y_px", ctypes.c_float),
+    ]
+
+
+assert ctypes.sizeof(Rejected) == 16
+
+
+class Region(ctypes.Structure):
+    """A connected set of pixels of one class (section 5 of the paper). Its pixels are runs[first_run..first_run + run_count] of the same message."""
+
+    _fields_ = [
+        ("class_", ctypes.c_uint32),
+        ("pixel_count", ctypes.c_uint32),
+        ("x_px", ctypes.c_float),
+        ("y_px", ctypes.c_float),
+        ("left", ctypes.c_uint16),
+        ("top", ctypes.c_uint16),
+        ("right", ctypes.c_uint16),
+        ("bottom", ctypes.c_uint16),
+        ("first_run", ctypes.c_uint32),
+        ("run_count", ctypes.c_uint32),
+    ]
+
+
+assert ctypes.sizeof(Region) == 32
+
+
+class DetectionFrame(ctypes.Structure):
+    """Everything the tracker saw in one frame, and why."""
+
+    _fields_ = [
+        ("frame", FrameHeader),
+        ("t_frame_taken_ns", ctypes.c_uint64),
+        ("t_runs_ns", ctypes.c_uint64),
+        ("t_runs_taken_ns", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+        ("class_table_version", ctypes.c_uint64),
+        ("prior_world_seq", ctypes.c_uint64),
+        ("flags", ctypes.c_uint32),
+        ("robot_count", ctypes.c_uint32),
+        ("ball_count", ctypes.c_uint32),
+        ("rejected_count", ctypes.c_uint32),
+        ("region_count", ctypes.c_uint32),
+        ("run_count", ctypes.c_uint32),
+        ("robots", DetectedRobot * 32),
+        ("balls", DetectedBall * 8),
+        ("rejected", Rejected * 128),
+        ("regions", Region * 1024),
+        ("runs", Run * 32768),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/DetectionFrame/2"
+
+
+assert ctypes.sizeof(DetectionFrame) == 299336
+
+
+class CommandsName(ctypes.Structure):
+    """Which message of the topic commands it was. Every sender counts its own messages, so the time is part of the name."""
+
+    _fields_ = [
+        ("seq", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+    ]
+
+
+assert ctypes.sizeof(CommandsName) == 16
+
+
+class RobotState(ctypes.Structure):
+    """One robot as the filter sees it."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("robot_id", ctypes.c_uint32),
+        ("status", ctypes.c_uint32),
+        ("frames_unseen", ctypes.c_uint32),
+        ("frames_gated", ctypes.c_uint32),
+        ("visibility", ctypes.c_float),
+        ("x_mm", ctypes.c_double),
+        ("y_mm", ctypes.c_double),
+        ("orientation", ctypes.c_double),
+        ("v_mm_s", ctypes.c_double),
+        ("omega", ctypes.c_double),
+        ("covariance", ctypes.c_double * 25),
+        ("predicted_x_mm", ctypes.c_double),
+        ("predicted_y_mm", ctypes.c_double),
+        ("predicted_orientation", ctypes.c_double),
+    ]
+
+
+assert ctypes.sizeof(RobotState) == 288
+
+
+class BallState(ctypes.Structure):
+    """The ball as the filter sees it."""
+
+    _fields_ = [
+        ("status", ctypes.c_uint32),
+        ("frames_unseen", ctypes.c_uint32),
+        ("frames_gated", ctypes.c_uint32),
+        ("visibility", ctypes.c_float),
+        ("x_mm", ctypes.c_double),
+        ("y_mm", ctypes.c_double),
+        ("vx_mm_s", ctypes.c_double),
+        ("vy_mm_s", ctypes.c_double),
+        ("covariance", ctypes.c_double * 16),
+        ("predicted_x_mm", ctypes.c_double),
+        ("predicted_y_mm", ctypes.c_double),
+    ]
+
+
+assert ctypes.sizeof(BallState) == 192
+
+
+class RobotHypothesis(ctypes.Structure):
+    """One hypothesis about a robot's motion and the extended Kalman filter that follows it."""
+
+    _fields_ = [
+        ("probability", ctypes.c_double),
+        ("mean", ctypes.c_double * 5),
+        ("covariance", ctypes.c_double * 15),
+    ]
+
+
+assert ctypes.sizeof(RobotHypothesis) == 168
+
+
+class QueuedCommand(ctypes.Structure):
+    """A command that acts or will act on a robot."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("left_mm_s", ctypes.c_double),
+        ("right_mm_s", ctypes.c_double),
+    ]
+
+
+assert ctypes.sizeof(QueuedCommand) == 24
+
+
+class RobotMemory(ctypes.Structure):
+    """What the filter needs besides RobotState to carry on with a robot's track exactly. Of no interest to anyone but the filter's successor."""
+
+    _fields_ = [
+        ("hypotheses", RobotHypothesis * 3),
+        ("t_seen_ns", ctypes.c_uint64),
+        ("t_gated_ns", ctypes.c_uint64),
+        ("gated_pose", ctypes.c_double * 3),
+        ("gated_agreeing", ctypes.c_uint32),
+        ("command_count", ctypes.c_uint32),
+        ("commands", QueuedCommand * 12),
+    ]
+
+
+assert ctypes.sizeof(RobotMemory) == 840
+
+
+class BallHypothesis(ctypes.Structure):
+    """One hypothesis about the ball's motion and the Kalman filter that follows it."""
+
+    _fields_ = [
+        ("probability", ctypes.c_double),
+        ("mean", ctypes.c_double * 4),
+        ("covariance", ctypes.c_double * 10),
+    ]
+
+
+assert ctypes.sizeof(BallHypothesis) == 120
+
+
+class BallMemory(ctypes.Structure):
+    """What the filter needs besides BallState to carry on with the ball's track exactly."""
+
+    _fields_ = [
+        ("hypotheses", BallHypothesis * 2),
+        ("t_seen_ns", ctypes.c_uint64),
+        ("t_gated_ns", ctypes.c_uint64),
+        ("gated_position", ctypes.c_double * 2),
+        ("gated_agreeing", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+assert ctypes.sizeof(BallMemory) == 280
+
+
+class WorldFrame(ctypes.Structure):
+    """The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped."""
+
+    _fields_ = [
+        ("frame", FrameHeader),
+        ("t_frame_taken_ns", ctypes.c_uint64),
+        ("t_runs_ns", ctypes.c_uint64),
+        ("t_runs_taken_ns", ctypes.c_uint64),
+        ("t_detections_ns", ctypes.c_uint64),
+        ("t_detections_taken_ns", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+        ("t_predicted_ns", ctypes.c_uint64),
+        ("prior_world_seq", ctypes.c_uint64),
+        ("commands_seq", ctypes.c_uint64),
+        ("robot_count", ctypes.c_uint32),
+        ("command_count", ctypes.c_uint32),
+        ("commands", CommandsName * 32),
+        ("robots", RobotState * 32),
+        ("ball", BallState),
+        ("robot_memories", RobotMemory * 32),
+        ("ball_memory", BallMemory),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/WorldFrame/3"
+
+
+assert ctypes.sizeof(WorldFrame) == 37224
+
+
+class WheelCommand(ctypes.Structure):
+    """Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11)."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("robot_id", ctypes.c_uint32),
+        ("left_mm_s", ctypes.c_double),
+        ("right_mm_s", ctypes.c_double),
+    ]
+
+
+assert ctypes.sizeof(WheelCommand) == 24
+
+
+class Commands(ctypes.Structure):
+    """The speeds a strategy has just sent. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms)."""
+
+    _fields_ = [
+        ("seq", ctypes.c_uint64),
+        ("t_sent_ns", ctypes.c_uint64),
+        ("wheel_count", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("wheels", WheelCommand * 32),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/Commands/1"
+
+
+assert ctypes.sizeof(Commands) == 792
+
+
+class TruthRobot(ctypes.Structure):
+    """One robot as it really is."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("robot_id", ctypes.c_uint32),
+        ("x_mm", ctypes.c_double),
+        ("y_mm", ctypes.c_double),
+        ("orientation", ctypes.c_double),
+        ("v_mm_s", ctypes.c_double),
+        ("omega", ctypes.c_double),
+        ("frames_still", ctypes.c_uint32),
+        ("visible", ctypes.c_uint32),
+    ]
+
+
+assert ctypes.sizeof(TruthRobot) == 56
+
+
+class TruthFrame(ctypes.Structure):
+    """The true state of the synthetic match in one frame."""
+
+    _fields_ = [
+        ("seq", ctypes.c_uint64),
+        ("t_capture_ns", ctypes.c_uint64),
+        ("robot_count", ctypes.c_uint32),
+        ("ball_visible", ctypes.c_uint32),
+        ("ball_x_mm", ctypes.c_double),
+        ("ball_y_mm", ctypes.c_double),
+        ("ball_vx_mm_s", ctypes.c_double),
+        ("ball_vy_mm_s", ctypes.c_double),
+        ("robots", TruthRobot * 32),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/TruthFrame/1"
+
+
+assert ctypes.sizeof(TruthFrame) == 1848
+
+
+class CameraReport(ctypes.Structure):
+    """Published by a grabber with a real camera, at every change and several times a second."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("incomplete", ctypes.c_uint64),
+        ("lost", ctypes.c_uint64),
+        ("starts", ctypes.c_uint64),
+        ("state", ctypes.c_uint32),
+        ("camera_id", ctypes.c_uint32),
+        ("promised_fps", ctypes.c_float),
+        ("delivered_fps", ctypes.c_float),
+        ("device", ctypes.c_uint8 * 96),
+        ("description", ctypes.c_uint8 * 160),
+        ("problem", ctypes.c_uint8 * 384),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/CameraReport/1"
+
+
+assert ctypes.sizeof(CameraReport) == 688
+
+
+class Heartbeat(ctypes.Structure):
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("pid", ctypes.c_uint32),
+        ("process", ctypes.c_uint32),
+        ("state", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("seq_in", ctypes.c_uint64),
+        ("seq_out", ctypes.c_uint64),
+        ("frames_in", ctypes.c_uint64),
+        ("frames_out", ctypes.c_uint64),
+        ("frames_missed", ctypes.c_uint64),
+        ("dropped", ctypes.c_uint64 * 8),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/Heartbeat/2"
+
+
+assert ctypes.sizeof(Heartbeat) == 128
+
+
+class StatusHeader(ctypes.Structure):
+    """Travels with the group's status, which is JSON text in the first bytes of the payload."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("bytes", ctypes.c_uint64),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/StatusHeader/1"
+
+
+assert ctypes.sizeof(StatusHeader) == 16
+
+
+class Topic(NamedTuple):
+    """A topic: a message is a slice of elements with a header beside it."""
+
+    name: str
+    element: type
+    header: type | None
+    history: int
+    notifies: bool
+
+
+def unpack(structure: type, data: bytes):
+    """A message of a recording; bytes missing at its end are zeros."""
+    return structure.from_buffer_copy(data.ljust(ctypes.sizeof(structure), b"\0"))
+
+
+TOPICS = {
+    "frames": Topic("frames", ctypes.c_uint8, FrameHeader, 64, False),
+    "runs": Topic("runs", Run, RunsHeader, 64, False),
+    "detections": Topic("detections", DetectionFrame, None, 64, False),
+    "world": Topic("world", WorldFrame, None, 0, True),
+    "commands": Topic("commands", Commands, None, 0, False),
+    "truth": Topic("truth", TruthFrame, None, 0, False),
+    "camera": Topic("camera", CameraReport, None, 0, False),
+    "health": Topic("health", Heartbeat, None, 0, False),
+    "status": Topic("status", ctypes.c_uint8, StatusHeader, 0, False),
+}

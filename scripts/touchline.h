@@ -1,0 +1,647 @@
+/* The messages of Touchline, as they lie in shared memory.
+ *
+ * Made by `touchline topics --format c`; a test compares. Do not edit.
+ */
+#ifndef TOUCHLINE_H
+#define TOUCHLINE_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+#define TOUCHLINE_CHECK(condition) static_assert(condition, #condition)
+#else
+#define TOUCHLINE_CHECK(condition) _Static_assert(condition, #condition)
+#endif
+
+/* A number that stands for none. */
+#define TOUCHLINE_NONE UINT64_MAX
+
+enum TouchlineTeam {
+    TOUCHLINE_TEAM_YELLOW = 0,
+    TOUCHLINE_TEAM_BLUE = 1,
+};
+
+enum TouchlineTrackStatus {
+    TOUCHLINE_TRACK_STATUS_ABSENT = 0,
+    TOUCHLINE_TRACK_STATUS_INITIALISED = 1,
+    TOUCHLINE_TRACK_STATUS_MEASURED = 2,
+    TOUCHLINE_TRACK_STATUS_COASTING = 3,
+    TOUCHLINE_TRACK_STATUS_GATED = 4,
+};
+
+enum TouchlinePixelFormat {
+    TOUCHLINE_PIXEL_FORMAT_BAYER8 = 1,
+    TOUCHLINE_PIXEL_FORMAT_BAYER10 = 2,
+    TOUCHLINE_PIXEL_FORMAT_BAYER12 = 3,
+    TOUCHLINE_PIXEL_FORMAT_BAYER16 = 4,
+    TOUCHLINE_PIXEL_FORMAT_RGB24 = 5,
+    TOUCHLINE_PIXEL_FORMAT_YUYV = 6,
+    TOUCHLINE_PIXEL_FORMAT_UYVY = 7,
+    TOUCHLINE_PIXEL_FORMAT_NV12 = 8,
+    TOUCHLINE_PIXEL_FORMAT_I420 = 9,
+};
+
+enum TouchlineBayerOrder {
+    TOUCHLINE_BAYER_ORDER_RGGB = 0,
+    TOUCHLINE_BAYER_ORDER_GRBG = 1,
+    TOUCHLINE_BAYER_ORDER_GBRG = 2,
+    TOUCHLINE_BAYER_ORDER_BGGR = 3,
+};
+
+enum TouchlineRejectReason {
+    TOUCHLINE_REJECT_REASON_TOO_SMALL = 1,
+    TOUCHLINE_REJECT_REASON_TOO_LARGE = 2,
+    TOUCHLINE_REJECT_REASON_TOO_CLOSE_TO_TEAM_PATCH = 3,
+    TOUCHLINE_REJECT_REASON_NO_IDENTIFICATION_PATCH = 4,
+    TOUCHLINE_REJECT_REASON_LAYOUT_MISMATCH = 5,
+    TOUCHLINE_REJECT_REASON_TAKEN_BY_ANOTHER = 6,
+    TOUCHLINE_REJECT_REASON_OUTSIDE_FIELD = 7,
+    TOUCHLINE_REJECT_REASON_NOT_ROUND = 8,
+};
+
+enum TouchlineProcessKind {
+    TOUCHLINE_PROCESS_KIND_GRABBER = 0,
+    TOUCHLINE_PROCESS_KIND_CLASSIFIER = 1,
+    TOUCHLINE_PROCESS_KIND_TRACKER = 2,
+    TOUCHLINE_PROCESS_KIND_FILTER = 3,
+};
+
+enum TouchlineProcessState {
+    TOUCHLINE_PROCESS_STATE_SPARE = 1,
+    TOUCHLINE_PROCESS_STATE_ACTIVE = 2,
+    TOUCHLINE_PROCESS_STATE_FINISHED = 3,
+    TOUCHLINE_PROCESS_STATE_WAITING = 4,
+};
+
+enum TouchlineDropReason {
+    TOUCHLINE_DROP_REASON_OUT_OF_ORDER = 0,
+    TOUCHLINE_DROP_REASON_BAD_HEADER = 1,
+    TOUCHLINE_DROP_REASON_WRONG_SIZE = 2,
+    TOUCHLINE_DROP_REASON_WRONG_FORMAT = 3,
+    TOUCHLINE_DROP_REASON_LATE = 4,
+    TOUCHLINE_DROP_REASON_NOT_PUBLISHED = 5,
+    TOUCHLINE_DROP_REASON_POISONOUS = 6,
+    TOUCHLINE_DROP_REASON_INCOMPLETE = 7,
+};
+
+enum TouchlineCameraState {
+    TOUCHLINE_CAMERA_STATE_OPENING = 0,
+    TOUCHLINE_CAMERA_STATE_STREAMING = 1,
+    TOUCHLINE_CAMERA_STATE_SLOW = 2,
+    TOUCHLINE_CAMERA_STATE_MISSING = 3,
+    TOUCHLINE_CAMERA_STATE_NO_RIGHTS = 4,
+    TOUCHLINE_CAMERA_STATE_BUSY = 5,
+    TOUCHLINE_CAMERA_STATE_WRONG_FORMAT = 6,
+    TOUCHLINE_CAMERA_STATE_WRONG_SETTING = 7,
+    TOUCHLINE_CAMERA_STATE_HUNG = 8,
+    TOUCHLINE_CAMERA_STATE_NO_LIBRARY = 9,
+    TOUCHLINE_CAMERA_STATE_FAILED = 10,
+};
+
+/* Travels with every raw frame; the pixels are the payload, laid out as PixelFormat says. */
+typedef struct TouchlineFrameHeader {
+    /* Number of the frame since the group started; a gap is a frame that was never captured. */
+    uint64_t seq;
+    /* Middle of the exposure. */
+    uint64_t t_capture_ns;
+    /* The same instant on the wall clock, nanoseconds since 1970. */
+    uint64_t t_capture_wall_ns;
+    /* When the grabber handed the frame on. */
+    uint64_t t_sent_ns;
+    /* Which camera, counted from 0. */
+    uint32_t camera_id;
+    /* Pixels in a row. */
+    uint32_t width;
+    /* Rows. */
+    uint32_t height;
+    /* Bytes from the start of a row to the start of the next; in planar formats, of the first plane. */
+    uint32_t stride;
+    /* A PixelFormat number. */
+    uint32_t pixel_format;
+    /* A BayerOrder number; of no meaning where the format is not a Bayer one. */
+    uint32_t bayer_order;
+    /* Exposure time; 0 when unknown. */
+    uint32_t exposure_us;
+    /* Reserved, 0. */
+    uint32_t reserved;
+} TouchlineFrameHeader;
+
+TOUCHLINE_CHECK(sizeof(TouchlineFrameHeader) == 64);
+#define TOUCHLINE_FRAME_HEADER_TYPE_NAME "touchline/FrameHeader/1"
+
+/* Travels with every list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid. */
+typedef struct TouchlineRunsHeader {
+    /* The frame the runs were found in. */
+    TouchlineFrameHeader frame;
+    /* When the classifier took the frame up. */
+    uint64_t t_frame_taken_ns;
+    /* When the classifier handed the runs on. */
+    uint64_t t_sent_ns;
+    /* Identifies the colour tables (a hash of the configured colours): runs made with different tables are not comparable. */
+    uint64_t class_table_version;
+    /* Valid elements of the payload. */
+    uint32_t run_count;
+    /* Bit set of OVERFLOW. */
+    uint32_t flags;
+} TouchlineRunsHeader;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRunsHeader) == 96);
+#define TOUCHLINE_RUNS_HEADER_TYPE_NAME "touchline/RunsHeader/2"
+
+/* Pixels begin..end of one row, all of one class, bounded by other classes or by background. A message lists its runs by row, within a row by column. */
+typedef struct TouchlineRun {
+    /* Row in the image. */
+    uint16_t row;
+    /* First column. */
+    uint16_t begin;
+    /* Column behind the last one. */
+    uint16_t end;
+    /* Colour class: index into the configured colours, 0–31. */
+    uint8_t class_;
+    /* Reserved, 0. */
+    uint8_t reserved;
+} TouchlineRun;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRun) == 8);
+#define TOUCHLINE_RUN_TYPE_NAME "touchline/Run/1"
+
+/* A robot found in this frame alone. */
+typedef struct TouchlineDetectedRobot {
+    /* A Team number. */
+    uint32_t team;
+    /* Number of the robot in its team. */
+    uint32_t robot_id;
+    /* Centre of the robot on the field. */
+    float x_mm;
+    /* Centre of the robot on the field. */
+    float y_mm;
+    /* Heading on the field, radians, in (−π, π]. */
+    float orientation;
+    /* 0–1: how well the patches fit the robot's layout. */
+    float confidence;
+    /* Centre of the robot's top in the image. */
+    float x_px;
+    /* Centre of the robot's top in the image. */
+    float y_px;
+    /* Heading as it appears in the image: radians, 0 to the right, π/2 up. */
+    float orientation_image;
+    /* Valid elements of patch_regions. */
+    uint32_t patch_count;
+    /* For each patch of the layout in turn: index of the region it is, or is a part of; u32::MAX where not seen. */
+    uint32_t patch_regions[6];
+} TouchlineDetectedRobot;
+
+TOUCHLINE_CHECK(sizeof(TouchlineDetectedRobot) == 64);
+
+/* A ball candidate. */
+typedef struct TouchlineDetectedBall {
+    /* Centre of the ball on the field. */
+    float x_mm;
+    /* Centre of the ball on the field. */
+    float y_mm;
+    /* Centroid of its region. */
+    float x_px;
+    /* Centroid of its region. */
+    float y_px;
+    /* 0–1: how well size and shape fit a ball. */
+    float confidence;
+    /* Index of its region. */
+    uint32_t region;
+} TouchlineDetectedBall;
+
+TOUCHLINE_CHECK(sizeof(TouchlineDetectedBall) == 24);
+
+/* A candidate that became nothing, and why. */
+typedef struct TouchlineRejected {
+    /* A Team number, or Rejected::BALL. */
+    uint32_t team;
+    /* A RejectReason number. */
+    uint32_t reason;
+    /* Centroid in the image. */
+    float x_px;
+    /* Centroid in the image. */
+    float y_px;
+} TouchlineRejected;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRejected) == 16);
+
+/* A connected set of pixels of one class (section 5 of the paper). Its pixels are runs[first_run..first_run + run_count] of the same message. */
+typedef struct TouchlineRegion {
+    /* Colour class: index into the configured colours. */
+    uint32_t class_;
+    /* Number of pixels. */
+    uint32_t pixel_count;
+    /* Centroid, column. */
+    float x_px;
+    /* Centroid, row. */
+    float y_px;
+    /* Bounding box, first column. */
+    uint16_t left;
+    /* Bounding box, first row. */
+    uint16_t top;
+    /* Bounding box, last column. */
+    uint16_t right;
+    /* Bounding box, last row. */
+    uint16_t bottom;
+    /* Index of the first of its runs. */
+    uint32_t first_run;
+    /* Number of its runs; 0 when they did not fit (DetectionFrame::RUNS_OVERFLOW). */
+    uint32_t run_count;
+} TouchlineRegion;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRegion) == 32);
+
+/* Everything the tracker saw in one frame, and why. */
+typedef struct TouchlineDetectionFrame {
+    /* The frame it was seen in. */
+    TouchlineFrameHeader frame;
+    /* When the classifier took the frame up. */
+    uint64_t t_frame_taken_ns;
+    /* When the classifier handed its runs on. */
+    uint64_t t_runs_ns;
+    /* When the tracker took the runs up. */
+    uint64_t t_runs_taken_ns;
+    /* When the tracker handed this message on. */
+    uint64_t t_sent_ns;
+    /* The colour tables the runs were made with. */
+    uint64_t class_table_version;
+    /* Frame number of the world that was used as prediction; DetectionFrame::NO_WORLD for none. */
+    uint64_t prior_world_seq;
+    /* Bit set of the flags below. */
+    uint32_t flags;
+    /* Valid elements of robots. */
+    uint32_t robot_count;
+    /* Valid elements of balls. */
+    uint32_t ball_count;
+    /* Valid elements of rejected. */
+    uint32_t rejected_count;
+    /* Valid elements of regions. */
+    uint32_t region_count;
+    /* Valid elements of runs. */
+    uint32_t run_count;
+    /* Robots, by team and number. */
+    TouchlineDetectedRobot robots[32];
+    /* Ball candidates, best first. */
+    TouchlineDetectedBall balls[8];
+    /* Candidates that became nothing. */
+    TouchlineRejected rejected[128];
+    /* Regions, in the order in which their first pixel appears in the picture. */
+    TouchlineRegion regions[1024];
+    /* The pixels of the regions, region by region. */
+    TouchlineRun runs[32768];
+} TouchlineDetectionFrame;
+
+TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 299336);
+#define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/2"
+
+/* Which message of the topic commands it was. Every sender counts its own messages, so the time is part of the name. */
+typedef struct TouchlineCommandsName {
+    /* Commands::seq */
+    uint64_t seq;
+    /* Commands::t_sent_ns */
+    uint64_t t_sent_ns;
+} TouchlineCommandsName;
+
+TOUCHLINE_CHECK(sizeof(TouchlineCommandsName) == 16);
+
+/* One robot as the filter sees it. */
+typedef struct TouchlineRobotState {
+    /* A Team number. */
+    uint32_t team;
+    /* Number of the robot in its team. */
+    uint32_t robot_id;
+    /* A TrackStatus number. */
+    uint32_t status;
+    /* Frames in a row without a usable measurement. */
+    uint32_t frames_unseen;
+    /* Frames in a row whose measurement lay outside the gate. */
+    uint32_t frames_gated;
+    /* 0–1: 1 when seen in this frame, falling while coasting. */
+    float visibility;
+    /* Centre of the robot at capture time. */
+    double x_mm;
+    /* Centre of the robot at capture time. */
+    double y_mm;
+    /* Heading at capture time, radians, in (−π, π]. */
+    double orientation;
+    /* Speed along the heading. */
+    double v_mm_s;
+    /* Turning rate, rad/s. */
+    double omega;
+    /* Covariance of (x_mm, y_mm, orientation, v_mm_s, omega), row by row. */
+    double covariance[25];
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_x_mm;
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_y_mm;
+    /* Heading predicted to WorldFrame::t_predicted_ns. */
+    double predicted_orientation;
+} TouchlineRobotState;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRobotState) == 288);
+
+/* The ball as the filter sees it. */
+typedef struct TouchlineBallState {
+    /* A TrackStatus number. */
+    uint32_t status;
+    /* Frames in a row without a usable measurement. */
+    uint32_t frames_unseen;
+    /* Frames in a row whose measurement lay outside the gate. */
+    uint32_t frames_gated;
+    /* 0–1: 1 when seen in this frame, falling while coasting. */
+    float visibility;
+    /* Centre of the ball at capture time. */
+    double x_mm;
+    /* Centre of the ball at capture time. */
+    double y_mm;
+    /* Velocity. */
+    double vx_mm_s;
+    /* Velocity. */
+    double vy_mm_s;
+    /* Covariance of (x_mm, y_mm, vx_mm_s, vy_mm_s), row by row. */
+    double covariance[16];
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_x_mm;
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_y_mm;
+} TouchlineBallState;
+
+TOUCHLINE_CHECK(sizeof(TouchlineBallState) == 192);
+
+/* One hypothesis about a robot's motion and the extended Kalman filter that follows it. */
+typedef struct TouchlineRobotHypothesis {
+    /* How likely it is; those of one robot add up to 1. */
+    double probability;
+    /* x_mm, y_mm, orientation, v_mm_s, omega at capture time. */
+    double mean[5];
+    /* Upper triangle of the covariance of mean, row by row. */
+    double covariance[15];
+} TouchlineRobotHypothesis;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRobotHypothesis) == 168);
+
+/* A command that acts or will act on a robot. */
+typedef struct TouchlineQueuedCommand {
+    /* When it went out to the robot. */
+    uint64_t t_sent_ns;
+    /* Circumferential speed of the left wheel. */
+    double left_mm_s;
+    /* Circumferential speed of the right wheel. */
+    double right_mm_s;
+} TouchlineQueuedCommand;
+
+TOUCHLINE_CHECK(sizeof(TouchlineQueuedCommand) == 24);
+
+/* What the filter needs besides RobotState to carry on with a robot's track exactly. Of no interest to anyone but the filter's successor. */
+typedef struct TouchlineRobotMemory {
+    /* Steered, free, struck. */
+    TouchlineRobotHypothesis hypotheses[3];
+    /* Capture time of the newest measurement that was used. */
+    uint64_t t_seen_ns;
+    /* Capture time of the newest measurement outside the gate. */
+    uint64_t t_gated_ns;
+    /* That measurement: x_mm, y_mm, orientation. */
+    double gated_pose[3];
+    /* Measurements outside the gate, up to that one, that agree with one another. */
+    uint32_t gated_agreeing;
+    /* Valid elements of commands. */
+    uint32_t command_count;
+    /* Commands that act or will act, by time. */
+    TouchlineQueuedCommand commands[12];
+} TouchlineRobotMemory;
+
+TOUCHLINE_CHECK(sizeof(TouchlineRobotMemory) == 840);
+
+/* One hypothesis about the ball's motion and the Kalman filter that follows it. */
+typedef struct TouchlineBallHypothesis {
+    /* How likely it is; both add up to 1. */
+    double probability;
+    /* x_mm, y_mm, vx_mm_s, vy_mm_s at capture time. */
+    double mean[4];
+    /* Upper triangle of the covariance of mean, row by row. */
+    double covariance[10];
+} TouchlineBallHypothesis;
+
+TOUCHLINE_CHECK(sizeof(TouchlineBallHypothesis) == 120);
+
+/* What the filter needs besides BallState to carry on with the ball's track exactly. */
+typedef struct TouchlineBallMemory {
+    /* Rolling, struck. */
+    TouchlineBallHypothesis hypotheses[2];
+    /* Capture time of the newest measurement that was used. */
+    uint64_t t_seen_ns;
+    /* Capture time of the newest measurement outside the gate. */
+    uint64_t t_gated_ns;
+    /* That measurement: x_mm, y_mm. */
+    double gated_position[2];
+    /* Measurements outside the gate, up to that one, that agree with one another. */
+    uint32_t gated_agreeing;
+    /* Reserved, 0. */
+    uint32_t reserved;
+} TouchlineBallMemory;
+
+TOUCHLINE_CHECK(sizeof(TouchlineBallMemory) == 280);
+
+/* The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped. */
+typedef struct TouchlineWorldFrame {
+    /* The frame it belongs to. */
+    TouchlineFrameHeader frame;
+    /* When the classifier took the frame up. */
+    uint64_t t_frame_taken_ns;
+    /* When the classifier handed on the runs. */
+    uint64_t t_runs_ns;
+    /* When the tracker took the runs up. */
+    uint64_t t_runs_taken_ns;
+    /* When the tracker handed on the detections. */
+    uint64_t t_detections_ns;
+    /* When the filter took the detections up. */
+    uint64_t t_detections_taken_ns;
+    /* When the filter handed on this message. */
+    uint64_t t_sent_ns;
+    /* The instant the predicted poses belong to: when a command sent now will act. */
+    uint64_t t_predicted_ns;
+    /* Frame number of the world whose tracks were carried on; WorldFrame::NO_WORLD for a filter that started from nothing. */
+    uint64_t prior_world_seq;
+    /* Number of the newest commands message that was ever used; WorldFrame::NO_COMMANDS for none. */
+    uint64_t commands_seq;
+    /* Valid elements of robots. */
+    uint32_t robot_count;
+    /* Valid elements of commands. */
+    uint32_t command_count;
+    /* The commands messages that were used since the prior world, in that order. With these, the prior world and the detections of the frame, this message can be computed again. */
+    TouchlineCommandsName commands[32];
+    /* Tracked robots, by team and number. */
+    TouchlineRobotState robots[32];
+    /* The ball. */
+    TouchlineBallState ball;
+    /* For the filter's successor: one element for each of robots, in the same order. */
+    TouchlineRobotMemory robot_memories[32];
+    /* For the filter's successor. */
+    TouchlineBallMemory ball_memory;
+} TouchlineWorldFrame;
+
+TOUCHLINE_CHECK(sizeof(TouchlineWorldFrame) == 37224);
+#define TOUCHLINE_WORLD_FRAME_TYPE_NAME "touchline/WorldFrame/3"
+
+/* Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11). */
+typedef struct TouchlineWheelCommand {
+    /* A Team number. */
+    uint32_t team;
+    /* Number of the robot in its team. */
+    uint32_t robot_id;
+    /* Circumferential speed of the left wheel. */
+    double left_mm_s;
+    /* Circumferential speed of the right wheel. */
+    double right_mm_s;
+} TouchlineWheelCommand;
+
+TOUCHLINE_CHECK(sizeof(TouchlineWheelCommand) == 24);
+
+/* The speeds a strategy has just sent. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms). */
+typedef struct TouchlineCommands {
+    /* Counted by the sender. */
+    uint64_t seq;
+    /* When the commands went out to the robots. */
+    uint64_t t_sent_ns;
+    /* Valid elements of wheels. */
+    uint32_t wheel_count;
+    /* Reserved, 0. */
+    uint32_t reserved;
+    /* One element a robot. */
+    TouchlineWheelCommand wheels[32];
+} TouchlineCommands;
+
+TOUCHLINE_CHECK(sizeof(TouchlineCommands) == 792);
+#define TOUCHLINE_COMMANDS_TYPE_NAME "touchline/Commands/1"
+
+/* One robot as it really is. */
+typedef struct TouchlineTruthRobot {
+    /* A Team number. */
+    uint32_t team;
+    /* Number of the robot in its team. */
+    uint32_t robot_id;
+    /* Centre of the robot in the middle of the exposure. */
+    double x_mm;
+    /* Centre of the robot in the middle of the exposure. */
+    double y_mm;
+    /* Heading in the middle of the exposure, radians, in (−π, π]. */
+    double orientation;
+    /* Speed along the heading. */
+    double v_mm_s;
+    /* Turning rate, rad/s. */
+    double omega;
+    /* Frames for which it has not moved at all, up to this one. */
+    uint32_t frames_still;
+    /* 1 when all of its top is inside the picture and nothing hides it. */
+    uint32_t visible;
+} TouchlineTruthRobot;
+
+TOUCHLINE_CHECK(sizeof(TouchlineTruthRobot) == 56);
+
+/* The true state of the synthetic match in one frame. */
+typedef struct TouchlineTruthFrame {
+    /* The frame it belongs to. */
+    uint64_t seq;
+    /* Middle of the exposure of that frame. */
+    uint64_t t_capture_ns;
+    /* Valid elements of robots. */
+    uint32_t robot_count;
+    /* 1 when the ball is in the picture and nothing hides it. */
+    uint32_t ball_visible;
+    /* Centre of the ball. */
+    double ball_x_mm;
+    /* Centre of the ball. */
+    double ball_y_mm;
+    /* Velocity of the ball. */
+    double ball_vx_mm_s;
+    /* Velocity of the ball. */
+    double ball_vy_mm_s;
+    /* All robots, by team and number. */
+    TouchlineTruthRobot robots[32];
+} TouchlineTruthFrame;
+
+TOUCHLINE_CHECK(sizeof(TouchlineTruthFrame) == 1848);
+#define TOUCHLINE_TRUTH_FRAME_TYPE_NAME "touchline/TruthFrame/1"
+
+/* Published by a grabber with a real camera, at every change and several times a second. */
+typedef struct TouchlineCameraReport {
+    /* When it was published. */
+    uint64_t t_sent_ns;
+    /* Frames dropped because parts of them were missing or damaged. */
+    uint64_t incomplete;
+    /* Frames that the camera has captured, but of which nothing has come. */
+    uint64_t lost;
+    /* How often it was started; more than once means that it was away. */
+    uint64_t starts;
+    /* A CameraState number. */
+    uint32_t state;
+    /* Which camera, counted from 0. */
+    uint32_t camera_id;
+    /* Frames a second as the camera or its driver promises; 0 when unknown. */
+    float promised_fps;
+    /* Frames a second that have come, incomplete ones left out; 0 when not measured yet. */
+    float delivered_fps;
+    /* Where frames come from, as named on the command line: UTF-8, ended by a zero. */
+    uint8_t device[96];
+    /* Model, format and way of transfer, likewise. */
+    uint8_t description[160];
+    /* What is wrong and what to do about it, likewise; empty when nothing is. */
+    uint8_t problem[384];
+} TouchlineCameraReport;
+
+TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
+#define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
+
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. */
+typedef struct TouchlineHeartbeat {
+    /* When it was published. */
+    uint64_t t_sent_ns;
+    /* Operating system's number of the process. */
+    uint32_t pid;
+    /* A ProcessKind number. */
+    uint32_t process;
+    /* A ProcessState number. */
+    uint32_t state;
+    /* Reserved, 0. */
+    uint32_t reserved;
+    /* Newest frame number taken in; u64::MAX before the first. */
+    uint64_t seq_in;
+    /* Newest frame number given out; u64::MAX before the first. */
+    uint64_t seq_out;
+    /* Inputs taken. */
+    uint64_t frames_in;
+    /* Outputs given. */
+    uint64_t frames_out;
+    /* Frame numbers that never reached this process (gaps in its input). */
+    uint64_t frames_missed;
+    /* Inputs not worked on, by DropReason. */
+    uint64_t dropped[8];
+} TouchlineHeartbeat;
+
+TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 128);
+#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/2"
+
+/* Travels with the group's status, which is JSON text in the first bytes of the payload. */
+typedef struct TouchlineStatusHeader {
+    /* When it was published. */
+    uint64_t t_sent_ns;
+    /* Length of the text. */
+    uint64_t bytes;
+} TouchlineStatusHeader;
+
+TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
+#define TOUCHLINE_STATUS_HEADER_TYPE_NAME "touchline/StatusHeader/1"
+
+/* Topics: name, element, header. A message is a slice of elements.
+ * frames       u8                           touchline/FrameHeader/1
+ * runs         touchline/Run/1              touchline/RunsHeader/2
+ * detections   touchline/DetectionFrame/2   ()
+ * world        touchline/WorldFrame/3       ()
+ * commands     touchline/Commands/1         ()
+ * truth        touchline/TruthFrame/1       ()
+ * camera       touchline/CameraReport/1     ()
+ * health       touchline/Heartbeat/2        ()
+ * status       u8                           touchline/StatusHeader/1
+ */
+
+#endif

@@ -1,0 +1,221 @@
+//! `touchline export`: a recording in forms that other tools read.
+
+use crate::cli::ExportArgs;
+use crate::commands::CommandError;
+use common::messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
+use image::{ExtendedColorType, save_buffer};
+use recording::{Channel, Entry, Frame, Reader, decode_frame, decode_message};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+const COLUMNS: &str = "source,seq,t_capture_ns,what,robot_id,x_mm,y_mm,orientation_rad,v_mm_s,\
+                       omega_rad_s,vx_mm_s,vy_mm_s,quality";
+
+/// Writes poses as a table, frames as pictures, or both.
+pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
+    if args.csv.is_none() && args.png.is_none() {
+        return Err("say what to export: --csv FILE, --png DIR, or both".into());
+    }
+    let mut reader = Reader::open(&args.file)?;
+    let mut table = args.csv.as_deref().map(Table::create).transpose()?;
+    if let Some(directory) = &args.png {
+        std::fs::create_dir_all(directory)
+            .map_err(|error| format!("{}: {error}", directory.display()))?;
+    }
+    let (mut frames, mut pictures, mut unknown) = (0, 0, 0);
+    for entry in reader.by_ref() {
+        let entry = entry?;
+        if let Some(table) = &mut table {
+            table.take(&entry)?;
+        }
+        if let (Some(directory), Channel::Frames) = (&args.png, entry.channel) {
+            frames += 1;
+            let Some(frame) = decode_frame(&entry.data) else { continue };
+            if (frames - 1) % args.every == 0 {
+                let written = save(&frame, directory)?;
+                pictures += u64::from(written);
+                unknown += u64::from(!written);
+            }
+        }
+    }
+    if let (Some(table), Some(path)) = (table, &args.csv) {
+        println!("{}: {} rows", path.display(), table.finish()?);
+    }
+    if let Some(directory) = &args.png {
+        println!("{}: {pictures} pictures", directory.display());
+        if unknown > 0 {
+            eprintln!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Saves a frame as it is: Bayer data as a grey picture, which `touchline detect` takes for what it
+/// is. `false` for formats that no PNG can hold.
+fn save(frame: &Frame, directory: &Path) -> Result<bool, CommandError> {
+    let header = &frame.header;
+    let (bytes, color) = match PixelFormat::from_number(header.pixel_format) {
+        Some(PixelFormat::Bayer8) => (1, ExtendedColorType::L8),
+        Some(PixelFormat::Rgb24) => (3, ExtendedColorType::Rgb8),
+        _ => return Ok(false),
+    };
+    let row = header.width as usize * bytes;
+    if header.check(header.width, header.height, frame.pixels.len()).is_err() || row == 0 {
+        return Ok(false);
+    }
+    let rows = frame.pixels.chunks(header.stride as usize).take(header.height as usize);
+    let pixels: Vec<u8> = rows.flat_map(|bytes| &bytes[..row]).copied().collect();
+    let path = directory.join(format!("frame-{:08}.png", header.seq));
+    save_buffer(&path, &pixels, header.width, header.height, color)
+        .map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(true)
+}
+
+/// One row for each robot and ball of each message.
+struct Table {
+    file: BufWriter<File>,
+    rows: u64,
+}
+
+/// What is known of a robot or ball; columns that mean nothing for it stay empty.
+#[derive(Default)]
+struct Row {
+    what: &'static str,
+    robot_id: Option<u32>,
+    x_mm: f64,
+    y_mm: f64,
+    orientation: Option<f64>,
+    speed: Option<(f64, f64)>,
+    velocity: Option<(f64, f64)>,
+    quality: Option<f64>,
+}
+
+impl Table {
+    fn create(path: &Path) -> Result<Self, CommandError> {
+        let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let mut file = BufWriter::new(file);
+        writeln!(file, "{COLUMNS}")?;
+        Ok(Self { file, rows: 0 })
+    }
+
+    fn finish(mut self) -> std::io::Result<u64> {
+        self.file.flush()?;
+        Ok(self.rows)
+    }
+
+    fn take(&mut self, entry: &Entry) -> std::io::Result<()> {
+        let (seq, t_ns, rows) = match entry.channel {
+            Channel::Detections => match decode_message::<DetectionFrame>(&entry.data) {
+                Some(message) => {
+                    (message.frame.seq, message.frame.t_capture_ns, of_detections(&message))
+                }
+                None => return Ok(()),
+            },
+            Channel::World => match decode_message::<WorldFrame>(&entry.data) {
+                Some(message) => {
+                    (message.frame.seq, message.frame.t_capture_ns, of_world(&message))
+                }
+                None => return Ok(()),
+            },
+            Channel::Truth => match decode_message::<TruthFrame>(&entry.data) {
+                Some(message) => (message.seq, message.t_capture_ns, of_truth(&message)),
+                None => return Ok(()),
+            },
+            _ => return Ok(()),
+        };
+        let source = entry.channel.name();
+        for row in rows {
+            let Row { what, x_mm, y_mm, .. } = row;
+            let id = row.robot_id.map(|id| id.to_string()).unwrap_or_default();
+            let number = |value: Option<f64>| value.map(|v| v.to_string()).unwrap_or_default();
+            let (v, omega) = (row.speed.map(|speed| speed.0), row.speed.map(|speed| speed.1));
+            let (vx, vy) = (row.velocity.map(|v| v.0), row.velocity.map(|v| v.1));
+            writeln!(
+                self.file,
+                "{source},{seq},{t_ns},{what},{id},{x_mm},{y_mm},{},{},{},{},{},{}",
+                number(row.orientation),
+                number(v),
+                number(omega),
+                number(vx),
+                number(vy),
+                number(row.quality),
+            )?;
+            self.rows += 1;
+        }
+        Ok(())
+    }
+}
+
+fn team(number: u32) -> &'static str {
+    Team::from_number(number).map_or("unknown", Team::name)
+}
+
+fn of_detections(message: &DetectionFrame) -> Vec<Row> {
+    let robots = message.robots().iter().map(|robot| Row {
+        what: team(robot.team),
+        robot_id: Some(robot.robot_id),
+        x_mm: robot.x_mm.into(),
+        y_mm: robot.y_mm.into(),
+        orientation: Some(robot.orientation.into()),
+        quality: Some(robot.confidence.into()),
+        ..Row::default()
+    });
+    // Candidates are listed best first.
+    let ball = message.balls().first().map(|ball| Row {
+        what: "ball",
+        x_mm: ball.x_mm.into(),
+        y_mm: ball.y_mm.into(),
+        quality: Some(ball.confidence.into()),
+        ..Row::default()
+    });
+    robots.chain(ball).collect()
+}
+
+fn of_world(message: &WorldFrame) -> Vec<Row> {
+    let is_present = |status| status != TrackStatus::Absent as u32;
+    let robots = message.robots().iter().filter(|robot| is_present(robot.status));
+    let robots = robots.map(|robot| Row {
+        what: team(robot.team),
+        robot_id: Some(robot.robot_id),
+        x_mm: robot.x_mm,
+        y_mm: robot.y_mm,
+        orientation: Some(robot.orientation),
+        speed: Some((robot.v_mm_s, robot.omega)),
+        quality: Some(robot.visibility.into()),
+        ..Row::default()
+    });
+    let ball = &message.ball;
+    let ball = is_present(ball.status).then(|| Row {
+        what: "ball",
+        x_mm: ball.x_mm,
+        y_mm: ball.y_mm,
+        velocity: Some((ball.vx_mm_s, ball.vy_mm_s)),
+        quality: Some(ball.visibility.into()),
+        ..Row::default()
+    });
+    robots.chain(ball).collect()
+}
+
+fn of_truth(message: &TruthFrame) -> Vec<Row> {
+    let robots = message.robots().iter().map(|robot| Row {
+        what: team(robot.team),
+        robot_id: Some(robot.robot_id),
+        x_mm: robot.x_mm,
+        y_mm: robot.y_mm,
+        orientation: Some(robot.orientation),
+        speed: Some((robot.v_mm_s, robot.omega)),
+        quality: Some(robot.visible.into()),
+        ..Row::default()
+    });
+    let ball = Row {
+        what: "ball",
+        x_mm: message.ball_x_mm,
+        y_mm: message.ball_y_mm,
+        velocity: Some((message.ball_vx_mm_s, message.ball_vy_mm_s)),
+        quality: Some(message.ball_visible.into()),
+        ..Row::default()
+    };
+    robots.chain([ball]).collect()
+}

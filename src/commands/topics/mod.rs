@@ -1,0 +1,347 @@
+//! `touchline topics`: what a program needs to know to attach to a group.
+
+mod c;
+mod python;
+
+use super::CommandError;
+use crate::cli::{TopicsArgs, TopicsFormat};
+use common::bus::{Bus, BusError, Header, Message, Subscriber};
+use common::instance::Instance;
+use common::messages::structure::{Structure, structures_of};
+use common::topics::{Topic, Visitor, visit_all};
+use schemars::JsonSchema;
+use serde::Serialize;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Between two looks at what has come: less than any buffer lasts.
+const POLL: Duration = Duration::from_millis(2);
+
+/// A topic for people and programs.
+#[derive(Debug, Serialize)]
+struct Row {
+    /// Name of the iceoryx2 service.
+    name: &'static str,
+    writer: &'static str,
+    readers: &'static str,
+    /// Type name of an element of the payload, which is a slice.
+    element: &'static str,
+    element_bytes: usize,
+    /// Type name of the user header; `()` for none.
+    header: &'static str,
+    header_bytes: usize,
+    /// Unread messages kept for each reader.
+    buffer: usize,
+    history: usize,
+    /// Whether there is an iceoryx2 event of the same name, on which to sleep.
+    notifies: bool,
+    max_publishers: usize,
+    max_subscribers: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    live: Option<Live>,
+}
+
+/// What goes on on a topic.
+#[derive(Debug, Serialize)]
+struct Live {
+    /// Writers connected, spares included.
+    publishers: usize,
+    /// Readers connected, spares included; the one that has measured this is left out.
+    subscribers: usize,
+    messages_per_s: f64,
+    /// Elements of the newest message.
+    elements: Option<usize>,
+}
+
+/// The document of `--json`.
+#[derive(Debug, Serialize)]
+struct Document {
+    instance: String,
+    is_running: bool,
+    /// For `iox2.config`: where the services of this group are.
+    iceoryx2: Iceoryx2,
+    topics: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+struct Iceoryx2 {
+    version: &'static str,
+    root_path: String,
+    prefix: String,
+}
+
+/// Prints what there is, in the wanted form.
+pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
+    let instance = Instance::new(&args.instance.instance)?;
+    match args.format {
+        Some(TopicsFormat::Python) => print!("{}", python::module(&collect_types())),
+        Some(TopicsFormat::C) => print!("{}", c::header(&collect_types())),
+        Some(TopicsFormat::Config) => print!("{}", ipc_toml(&instance)?),
+        None if args.json => {
+            let document = document(&instance, args.seconds)?;
+            println!("{}", serde_json::to_string_pretty(&document)?);
+        }
+        None => print!("{}", text(&document(&instance, args.seconds)?)),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn document(instance: &Instance, seconds: f64) -> Result<Document, CommandError> {
+    let is_running = instance.is_supervised();
+    let topics = if is_running { measure(instance, seconds)? } else { rows() };
+    let root_path = instance.directory().join("ipc").display().to_string();
+    Ok(Document {
+        instance: instance.name().into(),
+        is_running,
+        iceoryx2: Iceoryx2 { version: "0.10", root_path, prefix: instance.shared_memory_prefix() },
+        topics,
+    })
+}
+
+/// The configuration file for other iceoryx2 programs: theirs, with the place of this group.
+fn ipc_toml(instance: &Instance) -> Result<String, CommandError> {
+    Ok(format!(
+        "# iceoryx2 0.10 configuration to attach to the Touchline group {:?}\n{}",
+        instance.name(),
+        toml::to_string(&instance.ipc_config()?)?
+    ))
+}
+
+fn row<E: Message, H: Header>(topic: &'static Topic<E, H>) -> Row {
+    let names = topic.type_names();
+    Row {
+        name: topic.name,
+        writer: topic.writer,
+        readers: topic.readers,
+        element: names.element,
+        element_bytes: size_of::<E>(),
+        header: names.header,
+        header_bytes: size_of::<H>(),
+        buffer: topic.buffer,
+        history: topic.history,
+        notifies: topic.notifies,
+        max_publishers: topic.publishers,
+        max_subscribers: topic.subscribers,
+        live: None,
+    }
+}
+
+fn rows() -> Vec<Row> {
+    struct Rows(Vec<Row>);
+    impl Visitor for Rows {
+        fn visit<E: Message + JsonSchema, H: Header + JsonSchema>(
+            &mut self,
+            topic: &'static Topic<E, H>,
+        ) {
+            self.0.push(row(topic));
+        }
+    }
+    let mut rows = Rows(Vec::new());
+    visit_all(&mut rows);
+    rows.0
+}
+
+/// Counts what comes on a topic, whatever its type.
+trait Counter {
+    /// Takes what has come; the number of messages, and elements of the newest one.
+    fn count(&mut self) -> Result<(u64, Option<usize>), BusError>;
+}
+
+impl<E: Message, H: Header> Counter for Subscriber<E, H> {
+    fn count(&mut self) -> Result<(u64, Option<usize>), BusError> {
+        let (mut messages, mut elements) = (0, None);
+        while let Some(received) = self.receive()? {
+            messages += 1;
+            elements = Some(received.elements().len());
+        }
+        Ok((messages, elements))
+    }
+}
+
+struct Measured {
+    row: Row,
+    counter: Box<dyn Counter>,
+    messages: u64,
+}
+
+struct Measuring<'a> {
+    bus: &'a Bus,
+    topics: Vec<Result<Measured, BusError>>,
+}
+
+impl Measuring<'_> {
+    fn connect<E: Message, H: Header>(
+        &self,
+        topic: &'static Topic<E, H>,
+    ) -> Result<Measured, BusError> {
+        let connected = self.bus.population(topic)?;
+        let mut row = row(topic);
+        row.live = Some(Live {
+            publishers: connected.publishers,
+            subscribers: connected.subscribers,
+            messages_per_s: 0.0,
+            elements: None,
+        });
+        let counter = Box::new(self.bus.subscriber(topic)?);
+        Ok(Measured { row, counter, messages: 0 })
+    }
+}
+
+impl Visitor for Measuring<'_> {
+    fn visit<E: Message + JsonSchema, H: Header + JsonSchema>(
+        &mut self,
+        topic: &'static Topic<E, H>,
+    ) {
+        let measured = self.connect(topic);
+        self.topics.push(measured);
+    }
+}
+
+fn measure(instance: &Instance, seconds: f64) -> Result<Vec<Row>, BusError> {
+    let bus = Bus::join(instance, "topics")?;
+    let mut measuring = Measuring { bus: &bus, topics: Vec::new() };
+    visit_all(&mut measuring);
+    let mut topics = measuring.topics.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let began = Instant::now();
+    while began.elapsed().as_secs_f64() < seconds {
+        std::thread::sleep(POLL);
+        for topic in &mut topics {
+            let (messages, elements) = topic.counter.count()?;
+            topic.messages += messages;
+            if let Some(live) = &mut topic.row.live {
+                live.elements = elements.or(live.elements);
+            }
+        }
+    }
+    let elapsed_s = began.elapsed().as_secs_f64();
+    Ok(topics
+        .into_iter()
+        .map(|topic| {
+            let mut row = topic.row;
+            if let Some(live) = &mut row.live {
+                live.messages_per_s = (topic.messages as f64 / elapsed_s * 10.0).round() / 10.0;
+            }
+            row
+        })
+        .collect())
+}
+
+fn text(document: &Document) -> String {
+    let Document { instance, is_running, iceoryx2, topics } = document;
+    let state = if *is_running { "is running" } else { "is not running" };
+    let mut text = format!("the group {instance:?} {state}\n\n");
+    text += &format!(
+        "  {:<12}{:>8}{:>9}{:>9}  {:<28}{:>8}  {}\n",
+        "topic", "a second", "writers", "readers", "element", "bytes", "header"
+    );
+    for row in topics {
+        let live = row.live.as_ref();
+        let or_dash = |text: Option<String>| text.unwrap_or("–".into());
+        text += &format!(
+            "  {:<12}{:>8}{:>9}{:>9}  {:<28}{:>8}  {}\n",
+            row.name,
+            or_dash(live.map(|live| format!("{:.1}", live.messages_per_s))),
+            or_dash(live.map(|live| live.publishers.to_string())),
+            or_dash(live.map(|live| live.subscribers.to_string())),
+            row.element,
+            row.element_bytes,
+            if row.header == "()" { "" } else { row.header },
+        );
+    }
+    text += &format!(
+        "\n  iceoryx2 {}: root path {}, prefix {}\n  a configuration file for other iceoryx2 \
+         programs: touchline topics --format config --instance {instance}\n",
+        iceoryx2.version, iceoryx2.root_path, iceoryx2.prefix
+    );
+    text
+}
+
+/// Everything that generated files are made from.
+#[derive(Debug)]
+struct Types {
+    /// Parts before what they are part of.
+    structures: Vec<Structure>,
+    topics: Vec<Row>,
+}
+
+impl Types {
+    /// The versioned name of a structure that is an element or a header; `None` for parts.
+    fn type_name(&self, structure: &Structure) -> Option<&'static str> {
+        let names = self.topics.iter().flat_map(|row| [row.element, row.header]);
+        names.into_iter().find(|name| structure_name(name) == structure.name)
+    }
+}
+
+/// `World` of `touchline/World/1`.
+fn structure_name(type_name: &str) -> &str {
+    type_name.split('/').nth(1).unwrap_or(type_name)
+}
+
+fn collect_types() -> Types {
+    struct Found(Vec<Structure>);
+    impl Found {
+        fn add<T: JsonSchema + 'static>(&mut self) {
+            use std::any::TypeId;
+            // Bytes and nothing are no structures.
+            if [TypeId::of::<u8>(), TypeId::of::<()>()].contains(&TypeId::of::<T>()) {
+                return;
+            }
+            for structure in structures_of::<T>() {
+                if !self.0.iter().any(|known| known.name == structure.name) {
+                    self.0.push(structure);
+                }
+            }
+        }
+    }
+    impl Visitor for Found {
+        fn visit<E: Message + JsonSchema, H: Header + JsonSchema>(
+            &mut self,
+            _: &'static Topic<E, H>,
+        ) {
+            self.add::<H>();
+            self.add::<E>();
+        }
+    }
+    let mut found = Found(Vec::new());
+    visit_all(&mut found);
+    Types { structures: found.0, topics: rows() }
+}
+
+/// Numbers that have names, as `(enumeration, [(name, number)])`.
+fn enumerations() -> Vec<(&'static str, Vec<(String, u64)>)> {
+    use common::messages::*;
+    fn list<T: Copy + std::fmt::Debug>(
+        items: impl IntoIterator<Item = T>,
+        number: impl Fn(T) -> u64,
+    ) -> Vec<(String, u64)> {
+        items.into_iter().map(|item| (format!("{item:?}"), number(item))).collect()
+    }
+    vec![
+        ("Team", list(Team::ALL, |item| item as u64)),
+        ("TrackStatus", list((0..16).filter_map(TrackStatus::from_number), |item| item as u64)),
+        ("PixelFormat", list(PixelFormat::ALL, |item| item as u64)),
+        ("BayerOrder", list(BayerOrder::ALL, |item| item as u64)),
+        ("RejectReason", list(RejectReason::ALL, |item| item as u64)),
+        ("ProcessKind", list(ProcessKind::ALL, |item| item as u64)),
+        ("ProcessState", list((0..16).filter_map(ProcessState::from_number), |item| item as u64)),
+        ("DropReason", list(DropReason::ALL, |item| item as u64)),
+        ("CameraState", list(CameraState::ALL, |item| item as u64)),
+    ]
+}
+
+/// A field's name where `class` is a word of the language.
+fn field_name(name: &str) -> &str {
+    if name == "class" { "class_" } else { name }
+}
+
+/// `TooSmall` as `TOO_SMALL`.
+fn upper_case(name: &str) -> String {
+    let mut upper = String::new();
+    for (index, letter) in name.chars().enumerate() {
+        if index > 0 && letter.is_uppercase() {
+            upper.push('_');
+        }
+        upper.extend(letter.to_uppercase());
+    }
+    upper
+}

@@ -1,0 +1,260 @@
+//! Programs that attach: in other languages, and played back from a recording.
+
+mod support;
+
+use common::consumer::{Consumer, Event};
+use common::messages::{Team, TruthFrame};
+use common::topics;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE, Scratch, output_of, touchline};
+
+/// One against one, so that the way to the ball is mostly free.
+const SMALL: &str = "
+[robots]
+identities = [
+    { team = \"yellow\", id = 0, colors = [\"green\"] },
+    { team = \"blue\", id = 1, colors = [\"cyan\"] },
+]
+";
+
+/// A program that ends with the test.
+struct Program(Child);
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A Python that has these modules; `None`, said loudly, where there is none.
+fn python(modules: &str) -> Option<PathBuf> {
+    let python = std::env::var_os("TOUCHLINE_PYTHON").map_or("python3".into(), PathBuf::from);
+    let import = format!("import {modules}");
+    let works = Command::new(&python).args(["-c", &import]).output();
+    if works.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    let must = std::env::var_os("TOUCHLINE_PYTHON").is_some();
+    assert!(!must, "{} has no {modules}", python.display());
+    eprintln!(
+        "SKIPPED: {} cannot import {modules}; make an environment with `pip install iceoryx2==0.10.0 \
+         mcap mcap-protobuf-support` and set TOUCHLINE_PYTHON",
+        python.display()
+    );
+    None
+}
+
+fn script(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/python").join(name)
+}
+
+#[test]
+fn layouts_for_other_languages_are_those_of_this_program() {
+    let scratch = Scratch::new("layouts");
+    for (format, file) in
+        [("python", "scripts/python/touchline_messages.py"), ("c", "scripts/touchline.h")]
+    {
+        let output = output_of(&scratch, &["topics", "--format", format]);
+        assert!(output.status.success(), "{output:?}");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        let committed = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(
+            committed == String::from_utf8(output.stdout).unwrap(),
+            "{file} is out of date: touchline topics --format {format} > {file}"
+        );
+    }
+    // The sizes are asserted in the header itself.
+    let header = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/touchline.h");
+    for (compiler, language, standard) in [("cc", "c", "-std=c11"), ("c++", "c++", "-std=c++17")] {
+        let output = Command::new(compiler)
+            .args([standard, "-Wall", "-Werror", "-fsyntax-only", "-x", language])
+            .arg(&header)
+            .output();
+        match output {
+            Ok(output) => {
+                assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            }
+            Err(error) => eprintln!("SKIPPED: {compiler}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn topics_are_listed_with_what_goes_on() {
+    let mut group = Group::start("topics", "", &[]);
+    group.wait_until_working();
+    let output = output_of(&group.scratch, &["topics", "--json", "--instance", "test"]);
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let topics = document["topics"].as_array().unwrap();
+    let world = topics.iter().find(|topic| topic["name"] == "world").unwrap();
+    assert!(world["element"].as_str().unwrap().starts_with("touchline/WorldFrame/"), "{world:#}");
+    assert!(world["live"]["messages_per_s"].as_f64() > Some(5.0), "{world:#}");
+    assert!(world["live"]["subscribers"].as_u64() >= Some(2), "{world:#}");
+    let prefix = document["iceoryx2"]["prefix"].as_str().unwrap();
+    assert_eq!(prefix, group.instance.shared_memory_prefix());
+    let output = output_of(&group.scratch, &["topics", "--format", "config", "--instance", "test"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains(prefix) && text.contains("root-path"), "{text}");
+}
+
+/// How far the robot really is from the ball.
+fn distance(truth: &TruthFrame) -> f64 {
+    let robot = truth.robots().iter().find(|r| (r.team, r.robot_id) == (Team::Blue as u32, 1));
+    let robot = robot.expect("the robot is on the pitch");
+    (robot.x_mm - truth.ball_x_mm).hypot(robot.y_mm - truth.ball_y_mm)
+}
+
+/// Watches the truth until the robot has been at the ball for two seconds on end, the kicks it gives
+/// the ball left out.
+fn wait_until_at_the_ball(group: &Group) {
+    let mut truth = Consumer::new(group.instance.clone(), "test", &topics::TRUTH);
+    let deadline = Instant::now() + PATIENCE;
+    let mut recent = std::collections::VecDeque::new();
+    while Instant::now() < deadline {
+        if let Some(Event::Message(received)) = truth.next(Duration::from_secs(1)).unwrap() {
+            let Some(truth) = received.message() else { continue };
+            recent.push_back(distance(truth) < 200.0);
+            if recent.len() > 160 {
+                recent.pop_front();
+                if recent.iter().filter(|&&near| near).count() > 130 {
+                    return;
+                }
+            }
+        }
+    }
+    let near = recent.iter().filter(|&&near| near).count();
+    panic!("the robot was at the ball in {near} of the last {} frames", recent.len());
+}
+
+#[test]
+fn a_strategy_in_python_drives_a_robot_to_the_ball() {
+    let Some(python) = python("iceoryx2") else { return };
+    let mut group = Group::start("python", SMALL, &[]);
+    group.wait_until_working();
+    let strategy = Command::new(python)
+        .arg(script("drive_to_ball.py"))
+        .args(["--instance", "test", "--team", "blue", "--robot", "1"])
+        .env("TOUCHLINE_RUNTIME_DIR", group.scratch.path.join("run"))
+        .stdin(Stdio::null())
+        .spawn()
+        .unwrap();
+    let _strategy = Program(strategy);
+    wait_until_at_the_ball(&group);
+}
+
+#[test]
+fn a_strategy_in_rust_drives_a_robot_to_the_ball() {
+    // Beside this test: target/debug/deps/attach-…, target/debug/examples/drive_to_ball.
+    let test = std::env::current_exe().unwrap();
+    let example = test.parent().unwrap().parent().unwrap().join("examples/drive_to_ball");
+    if !example.exists() {
+        eprintln!("SKIPPED: {} has not been built; `cargo test` does it", example.display());
+        return;
+    }
+    let mut group = Group::start("rust", SMALL, &[]);
+    group.wait_until_working();
+    let strategy = Command::new(example)
+        .arg("test")
+        .env("TOUCHLINE_RUNTIME_DIR", group.scratch.path.join("run"))
+        .stdin(Stdio::null())
+        .spawn()
+        .unwrap();
+    let _strategy = Program(strategy);
+    wait_until_at_the_ball(&group);
+}
+
+#[test]
+fn a_consumer_outlives_its_group() {
+    let mut group = Group::start("outlives", "", &[]);
+    group.wait_until_working();
+    let mut world = Consumer::new(group.instance.clone(), "test", &topics::WORLD);
+    let mut wait_for = |what: &str, wanted: fn(&Event<_, _>) -> bool| {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if world.next(Duration::from_secs(1)).unwrap().as_ref().is_some_and(wanted) {
+                return;
+            }
+        }
+        panic!("waited for {what} in vain");
+    };
+    wait_for("the group", |event| matches!(event, Event::Joined));
+    wait_for("a message", |event| matches!(event, Event::Message(_)));
+    let output = output_of(&group.scratch, &["stop", "--instance", "test"]);
+    assert!(output.status.success(), "{output:?}");
+    group.wait_until_ended();
+    wait_for("the end", |event| matches!(event, Event::Left));
+
+    let mut second = touchline(&group.scratch, &["run", "--instance", "test", "--quiet"]);
+    let mut second = Program(second.stdout(Stdio::null()).spawn().unwrap());
+    wait_for("the next group", |event| matches!(event, Event::Joined));
+    wait_for("its numbers", |event| matches!(event, Event::Restarted));
+    wait_for("its messages", |event| matches!(event, Event::Message(_)));
+    let output = output_of(&group.scratch, &["stop", "--instance", "test"]);
+    assert!(output.status.success(), "{output:?}");
+    second.0.wait().unwrap();
+}
+
+/// What is exported can be read: the table by anybody, the pictures by `detect`.
+fn check_exports(scratch: &Scratch, file: &Path) {
+    let (table, pictures) = (scratch.path.join("poses.csv"), scratch.path.join("frames"));
+    let (table_arg, pictures_arg) = (table.to_str().unwrap(), pictures.to_str().unwrap());
+    let file = file.to_str().unwrap();
+    let args = ["export", file, "--csv", table_arg, "--png", pictures_arg, "--every", "100"];
+    let output = output_of(scratch, &args);
+    assert!(output.status.success(), "{output:?}");
+    let table = std::fs::read_to_string(table).unwrap();
+    let columns = table.lines().next().unwrap().split(',').count();
+    assert!(table.lines().all(|line| line.split(',').count() == columns));
+    for source in ["detections,", "world,", "truth,"] {
+        let rows = table.lines().filter(|line| line.starts_with(source)).count();
+        assert!(rows > 1000, "{rows} rows of {source}");
+    }
+    let output = output_of(scratch, &["detect", "--json", pictures_arg]);
+    let lines = String::from_utf8(output.stdout).unwrap();
+    assert!((1..=4).contains(&lines.lines().count()), "{lines}");
+    assert!(lines.lines().all(|line| line.contains("\"robots\"")), "{lines}");
+}
+
+#[test]
+fn a_recording_is_played_and_read_by_the_official_library() {
+    let scratch = Scratch::new("played");
+    let file = scratch.path.join("match.mcap");
+    let mut group = Group::start("recorded", "", &["--frames", "400"]);
+    let args = ["record", file.to_str().unwrap(), "--instance", "test", "--keep-free", "1M"];
+    let topics =
+        ["--topics", "frames,runs,detections,world,commands,truth,health,scene", "--quiet"];
+    let args: Vec<&str> = args.iter().chain(&topics).copied().collect();
+    let mut recorder =
+        Program(touchline(&group.scratch, &args).stdout(Stdio::null()).spawn().unwrap());
+    group.wait_until_ended();
+    let pid = rustix::process::Pid::from_child(&recorder.0);
+    rustix::process::kill_process(pid, Signal::INT).unwrap();
+    assert!(recorder.0.wait().unwrap().success());
+    drop(group);
+
+    check_exports(&scratch, &file);
+    let info = output_of(&scratch, &["info", "--json", file.to_str().unwrap()]);
+    let info: Value = serde_json::from_slice(&info.stdout).unwrap();
+    let recorded = info["channels"]["frames"]["messages"].as_u64().unwrap();
+    let source = format!("recording:{}", file.display());
+    let report = scratch.path.join("report.json");
+    let args = ["--source", &source, "--report", report.to_str().unwrap()];
+    // Without a configuration, the recorded one is used; the group ends with the recording.
+    let mut played = Group::start_plain("played-group", &args);
+    assert!(played.wait_until_ended().success(), "{}", played.stderr());
+    let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    assert_eq!(report["frames"]["captured"], recorded, "{report:#}");
+    assert_eq!(report["frames"]["missing_in_world"], 0, "{report:#}");
+    let found = report["accuracy"]["world"]["found_ratio"].as_f64();
+    assert!(found > Some(0.95), "the recorded truth is played, too: {report:#}");
+
+    let Some(python) = python("mcap, mcap_protobuf, iceoryx2") else { return };
+    let output =
+        Command::new(python).arg(script("check_recording.py")).arg(&file).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+}
