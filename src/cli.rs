@@ -55,6 +55,8 @@ pub enum Command {
     /// robots where nobody is, the ball. docs/labels.md describes the file of labels.
     #[command(after_long_help = SCORE_EXAMPLES)]
     Score(ScoreArgs),
+    /// Lists the cameras of this machine, with formats, sizes, rates and controls.
+    Cameras(CamerasArgs),
     /// Shows a running group.
     Status(StatusArgs),
     /// Ends a running group.
@@ -141,7 +143,8 @@ pub struct RunArgs {
     /// Configuration file [default: MiroSot middle league on a synthetic pitch]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Where frames come from: `synthetic`; `images:PATH` with a picture or a folder of them;
+    /// Where frames come from: `synthetic`; `v4l2:/dev/videoN` or `genicam` with a camera (`touchline
+    /// cameras` lists them); `images:PATH` with a picture or a folder of them;
     /// `recording:FILE[,loop][,from=SECONDS]`; or `synthetic-loop:N`, N frames painted in advance, shown
     /// to and fro
     #[arg(long, default_value = "synthetic")]
@@ -248,6 +251,14 @@ const SCORE_EXAMPLES: &str = "\
 Examples:
   touchline score labels.json --config match.toml          what was found and what not, and why
   touchline score a.json b.json --config match.toml --json  all figures as one JSON document";
+
+/// Arguments of `cameras`.
+#[derive(Debug, Args)]
+pub struct CamerasArgs {
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Which group.
 #[derive(Debug, Args)]
@@ -420,7 +431,8 @@ pub struct GrabberArgs {
     /// As for every stage.
     #[command(flatten)]
     pub stage: StageArgs,
-    /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH` or `recording:FILE`
+    /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH`, `recording:FILE`,
+    /// `v4l2:/dev/videoN` or `genicam`
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Capture so many frames, then wait to be ended

@@ -9,10 +9,14 @@
 
 mod bulletin;
 pub mod camera;
+pub mod genicam;
 mod injector;
+mod jpeg;
+pub mod listing;
 pub mod mosaic;
 pub mod pictures;
 pub mod playback;
 pub mod process;
 pub mod source;
 pub mod synthetic;
+pub mod v4l2;

@@ -27,7 +27,8 @@ pub fn run(
     config: &Config,
 ) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Grabber, options, config)?;
-    let mut pool = FramePool::new(&process.bus, config.camera.frame_bytes())?;
+    let capacity = grabber.source.frame_capacity(&config.camera);
+    let mut pool = FramePool::new(&process.bus, &config.camera, capacity)?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
     let heard = process.bus.subscriber(&topics::COMMANDS)?;

@@ -1,14 +1,17 @@
 //! Which camera: the table of drivers.
 
-use crate::camera::{Camera, CameraError, Exposure, LastFrame, Painted, Painter, Timeline};
+use crate::camera::{Camera, CameraError, Exposure, LastFrame, Link, Painted, Painter, Timeline};
+use crate::genicam::GenicamDevice;
 use crate::injector::Injector;
 use crate::pictures::{PictureCamera, load_frames};
 use crate::playback::{Playback, Playlist, recorded_config};
 use crate::synthetic::SyntheticMatch;
-use common::config::Config;
+use crate::v4l2::V4l2Device;
+use common::config::{CameraConfig, Config};
 use common::messages::{Commands, TruthFrame};
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Where frames come from, as named on the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,12 +25,19 @@ pub enum Source {
     Pictures(PathBuf),
     /// A recording: `recording:FILE[,loop][,from=SECONDS]`.
     Recording(Playlist),
+    /// A camera of Video for Linux: `v4l2:DEVICE`.
+    V4l2(PathBuf),
+    /// A GigE Vision or USB3 Vision camera: `genicam:ID`, or `genicam` for the first one.
+    Genicam(Option<String>),
 }
 
 /// Frames of a loop when no number is given.
 pub const LOOP_FRAMES: u32 = 32;
 /// Longest loop.
 const MOST_LOOP_FRAMES: u32 = 4096;
+const HELP: &str = "use synthetic, synthetic-loop:N, images:PATH with a picture or a folder of pictures, \
+                    recording:FILE[,loop][,from=SECONDS], v4l2:/dev/videoN, or genicam or genicam:ID with a camera (`touchline cameras` \
+                    lists them)";
 
 impl FromStr for Source {
     type Err = String;
@@ -40,11 +50,12 @@ impl FromStr for Source {
                 Ok(frames) if (1..=MOST_LOOP_FRAMES).contains(&frames) => Ok(Self::Loop(frames)),
                 _ => Err(format!("use synthetic-loop:N with N from 1 to {MOST_LOOP_FRAMES}")),
             },
+            None if text == "genicam" => Ok(Self::Genicam(None)),
+            Some(("genicam", id)) if !id.is_empty() => Ok(Self::Genicam(Some(id.into()))),
             Some(("images", path)) if !path.is_empty() => Ok(Self::Pictures(path.into())),
             Some(("recording", playlist)) => Ok(Self::Recording(playlist.parse()?)),
-            _ => Err("use synthetic, images:PATH with a picture or a folder of pictures, or \
-                      recording:FILE[,loop][,from=SECONDS]"
-                .into()),
+            Some(("v4l2", path)) if !path.is_empty() => Ok(Self::V4l2(path.into())),
+            _ => Err(HELP.into()),
         }
     }
 }
@@ -56,6 +67,23 @@ impl std::fmt::Display for Source {
             Self::Loop(frames) => write!(f, "synthetic-loop:{frames}"),
             Self::Pictures(path) => write!(f, "images:{}", path.display()),
             Self::Recording(playlist) => write!(f, "recording:{playlist}"),
+            Self::V4l2(path) => write!(f, "v4l2:{}", path.display()),
+            Self::Genicam(None) => write!(f, "genicam"),
+            Self::Genicam(Some(id)) => write!(f, "genicam:{id}"),
+        }
+    }
+}
+
+impl Source {
+    /// The most bytes a frame may have. Real cameras choose their format themselves, and pad rows and
+    /// pictures as they like; what is not used costs address space, but no memory.
+    pub fn frame_capacity(&self, camera: &CameraConfig) -> usize {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        match self {
+            Self::Synthetic | Self::Loop(_) | Self::Pictures(_) => camera.frame_bytes(),
+            Self::V4l2(_) | Self::Genicam(_) | Self::Recording(_) => {
+                (3 * width).next_multiple_of(256) * (height + 16) + 4096
+            }
         }
     }
 }
@@ -94,8 +122,17 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             let injector = Injector::new(config, *frames)
                 .map_err(|error| CameraError::Synthetic(error.to_string()))?;
             Ok(Box::new(move |last| {
-                Box::new(Painted::new(injector.start(Timeline::new(camera.fps, last)), &camera))
+                let injector = injector.start(Timeline::new(camera.fps, last));
+                Ok(Box::new(Painted::new(injector, &camera)))
             }))
+        }
+        Source::V4l2(path) => {
+            let device = Arc::new(V4l2Device::new(path, &camera));
+            Ok(Box::new(move |last| Ok(Box::new(Link::new(device, camera.fps, last)))))
+        }
+        Source::Genicam(id) => {
+            let device = Arc::new(GenicamDevice::new(id.clone(), &camera));
+            Ok(Box::new(move |last| Ok(Box::new(Link::new(device, camera.fps, last)))))
         }
         Source::Pictures(path) => {
             let frames = load_frames(path, &camera)?;

@@ -2,6 +2,7 @@
 
 use common::bus::Bus;
 use common::clock::monotonic_ns;
+use common::config::CameraConfig;
 use common::instance::Instance;
 use common::messages::{BayerOrder, CameraState, PixelFormat, read_text};
 use std::collections::VecDeque;
@@ -54,16 +55,12 @@ struct Script {
 }
 
 impl Session for Script {
-    fn description(&self) -> String {
-        "a script".into()
-    }
-
     fn promised_fps(&self) -> Option<f64> {
         Some(100.0)
     }
 
-    fn start(self: Box<Self>, _: &mut FramePool) -> Result<Box<dyn Stream>, Fault> {
-        Ok(self)
+    fn start(self: Box<Self>, _: &mut FramePool) -> Result<(Box<dyn Stream>, String), Fault> {
+        Ok((self, "a script".into()))
     }
 }
 
@@ -102,7 +99,7 @@ impl Bench {
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();
         let bus = Bus::join(&instance, "test").unwrap();
-        let pool = FramePool::new(&bus, 8).unwrap();
+        let pool = FramePool::new(&bus, &CameraConfig::default(), 8).unwrap();
         let device = Arc::new(Scripted { turns: Mutex::new(turns.into()) });
         Self { link: Link::new(device, 100.0, last), pool, _bus: bus, instance, base }
     }

@@ -1,5 +1,6 @@
 //! What each subcommand does.
 
+mod cameras;
 pub mod chaos;
 mod config;
 mod detect;
@@ -34,6 +35,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Detect(args)) => detect::detect(args),
         Some(Command::Learn(args)) => learn::learn(args),
         Some(Command::Score(args)) => score::score(args),
+        Some(Command::Cameras(args)) => cameras::cameras(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),
         Some(Command::Restart(args)) => operate::restart(args),

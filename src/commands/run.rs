@@ -111,7 +111,9 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
                 path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?;
             Source::Recording(Playlist { path, ..playlist })
         }
-        Source::Synthetic | Source::Loop(_) => source,
+        // A device may come later.
+        Source::V4l2(path) => Source::V4l2(std::path::absolute(path)?),
+        Source::Synthetic | Source::Loop(_) | Source::Genicam(_) => source,
     })
 }
 

@@ -1,6 +1,7 @@
 //! Emptying the topics and putting the report together.
 
 use super::accuracy::{ReportedRobot, Scorer};
+use super::camera::CameraWatch;
 use super::flow::Flow;
 use super::latency::LatencyMeter;
 use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Resources, Stage};
@@ -31,6 +32,7 @@ pub struct Collector {
     world: Subscriber<WorldFrame, ()>,
     truth: Subscriber<TruthFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
+    camera: CameraWatch,
     view: Arc<GroupView>,
     base: Report,
     started_ns: u64,
@@ -87,6 +89,7 @@ impl Collector {
                 width: config.camera.width,
                 height: config.camera.height,
                 fps: config.camera.fps,
+                device: None,
             },
             supervisor_pid: view.supervisor_pid,
             found: Found {
@@ -102,6 +105,7 @@ impl Collector {
             frames: bus.subscriber(&topics::frames(config.camera.frame_bytes()))?,
             truth: bus.subscriber(&topics::TRUTH)?,
             health: bus.subscriber(&topics::HEALTH)?,
+            camera: CameraWatch::new(&bus)?,
             view,
             base,
             started_ns: monotonic_ns(),
@@ -148,6 +152,7 @@ impl Collector {
                 self.take_world(world)?;
             }
         }
+        self.camera.collect(&self.view)?;
         while let Some(received) = self.health.receive()? {
             if let Some(beat) = received.message() {
                 // Of processes of the group only: numbers of others would pile up.
@@ -323,7 +328,9 @@ impl Collector {
             (Some(detections), Some(world)) => Some(Accuracy { detections, world }),
             _ => None,
         };
+        let camera = Camera { device: self.camera.device(), ..self.base.camera.clone() };
         Report {
+            camera,
             elapsed_s: ((now - self.started_ns) as f64 / 1e7).round() / 100.0,
             complete: stages.values().all(working),
             frames,

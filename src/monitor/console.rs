@@ -1,7 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Breakdown, Errors, Percentiles, Report};
+use super::report::{Breakdown, CameraDevice, Errors, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
@@ -136,6 +136,9 @@ pub fn summary(report: &Report) -> String {
 fn body(report: &Report) -> String {
     let mut text = String::new();
     let frames = &report.frames;
+    if let Some(device) = &report.camera.device {
+        camera_lines(&mut text, device);
+    }
     let _ = writeln!(
         text,
         "  frames       {} captured ({:.1}/s), {} in world ({:.1}/s)",
@@ -237,6 +240,21 @@ fn pieces(breakdown: &Breakdown) -> String {
     )
 }
 
+/// A real camera, and what is wrong with it.
+fn camera_lines(text: &mut String, device: &CameraDevice) {
+    let CameraDevice { state, description, problem, .. } = device;
+    let state = state.replace('_', " ");
+    let _ = writeln!(
+        text,
+        "  camera       {state}, {:.1} of {:.1} promised fps, {} incomplete, {} lost, started {}×   \
+         {description}",
+        device.delivered_fps, device.promised_fps, device.incomplete, device.lost, device.starts
+    );
+    if !problem.is_empty() {
+        let _ = writeln!(text, "               {problem}");
+    }
+}
+
 fn errors_line(errors: &Errors) -> String {
     let standing = &errors.standing;
     let pair = |rms: f64, other: f64| format!("{rms:.2} / {other:.2}");
@@ -270,6 +288,9 @@ fn line(report: &Report) -> String {
         report.found.robots_configured,
         if report.found.ball { "ball" } else { "no ball" },
     );
+    if let Some(device) = report.camera.device.as_ref().filter(|it| it.state != "streaming") {
+        let _ = write!(text, "  camera {}: {}", device.state.replace('_', " "), device.problem);
+    }
     if let Some(accuracy) = &report.accuracy {
         let world = &accuracy.world;
         let _ =

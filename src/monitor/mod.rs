@@ -6,6 +6,7 @@
 //! `status` and draws the console.
 
 mod accuracy;
+mod camera;
 mod collector;
 mod console;
 mod flow;

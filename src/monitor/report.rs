@@ -45,7 +45,7 @@ pub struct Report {
     pub events: Vec<Event>,
 }
 
-/// The camera as configured.
+/// The camera as configured, and as it is.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Camera {
@@ -55,6 +55,32 @@ pub struct Camera {
     pub height: u32,
     /// Frames a second.
     pub fps: f64,
+    /// How it is; absent with sources that are always there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<CameraDevice>,
+}
+
+/// A real camera, as the grabber sees it. Counters start with the grabber.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CameraDevice {
+    /// `opening`, `streaming`, `slow`, or what keeps it from streaming: `missing`, `no_rights`,
+    /// `busy`, `wrong_format`, `wrong_setting`, `hung`, `no_library`, `failed`.
+    pub state: String,
+    /// Model, format and way of transfer.
+    pub description: String,
+    /// What is wrong, and what to do about it; empty when nothing is.
+    pub problem: String,
+    /// Frames a second as the camera or its driver promises; 0 when unknown.
+    pub promised_fps: f64,
+    /// Frames a second that have come; 0 when not measured yet.
+    pub delivered_fps: f64,
+    /// Frames dropped because parts of them were missing or damaged.
+    pub incomplete: u64,
+    /// Frames that were captured, but of which nothing has come.
+    pub lost: u64,
+    /// How often it was started; more than once means that it was away.
+    pub starts: u64,
 }
 
 /// Frames, end to end, counted by an independent subscriber.

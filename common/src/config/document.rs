@@ -79,6 +79,11 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
             (None, _) => {}
         }
     }
+    if node.values().is_some() {
+        for (key, value) in table {
+            out.push_str(&format!("{} = {}\n", written_key(key), inline(None, value)));
+        }
+    }
     for (key, property) in node.properties() {
         match table.get(key) {
             Some(Value::Table(section)) => {
@@ -104,6 +109,16 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
             }
             _ => {}
         }
+    }
+}
+
+/// A key in quotes where it needs them.
+fn written_key(key: &str) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "_-".contains(letter);
+    if !key.is_empty() && key.chars().all(is_plain) {
+        key.to_string()
+    } else {
+        Value::String(key.to_string()).to_string()
     }
 }
 
@@ -205,7 +220,7 @@ fn inline(node: Option<Node>, value: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{ColorConfig, Preset};
+    use crate::config::{ColorConfig, Preset, SettingValue};
     use proptest::prelude::*;
 
     #[test]
@@ -227,7 +242,7 @@ mod tests {
         {
             let heading = lines.iter().position(|line| *line == format!("[{section}]")).unwrap();
             assert!(lines[heading - 1].starts_with("# "), "[{section}] is not explained");
-            for key in keys.keys().filter(|key| *key != "distortion") {
+            for (key, _) in keys.iter().filter(|(_, value)| !value.is_table()) {
                 let line =
                     lines[heading..].iter().position(|l| l.starts_with(&format!("{key} = ")));
                 let line = heading + line.unwrap_or_else(|| panic!("{section}.{key} is missing"));
@@ -313,6 +328,11 @@ mod tests {
             config.geometry.points[0].field_mm = [numbers[1], numbers[2]];
             config.robots.patches[0].outline_mm = vec![[numbers[3], 0.5]; 30];
             config.synthetic.seed = seed;
+            config.camera.v4l2.controls = [
+                (config.teams.blue.clone(), SettingValue::Number(numbers[0])),
+                ("gain".into(), SettingValue::Text(config.teams.blue.clone())),
+                ("white_balance".into(), SettingValue::Switch(seed % 2 == 0)),
+            ].into();
             let text = commented_toml(&config);
             prop_assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
         }

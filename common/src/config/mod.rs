@@ -6,6 +6,7 @@
 //! middle league preset on a synthetic pitch. So a new key needs a doc comment, bounds and a default,
 //! and nothing else; what involves more than one key is checked in `validate`.
 
+mod camera;
 mod document;
 mod load;
 mod presets;
@@ -17,6 +18,7 @@ use crate::messages::{BayerOrder, MAX_PATCHES, MAX_ROBOTS, ProcessKind, Team};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use camera::{GenicamConfig, SettingValue, V4l2Config};
 pub use document::{commented_toml, schema_json};
 pub use load::{Complaint, Complaints, ConfigError, Place, check, check_file};
 pub use presets::Preset;
@@ -111,9 +113,14 @@ pub struct CameraConfig {
     /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
     /// as a source are turned into this order.
     pub bayer_order: BayerOrder,
-    /// Exposure time, in microseconds; for a moving robot it sets the motion blur.
+    /// Exposure time, in microseconds; for a moving robot it sets the motion blur. Of real cameras,
+    /// which are set below, it is only used where they do not tell theirs.
     #[schemars(range(max = 1_000_000))]
     pub exposure_us: u32,
+    /// Cameras of Video for Linux (`--source v4l2:/dev/video0`).
+    pub v4l2: V4l2Config,
+    /// GigE Vision and USB3 Vision cameras (`--source genicam`).
+    pub genicam: GenicamConfig,
 }
 
 impl CameraConfig {

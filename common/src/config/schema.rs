@@ -69,6 +69,9 @@ impl Schema {
                 }
             }
             ("boolean", toml::Value::Boolean(_)) => {}
+            // A value of any simple type.
+            ("", toml::Value::Float(number)) if number.is_finite() => {}
+            ("", toml::Value::Boolean(_) | toml::Value::Integer(_) | toml::Value::String(_)) => {}
             (kind, value) => problems.push(wrong_kind(kind, value, path)),
         }
     }
@@ -81,8 +84,10 @@ impl Schema {
         problems: &mut Vec<Problem>,
     ) {
         let mut meant_by_unknown = Vec::new();
-        for key in table.keys() {
-            if node.property(key).is_none() {
+        for (key, value) in table {
+            if let Some(values) = node.values() {
+                self.check(values, value, &key_path(path, key), problems);
+            } else if node.property(key).is_none() {
                 let (problem, meant) = self.unknown_key(node, key, path);
                 problems.push(problem);
                 meant_by_unknown.extend(meant);
@@ -174,6 +179,12 @@ impl<'a> Node<'a> {
         Some(Node::at(self.schema, property))
     }
 
+    /// What the values are of a table whose keys may be anything.
+    pub(super) fn values(self) -> Option<Node<'a>> {
+        let values = self.target.get("additionalProperties").filter(|values| values.is_object())?;
+        Some(Node::at(self.schema, values))
+    }
+
     /// The elements of an array.
     pub(super) fn element(self) -> Option<Node<'a>> {
         Some(Node::at(self.schema, self.target.get("items")?))
@@ -260,6 +271,7 @@ fn wrong_kind(kind: &str, value: &toml::Value, path: &str) -> Problem {
         "integer" => "a whole number",
         "string" => "text in quotes",
         "boolean" => "true or false",
+        "" => "a number, true or false, or text in quotes",
         other => other,
     };
     let problem = Problem::new(path, format!("must be {expected}, not {}", kind_of(value)));

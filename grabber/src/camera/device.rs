@@ -36,14 +36,12 @@ pub trait Device: Send + Sync {
 
 /// A camera that is ready to stream.
 pub trait Session: Send {
-    /// What it is, for people: model, format, way of transfer.
-    fn description(&self) -> String;
-
     /// Frames a second, as far as the camera or its driver promises any number.
     fn promised_fps(&self) -> Option<f64>;
 
-    /// Starts it. From here on everything happens on the grabber's own thread.
-    fn start(self: Box<Self>, pool: &mut FramePool) -> Result<Box<dyn Stream>, Fault>;
+    /// Starts it. From here on everything happens on the grabber's own thread. Also says what it
+    /// is, for people: model, format, way of transfer.
+    fn start(self: Box<Self>, pool: &mut FramePool) -> Result<(Box<dyn Stream>, String), Fault>;
 }
 
 /// A streaming camera. Stopped when it is dropped.

@@ -100,9 +100,9 @@ impl Link {
     }
 
     fn start(&mut self, session: Box<dyn Session>, pool: &mut FramePool) -> Result<(), Fault> {
-        write_text(&mut self.report.description, &session.description());
         self.report.promised_fps = session.promised_fps().unwrap_or(0.0) as f32;
-        let stream = session.start(pool)?;
+        let (stream, description) = session.start(pool)?;
+        write_text(&mut self.report.description, &description);
         let now_ns = monotonic_ns();
         let pace = Pace::new(self.fps, now_ns);
         self.numbering.interrupted();

@@ -6,6 +6,7 @@
 //! pixels to fill. [`Painted`] makes a camera of it. A driver of real cameras is a [`Device`];
 //! [`Link`] makes a camera of it, one that survives what cameras do.
 
+mod clock;
 mod device;
 mod link;
 mod numbering;
@@ -14,6 +15,7 @@ mod painted;
 mod pool;
 mod timeline;
 
+pub use clock::DeviceClock;
 pub use device::{Arrival, Delivery, Device, Fault, Session, Stream};
 pub use link::Link;
 pub use painted::{Painted, Painter};

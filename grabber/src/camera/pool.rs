@@ -2,6 +2,7 @@
 
 use super::CameraError;
 use common::bus::{Bus, BusError, Loan, Publisher};
+use common::config::CameraConfig;
 use common::messages::FrameHeader;
 use common::topics;
 
@@ -18,9 +19,9 @@ impl FramePool {
     /// Frames a camera may hold at the same time, those on their way to being published included.
     pub const CAPACITY: usize = topics::FRAMES.loaned;
 
-    /// Memory for frames of up to `frame_bytes`, on the topic `frames`.
-    pub fn new(bus: &Bus, frame_bytes: usize) -> Result<Self, BusError> {
-        let publisher = bus.publisher(&topics::frames(frame_bytes), frame_bytes)?;
+    /// Memory for frames of up to `capacity` bytes, on the topic `frames` of a group with this camera.
+    pub fn new(bus: &Bus, camera: &CameraConfig, capacity: usize) -> Result<Self, BusError> {
+        let publisher = bus.publisher(&topics::frames(camera.frame_bytes()), capacity)?;
         Ok(Self { publisher })
     }
 

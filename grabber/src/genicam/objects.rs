@@ -1,0 +1,525 @@
+//! The library's objects, with safe methods.
+
+// A foreign library cannot be called otherwise.
+#![allow(unsafe_code)]
+
+use super::library::{ErrorPlace, GError, Library, Object, library};
+use crate::camera::FrameLoan;
+use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
+use std::mem::ManuallyDrop;
+use std::ptr::{null, null_mut};
+use std::time::Duration;
+
+/// What the library complains about.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Complaint {
+    /// One of [`error_code`], when the device is concerned.
+    pub code: c_int,
+    /// Its words.
+    pub text: String,
+}
+
+/// Numbers of the library's errors.
+pub mod error_code {
+    use std::ffi::c_int;
+
+    /// The device is gone.
+    pub const NOT_CONNECTED: c_int = 2;
+    /// The device does not answer.
+    pub const TIMEOUT: c_int = 5;
+    /// There is no such device.
+    pub const NOT_FOUND: c_int = 6;
+    /// Somebody else controls the device.
+    pub const NOT_CONTROLLER: c_int = 10;
+    /// Somebody else controls the device.
+    pub const ACCESS_DENIED: c_int = 17;
+    /// The device is in use.
+    pub const BUSY: c_int = 18;
+}
+
+type Outcome<T> = Result<T, Complaint>;
+
+/// Calls a function that leaves its error in a place of ours.
+fn checked<T>(library: &Library, call: impl FnOnce(ErrorPlace) -> T) -> Outcome<T> {
+    let mut error: *mut GError = null_mut();
+    let value = call(&mut error);
+    if error.is_null() {
+        return Ok(value);
+    }
+    // SAFETY: a function that fails leaves an error with a message, which is ours to free.
+    let complaint = unsafe {
+        let complaint = Complaint { code: (*error).code, text: text((*error).message) };
+        (library.g_error_free)(error);
+        complaint
+    };
+    Err(complaint)
+}
+
+/// A text of the library's; empty where there is none.
+///
+/// # Safety
+///
+/// `text` must be null or point to a text that ends with a zero.
+unsafe fn text(text: *const c_char) -> String {
+    if text.is_null() {
+        return String::new();
+    }
+    // SAFETY: the caller's promise.
+    unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
+}
+
+fn c_text(text: &str) -> CString {
+    CString::new(text.replace('\0', "")).unwrap_or_default()
+}
+
+/// A camera somewhere on network or bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Found {
+    /// How it is named to be opened.
+    pub id: String,
+    /// Who made it.
+    pub vendor: String,
+    /// Its model.
+    pub model: String,
+    /// "GigEVision", "USB3Vision" or "Fake".
+    pub protocol: String,
+    /// Where it is.
+    pub address: String,
+}
+
+/// Lets the library's own simulated camera be found.
+pub fn enable_fake() -> Result<(), String> {
+    // SAFETY: takes the name of an interface.
+    unsafe { (library()?.arv_enable_interface)(c"Fake".as_ptr()) };
+    Ok(())
+}
+
+/// Looks for cameras; takes about a second.
+pub fn discover() -> Result<Vec<Found>, String> {
+    let library = library()?;
+    // SAFETY: no arguments; the texts are the library's until the next update, and copied here.
+    // The library locks its list.
+    unsafe {
+        (library.arv_update_device_list)();
+        let count = (library.arv_get_n_devices)();
+        Ok((0..count)
+            .map(|index| Found {
+                id: text((library.arv_get_device_id)(index)),
+                vendor: text((library.arv_get_device_vendor)(index)),
+                model: text((library.arv_get_device_model)(index)),
+                protocol: text((library.arv_get_device_protocol)(index)),
+                address: text((library.arv_get_device_address)(index)),
+            })
+            .collect())
+    }
+}
+
+/// An opened camera.
+pub struct Camera {
+    library: &'static Library,
+    object: Object,
+}
+
+// SAFETY: the library's cameras may be used from any thread; the library locks what threads share.
+unsafe impl Send for Camera {}
+
+impl Camera {
+    /// Opens the camera of this name, or the first one.
+    pub fn open(library: &'static Library, id: Option<&str>) -> Outcome<Self> {
+        let id = id.map(c_text);
+        let name = id.as_ref().map_or(null(), |id| id.as_ptr());
+        // SAFETY: the name is null or a text that outlives the call.
+        let object = checked(library, |error| unsafe { (library.arv_camera_new)(name, error) })?;
+        if object.is_null() {
+            return Err(Complaint { code: error_code::NOT_FOUND, text: "no camera found".into() });
+        }
+        Ok(Self { library, object })
+    }
+
+    /// Maker and model.
+    pub fn model(&self) -> String {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera; the texts are its own.
+        let of = |function: unsafe extern "C" fn(Object, ErrorPlace) -> *const c_char| {
+            checked(library, |error| unsafe { text(function(object, error)) }).unwrap_or_default()
+        };
+        let names = [of(library.arv_camera_get_vendor_name), of(library.arv_camera_get_model_name)];
+        names.join(" ").trim().to_string()
+    }
+
+    /// Whether it is connected by network.
+    pub fn is_gige(&self) -> bool {
+        // SAFETY: the object is a camera.
+        unsafe { (self.library.arv_camera_is_gv_device)(self.object) != 0 }
+    }
+
+    /// How its packets are to come: size, never changed by itself, and by which kind of socket. Only
+    /// for one that [is connected by network](Self::is_gige).
+    pub fn set_packets(&self, bytes: u32, packet_socket: bool) -> Outcome<()> {
+        let (library, object) = (self.library, self.object);
+        /// Never.
+        const ADJUSTMENT: c_int = 0;
+        let options = c_int::from(!packet_socket);
+        // SAFETY: the object is a camera of the network; the numbers are the library's own.
+        unsafe {
+            (library.arv_camera_gv_set_stream_options)(object, options);
+            (library.arv_camera_gv_set_packet_size_adjustment)(object, ADJUSTMENT);
+            checked(library, |error| {
+                (library.arv_camera_gv_set_packet_size)(object, bytes as c_int, error)
+            })
+        }
+    }
+
+    /// The formats it offers, by GenICam's names.
+    pub fn formats(&self) -> Outcome<Vec<String>> {
+        let (library, object) = (self.library, self.object);
+        let mut count: c_uint = 0;
+        // SAFETY: the object is a camera; what comes back is a list of `count` texts. The list is
+        // ours to free, the texts are the camera's.
+        unsafe {
+            let list = checked(library, |error| {
+                (library.arv_camera_dup_available_pixel_formats_as_strings)(
+                    object, &mut count, error,
+                )
+            })?;
+            if list.is_null() {
+                return Ok(Vec::new());
+            }
+            let names = (0..count as usize).map(|index| text(*list.add(index))).collect();
+            (library.g_free)(list.cast());
+            Ok(names)
+        }
+    }
+
+    /// Sets the format.
+    pub fn set_format(&self, name: &str) -> Outcome<()> {
+        let (library, object, name) = (self.library, self.object, c_text(name));
+        // SAFETY: the object is a camera; the text outlives the call.
+        checked(library, |error| unsafe {
+            (library.arv_camera_set_pixel_format_from_string)(object, name.as_ptr(), error)
+        })
+    }
+
+    /// Sets the size of its pictures, wherever they lie on the sensor, and returns what has become
+    /// of it.
+    pub fn set_size(&self, width: u32, height: u32) -> Outcome<(u32, u32)> {
+        let (library, object) = (self.library, self.object);
+        let (mut x, mut y, mut got_width, mut got_height) = (0, 0, 0, 0);
+        // SAFETY: the object is a camera; the places are ours. Negative offsets are left alone.
+        unsafe {
+            checked(library, |error| {
+                (library.arv_camera_set_region)(
+                    object,
+                    -1,
+                    -1,
+                    width as c_int,
+                    height as c_int,
+                    error,
+                )
+            })?;
+            checked(library, |error| {
+                (library.arv_camera_get_region)(
+                    object,
+                    &mut x,
+                    &mut y,
+                    &mut got_width,
+                    &mut got_height,
+                    error,
+                )
+            })?;
+        }
+        Ok((got_width as u32, got_height as u32))
+    }
+
+    /// Sets the frame rate, and returns what it says has become of it; `None` if it has no say.
+    pub fn set_rate(&self, fps: f64) -> Outcome<Option<f64>> {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera.
+        unsafe {
+            let available = checked(library, |error| {
+                (library.arv_camera_is_frame_rate_available)(object, error)
+            })?;
+            if available == 0 {
+                return Ok(None);
+            }
+            checked(library, |error| (library.arv_camera_set_frame_rate)(object, fps, error))?;
+            checked(library, |error| (library.arv_camera_get_frame_rate)(object, error)).map(Some)
+        }
+    }
+
+    /// The exposure time in microseconds, if it tells.
+    pub fn exposure_us(&self) -> Option<f64> {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera.
+        checked(library, |error| unsafe { (library.arv_camera_get_exposure_time)(object, error) })
+            .ok()
+            .filter(|time| *time > 0.0)
+    }
+
+    /// Whether it has a feature that can be used now.
+    pub fn has(&self, feature: &str) -> bool {
+        let (library, object, name) = (self.library, self.object, c_text(feature));
+        // SAFETY: the object is a camera; the text outlives the call.
+        checked(library, |error| unsafe {
+            (library.arv_camera_is_feature_available)(object, name.as_ptr(), error)
+        })
+        .is_ok_and(|available| available != 0)
+    }
+
+    /// Lowest, highest and present value of a feature that is a number.
+    pub fn range(&self, feature: &str) -> Option<[f64; 3]> {
+        let (library, object, name) = (self.library, self.object, c_text(feature));
+        let (mut low, mut high) = (0.0, 0.0);
+        let (mut lowest, mut highest) = (0, 0);
+        // SAFETY: the object is a camera; text and places outlive the calls.
+        unsafe {
+            let is_float = checked(library, |error| {
+                (library.arv_camera_get_float_bounds)(
+                    object,
+                    name.as_ptr(),
+                    &mut low,
+                    &mut high,
+                    error,
+                )
+            });
+            let value = checked(library, |error| {
+                (library.arv_camera_get_float)(object, name.as_ptr(), error)
+            });
+            if let (Ok(()), Ok(value)) = (is_float, value) {
+                return Some([low, high, value]);
+            }
+            checked(library, |error| {
+                (library.arv_camera_get_integer_bounds)(
+                    object,
+                    name.as_ptr(),
+                    &mut lowest,
+                    &mut highest,
+                    error,
+                )
+            })
+            .ok()?;
+            let value = checked(library, |error| {
+                (library.arv_camera_get_integer)(object, name.as_ptr(), error)
+            });
+            Some([lowest as f64, highest as f64, value.ok()? as f64])
+        }
+    }
+
+    /// Sets a feature to a value written as text.
+    pub fn set_feature(&self, feature: &str, value: &str) -> Outcome<()> {
+        let (library, object, text) =
+            (self.library, self.object, c_text(&format!("{feature}={value}")));
+        // SAFETY: the object is a camera, and its device lives as long as it; the text outlives the
+        // call.
+        checked(library, |error| unsafe {
+            let device = (library.arv_camera_get_device)(object);
+            (library.arv_device_set_features_from_string)(device, text.as_ptr(), error)
+        })?;
+        Ok(())
+    }
+
+    /// Bytes of a picture with all that the camera sends along.
+    pub fn payload(&self) -> Outcome<usize> {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera.
+        checked(library, |error| unsafe { (library.arv_camera_get_payload)(object, error) })
+            .map(|bytes| bytes as usize)
+    }
+
+    /// Makes ready to receive.
+    pub fn create_stream(&self) -> Outcome<Stream> {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera; without a callback nothing of ours is called.
+        let stream = checked(library, |error| unsafe {
+            (library.arv_camera_create_stream)(object, null_mut(), null_mut(), error)
+        })?;
+        if stream.is_null() {
+            return Err(Complaint { code: -1, text: "no stream".into() });
+        }
+        Ok(Stream { library, object: stream, loans: ManuallyDrop::new(Vec::new()) })
+    }
+
+    /// Lets pictures come, without end.
+    pub fn start(&self) -> Outcome<()> {
+        let (library, object) = (self.library, self.object);
+        /// Until it is stopped.
+        const CONTINUOUS: c_int = 0;
+        // SAFETY: the object is a camera; the mode is the library's own number.
+        unsafe {
+            // A camera without modes has only this one.
+            let _ = checked(library, |error| {
+                (library.arv_camera_set_acquisition_mode)(object, CONTINUOUS, error)
+            });
+            checked(library, |error| (library.arv_camera_start_acquisition)(object, error))
+        }
+    }
+
+    /// Ends that. A camera that is gone makes this take seconds.
+    pub fn stop(&self) {
+        let (library, object) = (self.library, self.object);
+        // SAFETY: the object is a camera. One that cannot be stopped stops by itself, when nobody
+        // controls it any more.
+        let _ = checked(library, |error| unsafe {
+            (library.arv_camera_stop_acquisition)(object, error)
+        });
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        // SAFETY: the only reference of ours.
+        unsafe { (self.library.g_object_unref)(self.object) };
+    }
+}
+
+/// Receives a camera's pictures in shared memory.
+pub struct Stream {
+    library: &'static Library,
+    object: Object,
+    /// The memory lent to the library, by buffer; `None` while a buffer is being replaced.
+    loans: ManuallyDrop<Vec<Option<FrameLoan>>>,
+}
+
+/// A buffer that the library has given back, and its memory.
+pub struct Received {
+    /// The picture's memory.
+    pub frame: FrameLoan,
+    /// Which buffer it was.
+    pub index: usize,
+    /// Whether all of the picture has come.
+    pub is_complete: bool,
+    /// The camera's number for it.
+    pub frame_id: u64,
+    /// When it was taken, on the camera's clock.
+    pub device_ns: u64,
+    /// When its first packet came, nanoseconds since 1970.
+    pub arrived_wall_ns: u64,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// GenICam's number of the format.
+    pub format: u32,
+}
+
+impl Stream {
+    /// How a stream from the network deals with sockets and lost packets. Only for such.
+    pub fn set_network(&self, socket_buffer_bytes: u32, resend: bool, frame_timeout: Duration) {
+        /// A socket buffer of a size of ours.
+        const FIXED: c_int = 0;
+        let timeout_us = frame_timeout.as_micros() as c_uint;
+        let end: *const c_char = null();
+        // SAFETY: the object is a stream of the network, which has these properties, of these types
+        // (two enumerations, which are passed as int, an int, and an unsigned int).
+        unsafe {
+            (self.library.g_object_set)(
+                self.object,
+                c"socket-buffer".as_ptr(),
+                FIXED,
+                c"socket-buffer-size".as_ptr(),
+                socket_buffer_bytes as c_int,
+                c"packet-resend".as_ptr(),
+                c_int::from(resend),
+                c"frame-retention".as_ptr(),
+                timeout_us,
+                end,
+            );
+        }
+    }
+
+    /// Lends memory to the library, as the next new buffer.
+    pub fn add(&mut self, frame: FrameLoan) {
+        self.loans.push(None);
+        self.give(self.loans.len() - 1, frame);
+    }
+
+    /// Lends memory to the library, in place of that which came back in this buffer.
+    pub fn give(&mut self, index: usize, mut frame: FrameLoan) {
+        let pixels = frame.elements();
+        // SAFETY: the memory is a loan that stays in `self.loans`, untouched, until its buffer has
+        // come back from the library (`receive`), or the stream's thread has ended (`end`); a stream
+        // that is just dropped leaks both, and writes on into memory that stays ours.
+        // The library never frees memory it was lent. The user data is a number, not an address.
+        // The stream takes over the buffer's reference.
+        unsafe {
+            let buffer = (self.library.arv_buffer_new_full)(
+                pixels.len(),
+                pixels.as_mut_ptr().cast(),
+                index as *mut c_void,
+                null_mut(),
+            );
+            self.loans[index] = Some(frame);
+            (self.library.arv_stream_push_buffer)(self.object, buffer);
+        }
+    }
+
+    /// Waits for a buffer to come back, for so long at most.
+    pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
+        let Self { library, object, loans } = self;
+        /// Everything has come.
+        const SUCCESS: c_int = 0;
+        // SAFETY: the object is a stream. A buffer that comes back is ours alone; its user data is
+        // the number it was made with; the picture's properties may only be asked of a complete
+        // picture. The buffer's memory is a loan of ours, so the buffer may go and the loan stay.
+        unsafe {
+            let buffer =
+                (library.arv_stream_timeout_pop_buffer)(*object, timeout.as_micros() as u64);
+            if buffer.is_null() {
+                return None;
+            }
+            let index = (library.arv_buffer_get_user_data)(buffer) as usize;
+            let is_complete = (library.arv_buffer_get_status)(buffer) == SUCCESS;
+            let received = loans.get_mut(index).and_then(Option::take).map(|frame| {
+                let (mut width, mut height, mut format) = (0, 0, 0);
+                if is_complete {
+                    width = (library.arv_buffer_get_image_width)(buffer) as u32;
+                    height = (library.arv_buffer_get_image_height)(buffer) as u32;
+                    format = (library.arv_buffer_get_image_pixel_format)(buffer);
+                }
+                Received {
+                    frame,
+                    index,
+                    is_complete,
+                    frame_id: (library.arv_buffer_get_frame_id)(buffer),
+                    device_ns: (library.arv_buffer_get_timestamp)(buffer),
+                    arrived_wall_ns: (library.arv_buffer_get_system_timestamp)(buffer),
+                    width,
+                    height,
+                    format,
+                }
+            });
+            (library.g_object_unref)(buffer);
+            received
+        }
+    }
+}
+
+/// What is left of a stream that receives no more. Letting go of it takes seconds when the camera
+/// does not answer.
+pub struct Remains {
+    library: &'static Library,
+    object: Object,
+}
+
+// SAFETY: the library's objects may be let go of on any thread.
+unsafe impl Send for Remains {}
+
+impl Stream {
+    /// Ends receiving: from here on, nothing is written to shared memory.
+    pub fn end(mut self) -> Remains {
+        /// The buffers go too.
+        const DELETE_BUFFERS: c_int = 1;
+        // SAFETY: the object is a stream. This waits for its thread, the only one that writes to
+        // the loans, to end; only then do these go.
+        unsafe { (self.library.arv_stream_stop_thread)(self.object, DELETE_BUFFERS) };
+        self.loans.clear();
+        Remains { library: self.library, object: self.object }
+    }
+}
+
+impl Drop for Remains {
+    fn drop(&mut self) {
+        // SAFETY: the only reference of ours.
+        unsafe { (self.library.g_object_unref)(self.object) };
+    }
+}

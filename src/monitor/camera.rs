@@ -1,0 +1,59 @@
+//! How a real camera is: for the report, and as events when it changes.
+
+use super::report::CameraDevice;
+use super::view::{Event, GroupView};
+use common::bus::{Bus, BusError, Subscriber};
+use common::messages::{CameraReport, CameraState, ProcessKind, read_text};
+use common::topics;
+
+/// Listens to what the grabber says about its camera.
+pub struct CameraWatch {
+    reports: Subscriber<CameraReport, ()>,
+    device: Option<CameraDevice>,
+}
+
+impl CameraWatch {
+    /// Connects.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        Ok(Self { reports: bus.subscriber(&topics::CAMERA)?, device: None })
+    }
+
+    /// Takes in what is new; changes of state become events.
+    pub fn collect(&mut self, view: &GroupView) -> Result<(), BusError> {
+        while let Some(received) = self.reports.receive()? {
+            let Some(device) = received.message().and_then(describe) else { continue };
+            let before = self.device.as_ref().map(|before| before.state.as_str());
+            let is_news = before != Some(&device.state) && device.state != "opening";
+            if is_news {
+                let about = match device.problem.as_str() {
+                    "" => &device.description,
+                    problem => problem,
+                };
+                let what = format!("the camera is {}: {about}", device.state.replace('_', " "));
+                let what = what.trim_end_matches([' ', ':']);
+                view.log(Event::new(ProcessKind::Grabber, 0, what, ""));
+            }
+            self.device = Some(device);
+        }
+        Ok(())
+    }
+
+    /// The camera, if it is a real one.
+    pub fn device(&self) -> Option<CameraDevice> {
+        self.device.clone()
+    }
+}
+
+/// `None` for a message of a state that does not exist.
+fn describe(report: &CameraReport) -> Option<CameraDevice> {
+    Some(CameraDevice {
+        state: CameraState::from_number(report.state)?.name().into(),
+        description: read_text(&report.description),
+        problem: read_text(&report.problem),
+        promised_fps: report.promised_fps.into(),
+        delivered_fps: report.delivered_fps.into(),
+        incomplete: report.incomplete,
+        lost: report.lost,
+        starts: report.starts,
+    })
+}

@@ -1,0 +1,168 @@
+//! A GigE Vision camera on this machine's own network, played by Aravis' fake camera.
+//!
+//! Skipped where that is not installed (Debian: aravis-tools). `TOUCHLINE_SECONDS` sets how long the
+//! long test streams; it is short unless told otherwise.
+
+mod support;
+
+use common::config::{Config, SettingValue, commented_toml};
+use rustix::process::{Signal, kill_process};
+use serde_json::Value;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use support::{Group, Scratch};
+
+const PROGRAM: &str = "arv-fake-gv-camera-0.8";
+const SERIAL: &str = "TL01";
+const SOURCE: &str = "genicam:Aravis-Fake-TL01";
+
+/// The camera; gone when it is dropped.
+struct FakeCamera {
+    child: Child,
+}
+
+impl FakeCamera {
+    /// A camera that loses so many of a thousand packets.
+    fn start(lost_per_thousand: u32) -> Option<Self> {
+        let child = Command::new(PROGRAM)
+            .args(["-i", "127.0.0.1", "-s", SERIAL, "-r", &lost_per_thousand.to_string()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        match child {
+            Ok(child) => Some(Self { child }),
+            Err(error) => {
+                eprintln!("SKIPPED: {PROGRAM}: {error}; `apt-get install aravis-tools` has it");
+                None
+            }
+        }
+    }
+
+    fn kill(&mut self) {
+        let _ = kill_process(rustix::process::Pid::from_child(&self.child), Signal::KILL);
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for FakeCamera {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn config(change: impl FnOnce(&mut Config)) -> String {
+    let mut config = Config::default();
+    config.camera.fps = 100.0;
+    // An exposure of 10 ms would be half of the latency.
+    let exposure = ("ExposureTimeAbs".to_string(), SettingValue::Number(2000.0));
+    config.camera.genicam.features = [exposure].into();
+    config.supervisor.orphan_timeout_s = 3.0;
+    change(&mut config);
+    commented_toml(&config)
+}
+
+fn camera_state(status: &Value) -> &str {
+    status["camera"]["device"]["state"].as_str().unwrap_or("none")
+}
+
+/// Runs so many frame periods to the end, and returns the report.
+fn run(name: &str, config: &str, frames: u64) -> Value {
+    let scratch = Scratch::new(&format!("{name}-report"));
+    let report = scratch.path.join("report.json");
+    let frames = frames.to_string();
+    let report_argument = report.to_str().unwrap();
+    let arguments = ["--source", SOURCE, "--frames", &frames, "--report", report_argument];
+    let mut group = Group::start(name, config, &arguments);
+    let seconds = frames.parse::<u64>().unwrap() / 100;
+    std::thread::sleep(Duration::from_secs(seconds));
+    assert!(group.wait_until_ended().success(), "{}", group.stderr());
+    group.assert_nothing_left();
+    serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap()
+}
+
+#[test]
+fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
+    let Some(_camera) = FakeCamera::start(0) else { return };
+    let seconds = std::env::var("TOUCHLINE_SECONDS").ok().and_then(|text| text.parse().ok());
+    let seconds: u64 = seconds.unwrap_or(5);
+    let report = run("genicam", &config(|_| {}), seconds * 100);
+    let device = &report["camera"]["device"];
+    assert_eq!((&device["incomplete"], &device["lost"]), (&0.into(), &0.into()), "{report:#}");
+    assert_eq!(report["frames"]["captured"], seconds * 100, "{report:#}");
+    assert_eq!(report["frames"]["world"], seconds * 100, "{report:#}");
+    assert_eq!(report["frames"]["never_captured"], 0, "{report:#}");
+    eprintln!(
+        "{seconds} s: {} captured, {:.2} fps of {}, world after {} µs (p99 {})",
+        report["frames"]["captured"],
+        device["delivered_fps"].as_f64().unwrap(),
+        device["promised_fps"],
+        report["latency_us"]["capture_to_world"]["p50"],
+        report["latency_us"]["capture_to_world"]["p99"],
+    );
+}
+
+#[test]
+fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
+    let Some(_camera) = FakeCamera::start(5) else { return };
+    let config = config(|config| config.camera.genicam.packet_resend = false);
+    let report = run("genicam-loss", &config, 800);
+    let count = |value: &Value| value.as_u64().unwrap();
+    let device = &report["camera"]["device"];
+    let (incomplete, lost) = (count(&device["incomplete"]), count(&device["lost"]));
+    // At 40 packets a frame some 18 % of the frames lose at least one.
+    assert!((20..400).contains(&incomplete), "{report:#}");
+    let frames = &report["frames"];
+    let (captured, missing) = (count(&frames["captured"]), count(&frames["never_captured"]));
+    assert_eq!(count(&frames["world"]), captured, "{report:#}");
+    // The run may end with incomplete frames, behind which no whole one tells of a gap.
+    let at_the_end = 800 - captured - missing;
+    assert!(at_the_end < 10, "{report:#}");
+    assert!((missing..=missing + at_the_end + 1).contains(&(incomplete + lost)), "{report:#}");
+    assert_eq!(count(&report["stages"]["grabber"]["dropped"]["incomplete"]), incomplete);
+    eprintln!("{captured} captured, {missing} missing: {incomplete} incomplete, {lost} lost whole");
+}
+
+#[test]
+fn a_camera_that_dies_and_comes_back_streams_again() {
+    let Some(mut camera) = FakeCamera::start(0) else { return };
+    let mut group = Group::start("genicam-back", &config(|_| {}), &["--source", SOURCE]);
+    let status = group.wait_until_working();
+    let grabber = Group::pid_of(&status, "grabber");
+    camera.kill();
+    group.wait_for("a missing camera", |status| camera_state(status) == "missing");
+    // Longer than a stall.
+    std::thread::sleep(Duration::from_secs(3));
+    let status = group.try_status().unwrap();
+    assert_eq!(status["stages"]["grabber"]["processes"][0]["state"], "waiting", "{status:#}");
+    let world = status["frames"]["world"].as_u64().unwrap();
+    let _camera = FakeCamera::start(0);
+    let returned = Instant::now();
+    let status = group.wait_for("frames", |status| {
+        camera_state(status) == "streaming" && status["frames"]["world"].as_u64() > Some(world)
+    });
+    eprintln!("streaming again {:?} after the camera's return", returned.elapsed());
+    assert_eq!(Group::pid_of(&status, "grabber"), grabber, "the grabber was restarted");
+    assert_eq!(status["camera"]["device"]["starts"], 2, "{status:#}");
+}
+
+#[test]
+fn what_the_camera_does_not_have_is_refused_with_a_reason() {
+    let Some(_camera) = FakeCamera::start(0) else { return };
+    let refused = |name: &str, state: &str, reason: &str, change: fn(&mut Config)| {
+        let mut group = Group::start(name, &config(change), &["--source", SOURCE]);
+        let status = group.wait_for("a refusal", |status| camera_state(status) == state);
+        let problem = status["camera"]["device"]["problem"].as_str().unwrap();
+        assert!(problem.contains(reason), "{problem}");
+    };
+    refused("genicam-mono", "wrong_format", "no colour", |config| {
+        config.camera.genicam.format = "Mono8".into();
+    });
+    refused("genicam-range", "wrong_setting", "10 to 10000000", |config| {
+        let features = &mut config.camera.genicam.features;
+        features.insert("ExposureTimeAbs".into(), SettingValue::Number(1.0));
+    });
+    refused("genicam-feature", "wrong_setting", "NoSuchThing", |config| {
+        let features = &mut config.camera.genicam.features;
+        features.insert("NoSuchThing".into(), SettingValue::Switch(true));
+    });
+}
