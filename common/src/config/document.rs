@@ -118,7 +118,8 @@ fn written_key(key: &str) -> String {
     if !key.is_empty() && key.chars().all(is_plain) {
         key.to_string()
     } else {
-        Value::String(key.to_string()).to_string()
+        // As in JSON: TOML's strings of several lines, which its writer prefers, cannot be keys.
+        Json::from(key).to_string().replace('\u{7f}', "\\u007f")
     }
 }
 
