@@ -5,6 +5,7 @@
 use super::Config;
 use super::problem::key_path;
 use super::schema::{Node, Schema};
+use serde_json::Value as Json;
 use toml::Value;
 
 /// The configuration as a TOML file for people: every key, its description above it, in the order
