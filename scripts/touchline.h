@@ -57,6 +57,7 @@ enum TouchlineRejectReason {
     TOUCHLINE_REJECT_REASON_TAKEN_BY_ANOTHER = 6,
     TOUCHLINE_REJECT_REASON_OUTSIDE_FIELD = 7,
     TOUCHLINE_REJECT_REASON_NOT_ROUND = 8,
+    TOUCHLINE_REJECT_REASON_NO_TEAM_PATCH = 9,
 };
 
 enum TouchlineProcessKind {
@@ -189,9 +190,13 @@ typedef struct TouchlineDetectedRobot {
     uint32_t patch_count;
     /* For each patch of the layout in turn: index of the region it is, or is a part of; u32::MAX where not seen. */
     uint32_t patch_regions[6];
+    /* How uncertain x, y and orientation are: upper triangle of their covariance, row by row, in mm and radians (xx, xy, xθ, yy, yθ, θθ). All 0 when unknown. */
+    float covariance[6];
+    /* Samples of the raw picture, at the edges of the patches, that the pose was measured by; 0 when it comes from the centroids of the patches alone. */
+    uint32_t edge_samples;
 } TouchlineDetectedRobot;
 
-TOUCHLINE_CHECK(sizeof(TouchlineDetectedRobot) == 64);
+TOUCHLINE_CHECK(sizeof(TouchlineDetectedRobot) == 92);
 
 /* A ball candidate. */
 typedef struct TouchlineDetectedBall {
@@ -199,21 +204,25 @@ typedef struct TouchlineDetectedBall {
     float x_mm;
     /* Centre of the ball on the field. */
     float y_mm;
-    /* Centroid of its region. */
+    /* Centre of the ball in the image. */
     float x_px;
-    /* Centroid of its region. */
+    /* Centre of the ball in the image. */
     float y_px;
     /* 0–1: how well size and shape fit a ball. */
     float confidence;
     /* Index of its region. */
     uint32_t region;
+    /* How uncertain x and y are: upper triangle of their covariance, row by row, in mm². All 0 when unknown. */
+    float covariance[3];
+    /* Samples of the raw picture, at its rim, that its place was measured by; 0 when it is the centroid of its region. */
+    uint32_t edge_samples;
 } TouchlineDetectedBall;
 
-TOUCHLINE_CHECK(sizeof(TouchlineDetectedBall) == 24);
+TOUCHLINE_CHECK(sizeof(TouchlineDetectedBall) == 40);
 
 /* A candidate that became nothing, and why. */
 typedef struct TouchlineRejected {
-    /* A Team number, or Rejected::BALL. */
+    /* A Team number, Rejected::BALL, or Rejected::UNKNOWN_TEAM. */
     uint32_t team;
     /* A RejectReason number. */
     uint32_t reason;
@@ -291,8 +300,8 @@ typedef struct TouchlineDetectionFrame {
     TouchlineRun runs[32768];
 } TouchlineDetectionFrame;
 
-TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 299336);
-#define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/2"
+TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 300360);
+#define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/3"
 
 /* Which message of the topic commands it was. Every sender counts its own messages, so the time is part of the name. */
 typedef struct TouchlineCommandsName {
@@ -635,7 +644,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
 /* Topics: name, element, header. A message is a slice of elements.
  * frames       u8                           touchline/FrameHeader/1
  * runs         touchline/Run/1              touchline/RunsHeader/2
- * detections   touchline/DetectionFrame/2   ()
+ * detections   touchline/DetectionFrame/3   ()
  * world        touchline/WorldFrame/3       ()
  * commands     touchline/Commands/1         ()
  * truth        touchline/TruthFrame/1       ()

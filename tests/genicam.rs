@@ -9,12 +9,16 @@ use common::config::{Config, SettingValue, commented_toml};
 use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use support::{Group, Scratch};
 
 const PROGRAM: &str = "arv-fake-gv-camera-0.8";
 const SERIAL: &str = "TL01";
 const SOURCE: &str = "genicam:Aravis-Fake-TL01";
+
+/// Its port exists once on a machine, so tests take turns.
+static TURN: Mutex<()> = Mutex::new(());
 
 /// The camera; gone when it is dropped.
 struct FakeCamera {
@@ -82,6 +86,7 @@ fn run(name: &str, config: &str, frames: u64) -> Value {
 
 #[test]
 fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(_camera) = FakeCamera::start(0) else { return };
     let seconds = std::env::var("TOUCHLINE_SECONDS").ok().and_then(|text| text.parse().ok());
     let seconds: u64 = seconds.unwrap_or(5);
@@ -103,6 +108,7 @@ fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
 
 #[test]
 fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(_camera) = FakeCamera::start(5) else { return };
     let config = config(|config| config.camera.genicam.packet_resend = false);
     let report = run("genicam-loss", &config, 800);
@@ -124,6 +130,7 @@ fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
 
 #[test]
 fn a_camera_that_dies_and_comes_back_streams_again() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(mut camera) = FakeCamera::start(0) else { return };
     let mut group = Group::start("genicam-back", &config(|_| {}), &["--source", SOURCE]);
     let status = group.wait_until_working();
@@ -147,6 +154,7 @@ fn a_camera_that_dies_and_comes_back_streams_again() {
 
 #[test]
 fn what_the_camera_does_not_have_is_refused_with_a_reason() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(_camera) = FakeCamera::start(0) else { return };
     let refused = |name: &str, state: &str, reason: &str, change: fn(&mut Config)| {
         let mut group = Group::start(name, &config(change), &["--source", SOURCE]);

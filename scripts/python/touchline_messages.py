@@ -49,6 +49,7 @@ class RejectReason(enum.IntEnum):
     TAKEN_BY_ANOTHER = 6
     OUTSIDE_FIELD = 7
     NOT_ROUND = 8
+    NO_TEAM_PATCH = 9
 
 
 class ProcessKind(enum.IntEnum):
@@ -173,10 +174,12 @@ class DetectedRobot(ctypes.Structure):
         ("orientation_image", ctypes.c_float),
         ("patch_count", ctypes.c_uint32),
         ("patch_regions", ctypes.c_uint32 * 6),
+        ("covariance", ctypes.c_float * 6),
+        ("edge_samples", ctypes.c_uint32),
     ]
 
 
-assert ctypes.sizeof(DetectedRobot) == 64
+assert ctypes.sizeof(DetectedRobot) == 92
 
 
 class DetectedBall(ctypes.Structure):
@@ -189,10 +192,12 @@ class DetectedBall(ctypes.Structure):
         ("y_px", ctypes.c_float),
         ("confidence", ctypes.c_float),
         ("region", ctypes.c_uint32),
+        ("covariance", ctypes.c_float * 3),
+        ("edge_samples", ctypes.c_uint32),
     ]
 
 
-assert ctypes.sizeof(DetectedBall) == 24
+assert ctypes.sizeof(DetectedBall) == 40
 
 
 class Rejected(ctypes.Structure):
@@ -255,10 +260,10 @@ class DetectionFrame(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "touchline/DetectionFrame/2"
+        return "touchline/DetectionFrame/3"
 
 
-assert ctypes.sizeof(DetectionFrame) == 299336
+assert ctypes.sizeof(DetectionFrame) == 300360
 
 
 class CommandsName(ctypes.Structure):

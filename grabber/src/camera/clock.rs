@@ -58,7 +58,8 @@ mod tests {
             let late_ns = frame * 7919 % 5_000_000;
             let arrived_ns = 5_000_000_000_000 + device_ns + late_ns;
             let error = clock.local_ns(device_ns, arrived_ns) - (5_000_000_000_000 + device_ns);
-            assert!(frame < 50 || error < 200_000, "{frame}: {error} ns");
+            // Until a frame comes early again, 100 µs in a second are granted to drift.
+            assert!(frame < 50 || error < 300_000, "{frame}: {error} ns");
         }
     }
 
