@@ -1,6 +1,6 @@
 //! Where the time goes: from pixels to runs.
 //!
-//! [`scalar`] is the specification. [`vector`] gives the same runs, bit for bit, with whichever
+//! [`scalar`] is the specification. `vector` gives the same runs, bit for bit, with whichever
 //! instruction set the machine has; which one that is, [`SimdLevel`] knows.
 
 mod demosaic;

@@ -1,6 +1,6 @@
 //! GigE Vision and USB3 Vision cameras, by way of the library Aravis.
 //!
-//! [`library`] loads it, [`objects`] makes its functions safe, this file does the work: it opens a
+//! `library` loads it, `objects` makes its functions safe, this file does the work: it opens a
 //! camera, sets it up as configured, and has the library write pictures straight into shared
 //! memory.
 

@@ -1,7 +1,7 @@
 //! Cameras of Video for Linux: webcams, capture cards, cameras on the board.
 //!
-//! [`ioctl`] speaks with the kernel, [`device`] agrees with a camera on what it delivers,
-//! [`controls`] sets exposure and the like, [`stream`] takes pictures.
+//! `ioctl` speaks with the kernel, `device` agrees with a camera on what it delivers,
+//! `controls` sets exposure and the like, `stream` takes pictures.
 
 pub mod controls;
 mod device;
