@@ -228,8 +228,17 @@ Examples:
 #[derive(Debug, Args)]
 pub struct ScoreArgs {
     /// Files of labels (JSON); the pictures are looked for beside them
-    #[arg(required = true, value_name = "LABELS")]
+    #[arg(required_unless_present = "synthetic", value_name = "LABELS")]
     pub labels: Vec<PathBuf>,
+    /// Play the list of synthetic scenes instead: light, lamps, glare, noise, blur, crowds
+    #[arg(long, conflicts_with = "labels")]
+    pub synthetic: bool,
+    /// Only synthetic scenes whose names contain one of these, separated by commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "synthetic")]
+    pub scenes: Vec<String>,
+    /// Frames to look at in each synthetic scene, a quarter of a second apart
+    #[arg(long, value_name = "N", default_value = "40", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: u32,
     /// Configuration file
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -250,7 +259,9 @@ pub struct ScoreArgs {
 const SCORE_EXAMPLES: &str = "\
 Examples:
   touchline score labels.json --config match.toml          what was found and what not, and why
-  touchline score a.json b.json --config match.toml --json  all figures as one JSON document";
+  touchline score a.json b.json --config match.toml --json  all figures as one JSON document
+  touchline score --synthetic                               scenes of the synthetic match
+  touchline score --synthetic --scenes light,lamp --json    some of them, one JSON line each";
 
 /// Arguments of `cameras`.
 #[derive(Debug, Args)]

@@ -91,6 +91,8 @@ pub fn recorded_config(path: &Path) -> Result<Config, CameraError> {
 /// Plays a recording.
 pub struct Playback {
     playlist: Playlist,
+    /// Larger frames than the group has memory for are rubbish.
+    most_bytes: usize,
     entries: Receiver<Entry>,
     /// The next frame, read and waiting to be shown.
     next: Option<Entry>,
@@ -176,6 +178,7 @@ impl Playback {
         Ok(Self {
             entries: read_ahead(reader, playlist.from_s),
             playlist: playlist.clone(),
+            most_bytes: Source::Recording(playlist.clone()).frame_capacity(&config.camera),
             next: None,
             times: Times::new(config.camera.fps, last),
             truths: VecDeque::with_capacity(KEPT_TRUTH),
@@ -236,7 +239,7 @@ impl Camera for Playback {
     fn capture(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, CameraError> {
         self.read()?;
         let Some(entry) = &self.next else { return Ok(None) };
-        let frame = decode_frame(&entry.data);
+        let frame = decode_frame(&entry.data).filter(|frame| frame.pixels.len() <= self.most_bytes);
         let due = frame.and_then(|frame| self.times.due(&frame.header, monotonic_ns()));
         let (Some(frame), Some((seq, due_ns))) = (frame, due) else {
             self.next = None;

@@ -5,7 +5,7 @@
 //! polls without wake-ups (so it costs the writers next to nothing), publishes the report on
 //! `status` and draws the console.
 
-mod accuracy;
+pub mod accuracy;
 mod camera;
 mod collector;
 mod console;

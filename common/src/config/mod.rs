@@ -555,6 +555,16 @@ pub struct SyntheticConfig {
     /// How much darker the corners are than the middle, 0–1.
     #[schemars(range(min = 0, max = 1))]
     pub vignette: f64,
+    /// How much darker the right side is than the left, 0–1.
+    #[schemars(range(min = 0, max = 1))]
+    pub gradient: f64,
+    /// Colour of the light, as the temperature of a glowing body; 6500 is what the colours were set
+    /// for, less is redder.
+    #[schemars(range(min = 1000, max = 40_000))]
+    pub color_temperature_k: f64,
+    /// A lamp mirrored in floor and robots, 0–1; 1 is white.
+    #[schemars(range(min = 0, max = 1))]
+    pub glare: f64,
     /// Sensor noise, 1σ, in grey levels of 255.
     #[schemars(range(min = 0, max = 100))]
     pub noise: f64,

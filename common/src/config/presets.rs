@@ -228,6 +228,9 @@ impl Default for SyntheticConfig {
             max_acceleration_mm_s2: 3000.0,
             brightness: 1.0,
             vignette: 0.25,
+            gradient: 0.0,
+            color_temperature_k: 6500.0,
+            glare: 0.0,
             noise: 2.0,
         }
     }

@@ -90,7 +90,8 @@ pub fn paint(field: &FieldConfig, optics: &Optics) -> Vec<u8> {
             let channel = optics.order.channel_at(column, row);
             let corners = [above[column], above[column + 1], below[column], below[column + 1]];
             let color = pixel_color(&pitch, corners, &looks[look_set(column, row)]);
-            let value = color[channel] * optics.light.at(column, row);
+            let value =
+                color[channel] * optics.light.at(column, row) + optics.light.glare_at(column, row);
             pixels.push((value + 0.5) as u8);
         }
         above = below;

@@ -306,7 +306,9 @@ pub fn draw_robot(
             let light: u32 = sums.iter().zip(colors).map(|(sum, color)| sum * color).sum();
             let scale = f32::from(FULL) / (WHOLE * view_count as u32) as f32;
             *cell = Cell {
-                light: (light as f32 * scale * optics.light.at(column, row) + 0.5) as u16,
+                light: (light as f32 * scale * optics.light.at(column, row)
+                    + cover as f32 * scale * optics.light.glare_at(column, row)
+                    + 0.5) as u16,
                 cover: ((cover as f32 * scale + 0.5) as u16).min(FULL),
             };
         }
@@ -360,7 +362,8 @@ pub fn draw_ball(
                 shade += part * (0.8 + 0.2 * (1.0 - rim * rim).sqrt());
             }
             let scale = f32::from(FULL) / view_count as f32;
-            let light = value * shade * scale * optics.light.at(column, row);
+            let light = value * shade * scale * optics.light.at(column, row)
+                + cover * scale * optics.light.glare_at(column, row);
             *cell = Cell { light: (light + 0.5) as u16, cover: (cover * scale + 0.5) as u16 };
         }
     }

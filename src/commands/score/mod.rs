@@ -2,6 +2,7 @@
 //! show.
 
 mod report;
+mod synthetic;
 mod verdict;
 
 use super::pipeline::Pipeline;
@@ -20,6 +21,9 @@ use verdict::{Judge, PictureScore, Tolerances};
 /// used is complained about and makes the exit code 1; the others count all the same.
 pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
+    if args.synthetic {
+        return score_scenes(&config, &args);
+    }
     let tolerances = Tolerances {
         robot_px: args.within_px,
         robot_deg: args.within_deg,
@@ -51,6 +55,20 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
         written => written?,
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Plays the synthetic scenes, and prints each as soon as it is done.
+fn score_scenes(config: &Config, args: &ScoreArgs) -> Result<ExitCode, CommandError> {
+    if !args.json {
+        print!("{}", synthetic::HEADING);
+    }
+    synthetic::play(config, &args.scenes, args.frames as usize, |score| {
+        let text = if args.json { serde_json::to_string(&score)? + "\n" } else { score.text() };
+        let mut output = io::stdout().lock();
+        output.write_all(text.as_bytes())?;
+        Ok(output.flush()?)
+    })?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn look_at(

@@ -1,0 +1,170 @@
+//! `touchline score --synthetic`: the stages on pictures of the synthetic match, scene by scene.
+//!
+//! Every scene is a match under some difficulty. Frames are taken some time apart, each stands alone,
+//! and what was found is compared with the truth.
+
+use crate::commands::CommandError;
+use crate::commands::pipeline::Pipeline;
+use crate::monitor::accuracy::{ReportedRobot, Scorer};
+use classifier::lamp::PitchProbe;
+use classifier::{BayerImage, Picture};
+use common::config::{Config, LightConfig, Preset};
+use grabber::synthetic::SyntheticMatch;
+use serde::Serialize;
+
+/// What makes a scene difficult.
+type Change = fn(&mut Config);
+
+/// The scenes, by name.
+const SCENES: [(&str, Change); 17] = [
+    ("standard", |_| {}),
+    ("light-0.5", |config| config.synthetic.brightness = 0.5),
+    ("light-0.75", |config| config.synthetic.brightness = 0.75),
+    ("light-1.25", |config| config.synthetic.brightness = 1.25),
+    ("light-1.5", |config| config.synthetic.brightness = 1.5),
+    ("lamp-3500K", |config| config.synthetic.color_temperature_k = 3500.0),
+    ("lamp-5000K", |config| config.synthetic.color_temperature_k = 5000.0),
+    ("lamp-9000K", |config| config.synthetic.color_temperature_k = 9000.0),
+    ("gradient", |config| config.synthetic.gradient = 0.4),
+    ("vignette", |config| config.synthetic.vignette = 0.5),
+    ("glare", |config| config.synthetic.glare = 0.25),
+    ("noise", |config| config.synthetic.noise = 6.0),
+    ("blur", |config| config.camera.exposure_us = 10_000),
+    ("3v3", |config| config.robots.identities.retain(|identity| identity.id < 3)),
+    ("vsss", |config| *config = Preset::Vsss3v3.config()),
+    ("11v11", |config| *config = Preset::MirosotLarge.config()),
+    ("crowd", |config| {
+        // Twenty-two robots where ten should be: they stand in each other's way everywhere.
+        let large = Preset::MirosotLarge.config();
+        config.robots = large.robots;
+        config.camera = large.camera;
+        config.geometry =
+            common::config::GeometryConfig::above(&config.field, &config.camera, 2200.0);
+    }),
+];
+
+/// Frames between two that are looked at: a quarter of a second at 80 a second.
+const STRIDE: usize = 20;
+
+/// How a scene was understood.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SceneScore {
+    pub scene: &'static str,
+    pub frames: usize,
+    /// Share of the visible robots that were found under their right identity.
+    pub found_ratio: f64,
+    pub wrong_identity: u64,
+    pub position_rms_mm: f64,
+    pub heading_rms_deg: f64,
+    pub ball_found_ratio: f64,
+    pub ball_rms_mm: f64,
+}
+
+/// The names of the scenes.
+pub fn names() -> Vec<&'static str> {
+    SCENES.iter().map(|(name, _)| *name).collect()
+}
+
+/// Plays the scenes whose names contain one of `filters`, or all. Each is handed on when it is done.
+pub fn play(
+    config: &Config,
+    filters: &[String],
+    frames: usize,
+    mut done: impl FnMut(SceneScore) -> Result<(), CommandError>,
+) -> Result<(), CommandError> {
+    let is_wanted = |name: &str| {
+        filters.is_empty() || filters.iter().any(|filter| name.contains(filter.as_str()))
+    };
+    let mut scenes = SCENES.iter().filter(|(name, _)| is_wanted(name)).peekable();
+    if scenes.peek().is_none() {
+        return Err(format!("no such scene; there are {}", names().join(", ")).into());
+    }
+    for &(scene, change) in scenes {
+        done(play_scene(config, scene, change, frames)?)?;
+    }
+    Ok(())
+}
+
+fn play_scene(
+    config: &Config,
+    scene: &'static str,
+    change: Change,
+    frames: usize,
+) -> Result<SceneScore, CommandError> {
+    let mut config = config.clone();
+    change(&mut config);
+    let width = config.camera.width as usize;
+    let mut pixels = vec![0; width * config.camera.height as usize];
+    if config.light.pitch_rgb.is_none() {
+        config.light = standard_light(&config, &mut pixels)?;
+    }
+    let mut game = SyntheticMatch::new(&config)?;
+    let mut pipeline = Pipeline::new(&config)?;
+    let mut scorer = Scorer::new();
+    for _ in 0..frames {
+        for _ in 0..STRIDE {
+            game.advance();
+        }
+        game.render(&mut pixels, width);
+        let seen = pipeline.step(&pixels)?;
+        let robots: Vec<ReportedRobot> = seen
+            .robots()
+            .iter()
+            .map(|robot| ReportedRobot {
+                team: robot.team,
+                robot_id: robot.robot_id,
+                x_mm: robot.x_mm.into(),
+                y_mm: robot.y_mm.into(),
+                orientation: robot.orientation.into(),
+            })
+            .collect();
+        let ball = seen.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);
+        scorer.score(game.truth(), &robots, ball);
+    }
+    let errors = scorer.errors().ok_or("there is no robot in the synthetic match")?;
+    Ok(SceneScore {
+        scene,
+        frames,
+        found_ratio: errors.found_ratio,
+        wrong_identity: errors.wrong_identity,
+        position_rms_mm: errors.position_rms_mm,
+        heading_rms_deg: errors.heading_rms_deg,
+        ball_found_ratio: errors.ball_found_ratio,
+        ball_rms_mm: errors.ball_rms_mm,
+    })
+}
+
+/// How the pitch looks without the scene's light: what the colours were set for, and what `learn`
+/// would have written down.
+fn standard_light(config: &Config, pixels: &mut [u8]) -> Result<LightConfig, CommandError> {
+    let mut standard = config.clone();
+    standard.synthetic = Config::default().synthetic;
+    SyntheticMatch::new(&standard)?.render(pixels, config.camera.width as usize);
+    let camera = &config.camera;
+    let image =
+        BayerImage::new(pixels, camera.width, camera.height, camera.width, camera.bayer_order)
+            .ok_or("the configured picture is too small")?;
+    let pitch_rgb = PitchProbe::new(config)?.measure(&Picture::Bayer(image));
+    // Painted light acts on floor and patches alike.
+    Ok(LightConfig { pitch_rgb, brightness: 1.0 })
+}
+
+impl SceneScore {
+    /// A line to read; [`HEADING`] goes above.
+    pub fn text(&self) -> String {
+        format!(
+            "{:<12} {:>6.2} % {:>6} {:>9.2} mm {:>7.2}° {:>8.1} % {:>8.2} mm\n",
+            self.scene,
+            100.0 * self.found_ratio,
+            self.wrong_identity,
+            self.position_rms_mm,
+            self.heading_rms_deg,
+            100.0 * self.ball_found_ratio,
+            self.ball_rms_mm
+        )
+    }
+}
+
+/// What the columns of [`SceneScore::text`] are.
+pub const HEADING: &str =
+    "scene           found  wrong     error (rms)        ball found  error (rms)\n";
