@@ -5,6 +5,7 @@
 //! in time as the frames are. Reading and decompressing happen on a thread of their own, ahead of time.
 
 use crate::camera::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame, Picture};
+use crate::source::Source;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
 use common::messages::{BayerOrder, Commands, FrameHeader, PixelFormat, TruthFrame};
