@@ -50,10 +50,14 @@ fn describe(report: &CameraReport) -> Option<CameraDevice> {
         state: CameraState::from_number(report.state)?.name().into(),
         description: read_text(&report.description),
         problem: read_text(&report.problem),
-        promised_fps: report.promised_fps.into(),
-        delivered_fps: report.delivered_fps.into(),
+        promised_fps: finite(report.promised_fps),
+        delivered_fps: finite(report.delivered_fps),
         incomplete: report.incomplete,
         lost: report.lost,
         starts: report.starts,
     })
+}
+/// JSON has no word for what is no number: one of these would make the whole report unreadable.
+fn finite(number: f32) -> f64 {
+    if number.is_finite() { number.into() } else { 0.0 }
 }

@@ -144,9 +144,12 @@ pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Rep
     let subscriber = bus.subscriber(&topics::STATUS)?;
     let deadline = Instant::now() + patience;
     while Instant::now() < deadline {
-        if let Some(message) = subscriber.newest()? {
+        // Whatever else is published there: what is no report is not the group's.
+        while let Some(message) = subscriber.receive()? {
             let length = (message.header().bytes as usize).min(message.elements().len());
-            return Ok(serde_json::from_slice(&message.elements()[..length]).ok());
+            if let Ok(report) = serde_json::from_slice(&message.elements()[..length]) {
+                return Ok(Some(report));
+            }
         }
         std::thread::sleep(Duration::from_millis(5));
     }
