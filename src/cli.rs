@@ -1,12 +1,15 @@
 //! The command line.
 
+mod calibrate;
 mod recordings;
 mod topics;
 
+pub use calibrate::CalibrateArgs;
 pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
 use crate::commands::chaos::Disturbance;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
@@ -39,6 +42,14 @@ pub enum Command {
     /// The same code as in a running group, in one process. Pixels: the centre of the top-left
     /// pixel is (0, 0). Angles in the picture: 0 right, 90 up on the screen.
     Detect(DetectArgs),
+    /// Finds out how the camera hangs, from points of the pitch marked in a picture.
+    ///
+    /// From at least four points to homography, distortion of the lens and its place, by least
+    /// squares; says how far each point is off, and which look wrong or swapped. Points at different
+    /// heights, such as floor and upper edge of the wall at the corners, tell how high the camera
+    /// hangs. docs/calibration.md has the points that have names, and the file of points.
+    #[command(after_long_help = calibrate::EXAMPLES)]
+    Calibrate(CalibrateArgs),
     /// Learns colours from pictures of which is known what they show.
     ///
     /// From labelled robots and balls (the layout says where on a robot which colour is), or from
@@ -403,7 +414,7 @@ pub enum ConfigCommand {
         #[arg(value_name = "FILE")]
         output: Option<PathBuf>,
         /// League to start from
-        #[arg(long, default_value = "mirosot-5v5", value_parser = parse_preset)]
+        #[arg(long, default_value = "mirosot-5v5", value_parser = presets())]
         preset: Preset,
         /// Overwrite an existing file
         #[arg(long)]
@@ -490,12 +501,13 @@ fn parse_tolerance(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_preset(text: &str) -> Result<Preset, String> {
-    let names: Vec<&str> = Preset::ALL.iter().map(|preset| preset.name()).collect();
-    Preset::ALL
-        .into_iter()
-        .find(|preset| preset.name() == text)
-        .ok_or_else(|| format!("use one of {}", names.join(", ")))
+/// Parses the name of a preset; `--help` lists them.
+fn presets() -> impl TypedValueParser<Value = Preset> {
+    let named = |preset: Preset| PossibleValue::new(preset.name()).help(preset.describe());
+    PossibleValuesParser::new(Preset::ALL.map(named)).map(|name| {
+        let mut all = Preset::ALL.into_iter();
+        all.find(|preset| preset.name() == name).unwrap_or_default()
+    })
 }
 
 fn parse_stage(text: &str) -> Result<ProcessKind, String> {

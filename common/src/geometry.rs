@@ -3,7 +3,7 @@
 //!
 //! Types say which frame a point is in, and transforms read output first: `field_from_image`.
 
-use crate::config::{GeometryConfig, PointPair};
+use crate::config::{DistortionConfig, GeometryConfig, PointPair};
 use nalgebra::{DMatrix, Matrix3, Point2, Vector2, Vector3};
 
 /// Pixels; the centre of the top-left pixel is (0, 0), x to the right, y down.
@@ -144,9 +144,34 @@ impl CameraModel {
                 PointPair { image_px: undistorted.into(), ..*pair }
             })
             .collect();
-        model.image_from_floor = fit_homography(&undistorted)?;
+        model.image_from_floor = homography(&undistorted)?;
         model.floor_from_image =
             model.image_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?;
+        Ok(model)
+    }
+
+    /// The model that sees a point of the floor, undistorted, where the homography takes it, in
+    /// pictures of `picture_px` pixels across and down.
+    pub(crate) fn from_homography(
+        image_from_floor: Matrix3<f64>,
+        lens_mm: [f64; 3],
+        distortion: DistortionConfig,
+        picture_px: [u32; 2],
+    ) -> Result<Self, GeometryError> {
+        let [width, height] = picture_px.map(f64::from);
+        let model = Self {
+            floor_from_image: image_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?,
+            image_from_floor,
+            lens: Vector3::from(lens_mm),
+            center: Vector2::from(distortion.center_px),
+            half_diagonal: width.hypot(height) / 2.0,
+            k1: distortion.k1,
+            k2: distortion.k2,
+        };
+        if lens_mm[2].is_nan() || lens_mm[2] <= 0.0 {
+            return Err(GeometryError::CameraHeight(lens_mm[2]));
+        }
+        model.check_distortion()?;
         Ok(model)
     }
 
@@ -238,7 +263,7 @@ fn project(homography: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
 /// The homography that takes field points to image points, by the normalised direct linear
 /// transform (Hartley & Zisserman, Multiple View Geometry, algorithm 4.2); exact for four points,
 /// least squares for more.
-fn fit_homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryError> {
+pub(crate) fn homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryError> {
     if pairs.len() < 4 {
         return Err(GeometryError::TooFewPoints(pairs.len()));
     }

@@ -13,6 +13,7 @@
 //! * **robot**: millimetres; origin at the centre of the robot's top, x forward, y to the left.
 
 pub mod bus;
+pub mod calibration;
 pub mod clock;
 pub mod config;
 pub mod consumer;

@@ -1,5 +1,6 @@
 //! What each subcommand does.
 
+mod calibrate;
 mod cameras;
 pub mod chaos;
 mod config;
@@ -33,6 +34,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         None => run::run(crate::cli::default_run()),
         Some(Command::Run(args)) => run::run(args),
         Some(Command::Detect(args)) => detect::detect(args),
+        Some(Command::Calibrate(args)) => calibrate::calibrate(args),
         Some(Command::Learn(args)) => learn::learn(args),
         Some(Command::Score(args)) => score::score(args),
         Some(Command::Cameras(args)) => cameras::cameras(args),

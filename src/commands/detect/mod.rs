@@ -5,8 +5,6 @@
 //! picture that are equally good, and here every picture stands alone.
 
 mod answer;
-mod canvas;
-mod font;
 mod overlay;
 
 use super::pipeline::Pipeline;

@@ -8,7 +8,7 @@
 //! * Every rejected candidate, crossed; with the reason in words where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
-use super::canvas::{Area, Canvas, Color, Spot, text_size};
+use crate::drawing::canvas::{Area, Canvas, Color, Spot, text_size};
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
 use common::layout::{Layout, body_turn};
@@ -96,8 +96,11 @@ impl<'a> Overlay<'a> {
     }
 
     fn team_color(&self, team: u32) -> Color {
-        let team = Team::from_number(team);
-        self.looks(team.map_or(&self.config.ball.color, |team| self.config.teams.color(team)))
+        match Team::from_number(team) {
+            Some(team) => self.looks(self.config.teams.color(team)),
+            None if team == Rejected::BALL => self.looks(&self.config.ball.color),
+            None => WHITE,
+        }
     }
 
     /// Length of a robot's side in the overlay, at a place in the picture.

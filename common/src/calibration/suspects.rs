@@ -1,0 +1,250 @@
+//! Which of the marked points is to blame when they do not go together.
+
+use super::Mark;
+use super::fit::{Fitted, Task, senses};
+use crate::geometry::{CameraModel, FieldPoint};
+use std::fmt;
+
+/// What is wrong with the points; they are numbered from 0 here, and from 1 in the text.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Suspicion {
+    /// With these two exchanged in the picture all fits; where there are more, each pair alone would
+    /// do, the likeliest first.
+    Swapped(Vec<(usize, usize)>),
+    /// Without these the others fit; each lies so many pixels from where they would have it.
+    Off(Vec<(usize, f64)>),
+    /// Without any one of these the others fit.
+    OneOf(Vec<usize>),
+    /// They do not fit, and it cannot be told which is to blame; the worst lies so many pixels off.
+    Contradiction {
+        /// The point furthest off.
+        worst: usize,
+        /// How far.
+        distance_px: f64,
+    },
+    /// All would fit in a mirror.
+    Mirrored,
+    /// They turn part of the pitch inside out.
+    InsideOut,
+}
+
+/// Points that are tried as culprits: those furthest off.
+const MOST_TRIED: usize = 12;
+/// A look without distortion and with a guessed lens finds points this many times too far off at
+/// most, if they belong together.
+const ROUGHLY: f64 = 15.0;
+/// Views that differ by less than this in strangeness are equally likely.
+const EQUALLY_STRANGE: f64 = 0.2;
+
+impl fmt::Display for Suspicion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Swapped(pairs) => {
+                for (index, (a, b)) in pairs.iter().enumerate() {
+                    f.write_str(if index == 0 { "points " } else { ", or " })?;
+                    write!(f, "{} and {}", a + 1, b + 1)?;
+                }
+                f.write_str(" look swapped")
+            }
+            Self::Off(points) => {
+                for (index, (point, distance_px)) in points.iter().enumerate() {
+                    f.write_str(if index == 0 { "" } else { ", " })?;
+                    write!(f, "point {} is off by {distance_px:.0} px", point + 1)?;
+                }
+                f.write_str(", going by the others")
+            }
+            Self::OneOf(points) => {
+                let numbers: Vec<String> =
+                    points.iter().map(|point| (point + 1).to_string()).collect();
+                write!(f, "one of the points {} is wrong: ", numbers.join(", "))?;
+                f.write_str("without any of them the others fit; mark more to tell which")
+            }
+            Self::Contradiction { worst, distance_px } => write!(
+                f,
+                "the points contradict each other: point {} lies {distance_px:.0} px from where \
+                 it should; some are marked at the wrong place, or the pitch has not the size \
+                 configured; with more points it could be told which",
+                worst + 1
+            ),
+            Self::Mirrored => f.write_str(
+                "the points show the pitch as in a mirror: x runs towards the right goal, y to the \
+                 left of x, that is towards the top of an upright picture",
+            ),
+            Self::InsideOut => f.write_str(
+                "the points turn part of the pitch inside out: some of them have each other's place",
+            ),
+        }
+    }
+}
+
+/// What is to be suspected about a fit; `None` if nothing is.
+pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) -> Option<Suspicion> {
+    let fitted = fitted?;
+    let judge = Judge { within_px };
+    if judge.is_fine(fitted, task.marks) {
+        return None;
+    }
+    let senses = senses(&fitted.model, task.marks);
+    let swapped = judge.swapped(task, fitted);
+    if senses.iter().all(|&from_above| !from_above) {
+        let in_mirror = strangeness(&fitted.model, task.marks);
+        let likelier = swapped.first().filter(|swap| swap.2 < in_mirror + EQUALLY_STRANGE);
+        if likelier.is_none() && judge.is_near(fitted, task.marks) {
+            return Some(Suspicion::Mirrored);
+        }
+    }
+    if !swapped.is_empty() {
+        return Some(Suspicion::Swapped(swapped.iter().map(|&(a, b, _)| (a, b)).collect()));
+    }
+    if let Some(found) = judge.off(task, fitted) {
+        return Some(found);
+    }
+    if !judge.is_near(fitted, task.marks) {
+        let (worst, distance_px) = worst(&fitted.model, task.marks);
+        return Some(Suspicion::Contradiction { worst, distance_px });
+    }
+    Some(Suspicion::InsideOut)
+}
+
+struct Judge {
+    within_px: f64,
+}
+
+impl Judge {
+    fn is_near(&self, fitted: &Fitted, marks: &[Mark]) -> bool {
+        worst(&fitted.model, marks).1 <= self.within_px
+    }
+
+    fn is_fine(&self, fitted: &Fitted, marks: &[Mark]) -> bool {
+        self.is_near(fitted, marks) && senses(&fitted.model, marks).iter().all(|&sense| sense)
+    }
+
+    /// Pairs with which exchanged in the picture all is fine, and how strange the view is then; the
+    /// least strange first, and only those not much stranger.
+    fn swapped(&self, task: &Task, fitted: &Fitted) -> Vec<(usize, usize, f64)> {
+        let tried = furthest_off(&fitted.model, task.marks);
+        let mut marks = task.marks.to_vec();
+        let mut found = Vec::new();
+        for (index, &a) in tried.iter().enumerate() {
+            for &b in &tried[..index] {
+                swap_in_picture(&mut marks, a, b);
+                let swapped = Task { marks: &marks, ..*task };
+                if swapped.rough_rms_px() < ROUGHLY * self.within_px
+                    && let Ok(fitted) = swapped.best_fit()
+                    && self.is_fine(&fitted, &marks)
+                {
+                    let strange = strangeness(&fitted.model, &marks);
+                    found.push((a.min(b), a.max(b), strange, is_upright(&fitted.model, &marks)));
+                }
+                swap_in_picture(&mut marks, a, b);
+            }
+        }
+        let least = found.iter().fold(f64::INFINITY, |least, found| least.min(found.2));
+        found.retain(|found| found.2 <= least + EQUALLY_STRANGE);
+        found.sort_by_key(|&(a, b, _, is_upright)| (!is_upright, a, b));
+        found.into_iter().map(|(a, b, strange, _)| (a, b, strange)).collect()
+    }
+
+    /// Points without which the others are fine, taken away one by one, the most harmful first.
+    fn off(&self, task: &Task, fitted: &Fitted) -> Option<Suspicion> {
+        let mut left: Vec<usize> = (0..task.marks.len()).collect();
+        let mut rms_px = fitted.rms_px(left.len());
+        let mut model = fitted.model.clone();
+        while left.len() > (3 * task.marks.len()).div_ceil(4).max(4) {
+            let marks: Vec<Mark> = left.iter().map(|&point| task.marks[point]).collect();
+            let mut without = Vec::new();
+            for place in furthest_off(&model, &marks) {
+                let mut others = marks.clone();
+                others.remove(place);
+                let fitted = Task { marks: &others, ..*task }.best_fit();
+                // Fewer equations than that fit whatever the points are.
+                if let Some(fitted) = fitted.ok().filter(|fitted| fitted.surplus >= 2) {
+                    without.push((place, fitted.rms_px(others.len()), fitted, others));
+                }
+            }
+            without.sort_by(|a, b| a.1.total_cmp(&b.1));
+            let (place, rms_without, best, others) = without.first()?;
+            if *rms_without > rms_px / 2.0 {
+                return None;
+            }
+            if self.is_fine(best, others) {
+                // The same with other points taken away says that nobody knows.
+                let as_good = |(_, rms, fitted, others): &&(usize, f64, Fitted, Vec<Mark>)| {
+                    *rms < 2.0 * rms_without + 0.1 && self.is_fine(fitted, others)
+                };
+                let suspects: Vec<usize> =
+                    without.iter().filter(as_good).map(|(place, ..)| left[*place]).collect();
+                if suspects.len() > 1 && left.len() == task.marks.len() {
+                    return Some(Suspicion::OneOf(suspects));
+                }
+                left.remove(*place);
+                let gone = (0..task.marks.len()).filter(|point| !left.contains(point));
+                let distances =
+                    gone.map(|point| (point, distance_px(&best.model, &task.marks[point])));
+                return Some(Suspicion::Off(distances.collect()));
+            }
+            (rms_px, model) = (*rms_without, best.model.clone());
+            left.remove(*place);
+        }
+        None
+    }
+}
+
+fn swap_in_picture(marks: &mut [Mark], a: usize, b: usize) {
+    let image_px = marks[a].image_px;
+    marks[a].image_px = marks[b].image_px;
+    marks[b].image_px = image_px;
+}
+
+fn distance_px(model: &CameraModel, mark: &Mark) -> f64 {
+    let [x, y, height] = mark.field_mm;
+    let seen = model.image_from_field(FieldPoint::new(x, y), height);
+    let distance = (seen.x_px - mark.image_px[0]).hypot(seen.y_px - mark.image_px[1]);
+    // A point on the horizon is seen nowhere.
+    if distance.is_nan() { f64::INFINITY } else { distance }
+}
+
+fn worst(model: &CameraModel, marks: &[Mark]) -> (usize, f64) {
+    let distances = marks.iter().map(|mark| distance_px(model, mark)).enumerate();
+    distances.max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or((0, 0.0))
+}
+
+/// Indices of the marks furthest off.
+fn furthest_off(model: &CameraModel, marks: &[Mark]) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..marks.len()).collect();
+    let distance = |&place: &usize| distance_px(model, &marks[place]);
+    places.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
+    places.truncate(MOST_TRIED);
+    places
+}
+
+/// How unlike the view of a camera from above it is: 0 for one that shows squares as squares,
+/// everywhere of the same size.
+fn strangeness(model: &CameraModel, marks: &[Mark]) -> f64 {
+    let mut stretch = 0.0f64;
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for mark in marks {
+        let [along, across] = steps(model, mark);
+        let determinant = (along[0] * across[1] - along[1] * across[0]).abs();
+        let sum = along[0].hypot(along[1]).powi(2) + across[0].hypot(across[1]).powi(2);
+        // For singular values a ≥ b: (a² + b²) / 2ab is the hyperbolic cosine of ln(a/b).
+        stretch = stretch.max((sum / (2.0 * determinant)).max(1.0).acosh());
+        least = least.min(determinant);
+        most = most.max(determinant);
+    }
+    let strangeness = stretch + (most / least).ln() / 2.0;
+    if strangeness.is_nan() { f64::INFINITY } else { strangeness }
+}
+
+/// Whether x runs to the right rather than to the left.
+fn is_upright(model: &CameraModel, marks: &[Mark]) -> bool {
+    marks.iter().map(|mark| steps(model, mark)[0][0]).sum::<f64>() > 0.0
+}
+
+/// How far a millimetre along x and one along y goes in the picture.
+fn steps(model: &CameraModel, mark: &Mark) -> [[f64; 2]; 2] {
+    let [x, y, height] = mark.field_mm;
+    let at = |dx: f64, dy: f64| model.image_from_field(FieldPoint::new(x + dx, y + dy), height);
+    let (here, along, across) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0));
+    [along, across].map(|there| [there.x_px - here.x_px, there.y_px - here.y_px])
+}

@@ -1,0 +1,49 @@
+//! Arguments of `calibrate`.
+
+use clap::Args;
+use std::path::PathBuf;
+
+/// Arguments of `calibrate`.
+#[derive(Debug, Args)]
+pub struct CalibrateArgs {
+    /// File of points (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub points: Option<PathBuf>,
+    /// A point: its name, or its millimetres on the pitch (and above it), and its pixel. Again for
+    /// each point
+    #[arg(long, value_name = "PLACE=X,Y", allow_hyphen_values = true)]
+    pub at: Vec<String>,
+    /// The picture the points were marked in
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Configuration with the pitch's size; all but its geometry is kept
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Where to write the configuration with this geometry [default: print the geometry alone]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Overwrite an existing file
+    #[arg(long)]
+    pub force: bool,
+    /// Write the picture, with pitch and points drawn over it, to this file (PNG)
+    #[arg(long, value_name = "FILE", requires = "picture")]
+    pub overlay: Option<PathBuf>,
+    /// No point may be further off
+    #[arg(long, value_name = "PX", default_value = "3", value_parser = super::parse_tolerance)]
+    pub within_px: f64,
+    /// Height of the camera above the floor, if it was measured
+    #[arg(long, value_name = "MM", value_parser = super::parse_tolerance)]
+    pub camera_height_mm: Option<f64>,
+    /// Height of the wall, for points named "wall …"
+    #[arg(long, value_name = "MM", value_parser = super::parse_tolerance)]
+    pub wall_height_mm: Option<f64>,
+}
+
+pub const EXAMPLES: &str = "\
+Examples:
+  touchline calibrate --at corner-tl=111.1,6.7 --at corner-tr=597.7,11.9 \\
+      --at corner-br=580.1,399.7 --at corner-bl=117.9,393.1 --config match.toml
+      the least there is; prints a [geometry] to put into the configuration
+  touchline calibrate --points points.toml --config match.toml -o calibrated.toml \\
+      --picture pitch.png --overlay check.png
+      the pitch is drawn over the picture: do the lines lie on each other?";

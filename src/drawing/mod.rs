@@ -1,0 +1,4 @@
+//! Drawing on pictures.
+
+pub mod canvas;
+mod font;
