@@ -79,13 +79,17 @@ impl fmt::Display for Suspicion {
 
 /// What is to be suspected about a fit; `None` if nothing is.
 pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) -> Option<Suspicion> {
-    let fitted = fitted?;
     let judge = Judge { within_px };
+    let Some(fitted) = fitted else {
+        // Swapped corners can turn the pitch so far inside out that its middle is seen nowhere.
+        let first: Vec<usize> = (0..task.marks.len().min(MOST_TRIED)).collect();
+        return Suspicion::of_swapped(&judge.swapped(task, &first));
+    };
     if judge.is_fine(fitted, task.marks) {
         return None;
     }
     let senses = senses(&fitted.model, task.marks);
-    let swapped = judge.swapped(task, fitted);
+    let swapped = judge.swapped(task, &furthest_off(&fitted.model, task.marks));
     if senses.iter().all(|&from_above| !from_above) {
         let in_mirror = strangeness(&fitted.model, task.marks);
         let likelier = swapped.first().filter(|swap| swap.2 < in_mirror + EQUALLY_STRANGE);
@@ -93,17 +97,22 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
             return Some(Suspicion::Mirrored);
         }
     }
-    if !swapped.is_empty() {
-        return Some(Suspicion::Swapped(swapped.iter().map(|&(a, b, _)| (a, b)).collect()));
-    }
-    if let Some(found) = judge.off(task, fitted) {
-        return Some(found);
+    let found = Suspicion::of_swapped(&swapped).or_else(|| judge.off(task, fitted));
+    if found.is_some() {
+        return found;
     }
     if !judge.is_near(fitted, task.marks) {
         let (worst, distance_px) = worst(&fitted.model, task.marks);
         return Some(Suspicion::Contradiction { worst, distance_px });
     }
     Some(Suspicion::InsideOut)
+}
+
+impl Suspicion {
+    fn of_swapped(pairs: &[(usize, usize, f64)]) -> Option<Self> {
+        let names = || pairs.iter().map(|&(a, b, _)| (a, b)).collect();
+        (!pairs.is_empty()).then(|| Self::Swapped(names()))
+    }
 }
 
 struct Judge {
@@ -119,10 +128,9 @@ impl Judge {
         self.is_near(fitted, marks) && senses(&fitted.model, marks).iter().all(|&sense| sense)
     }
 
-    /// Pairs with which exchanged in the picture all is fine, and how strange the view is then; the
-    /// least strange first, and only those not much stranger.
-    fn swapped(&self, task: &Task, fitted: &Fitted) -> Vec<(usize, usize, f64)> {
-        let tried = furthest_off(&fitted.model, task.marks);
+    /// Pairs of those tried with which exchanged in the picture all is fine, and how strange the view
+    /// is then; the likeliest first, and none much stranger than another.
+    fn swapped(&self, task: &Task, tried: &[usize]) -> Vec<(usize, usize, f64)> {
         let mut marks = task.marks.to_vec();
         let mut found = Vec::new();
         for (index, &a) in tried.iter().enumerate() {
