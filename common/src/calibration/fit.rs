@@ -12,6 +12,8 @@ pub(super) struct Task<'a> {
     pub marks: &'a [Mark],
     pub known_lens: KnownLens,
     pub picture_px: [u32; 2],
+    /// Parameters of distortion that may be fitted at most.
+    pub max_distortion: usize,
 }
 
 /// The camera that fits.
@@ -27,13 +29,16 @@ pub(super) struct Fitted {
     sum_of_squares: f64,
 }
 
+/// Parameters of distortion: k1, k2 and the centre.
+pub(super) const MAX_DISTORTION: usize = 4;
+
 /// The numbers of a camera, scaled to order one: the homography from the floor to the undistorted
 /// picture, both normalised; the lens in units of the floor's scale; k1, k2 and the distortion's
 /// centre.
 #[derive(Debug, Clone, Copy)]
 struct Numbers([f64; COUNT]);
 
-const COUNT: usize = HOMOGRAPHY + 3 + 4;
+const COUNT: usize = HOMOGRAPHY + 3 + MAX_DISTORTION;
 const HOMOGRAPHY: usize = 8;
 const LENS: usize = HOMOGRAPHY;
 const DISTORTION: usize = LENS + 3;
@@ -79,7 +84,7 @@ impl Task<'_> {
     fn best_fit_of(&self, lens: [bool; 3]) -> Result<Fitted, GeometryError> {
         let start = self.start()?;
         let mut best = self.fit(start, lens, 0)?;
-        for parameters in [1, 2, 4] {
+        for parameters in [1, 2, 4].into_iter().filter(|&count| count <= self.max_distortion) {
             let Ok((numbers, minimum)) = self.fit(best.0, lens, parameters) else { break };
             if !self.is_worth_it(&best.1, &minimum) || !self.is_usable(&numbers) {
                 // One more number may need the next to show its worth, but not the centre.
@@ -281,6 +286,12 @@ impl Fitted {
     /// Root mean square distance of so many points.
     pub fn rms_px(&self, points: usize) -> f64 {
         (self.sum_of_squares / points.max(1) as f64).sqrt()
+    }
+
+    /// What the variance of a marked coordinate must be, going by what is left; `None` if nothing
+    /// could have been left.
+    pub fn variance_px2(&self) -> Option<f64> {
+        (self.surplus > 0).then(|| self.sum_of_squares / self.surplus as f64)
     }
 }
 

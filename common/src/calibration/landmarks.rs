@@ -105,7 +105,9 @@ fn words(name: &str) -> Vec<String> {
                 "br" => &["bottom", "right"],
                 "upper" => &["top"],
                 "lower" => &["bottom"],
-                "center" | "middle" if name.to_lowercase().contains("goal") => &["middle"],
+                "center" | "centre" | "middle" if name.to_lowercase().contains("goal") => {
+                    &["middle"]
+                }
                 "center" | "middle" => &["centre"],
                 "halfway" => &["centre"],
                 "the" | "of" | "point" | "spot" => &[],

@@ -144,7 +144,8 @@ pub fn calibrate(
     within_px: f64,
 ) -> Result<Calibration, CalibrationError> {
     check(marks, known_lens)?;
-    let task = fit::Task { marks, known_lens, picture_px: [camera.width, camera.height] };
+    let picture_px = [camera.width, camera.height];
+    let task = fit::Task { marks, known_lens, picture_px, max_distortion: fit::MAX_DISTORTION };
     let fitted = task.best_fit();
     if let Some(suspicion) = suspects::suspicion(&task, fitted.as_ref().ok(), within_px) {
         return Err(CalibrationError::Suspicious(suspicion));

@@ -33,6 +33,8 @@ const MOST_TRIED: usize = 12;
 /// A look without distortion and with a guessed lens finds points this many times too far off at
 /// most, if they belong together.
 const ROUGHLY: f64 = 15.0;
+/// A fit with a variance this many times as large is as good, if it takes fewer numbers.
+const AS_GOOD: f64 = 1.5;
 /// Views that differ by less than this in strangeness are equally likely.
 const EQUALLY_STRANGE: f64 = 0.2;
 
@@ -86,7 +88,7 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
         return Suspicion::of_swapped(&judge.swapped(task, &first));
     };
     if judge.is_fine(fitted, task.marks) {
-        return None;
+        return judge.bent_around(task, fitted);
     }
     let senses = senses(&fitted.model, task.marks);
     let swapped = judge.swapped(task, &furthest_off(&fitted.model, task.marks));
@@ -97,9 +99,14 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
             return Some(Suspicion::Mirrored);
         }
     }
-    let found = Suspicion::of_swapped(&swapped).or_else(|| judge.off(task, fitted));
-    if found.is_some() {
-        return found;
+    if let Some(swapped) = Suspicion::of_swapped(&swapped) {
+        return Some(swapped);
+    }
+    // A lens that may bend can hide one wrong point behind another.
+    let straight = Task { max_distortion: 0, ..*task };
+    let off_straight = || judge.off(&straight, &straight.best_fit().ok()?);
+    if let Some((found, _)) = judge.off(task, fitted).or_else(off_straight) {
+        return Some(found);
     }
     if !judge.is_near(fitted, task.marks) {
         let (worst, distance_px) = worst(&fitted.model, task.marks);
@@ -153,10 +160,32 @@ impl Judge {
         found.into_iter().map(|(a, b, strange, _)| (a, b, strange)).collect()
     }
 
+    /// A lens bent around a wrong point: without the point a straighter lens fits the others about
+    /// as well.
+    fn bent_around(&self, task: &Task, fitted: &Fitted) -> Option<Suspicion> {
+        let variance_px2 = fitted.variance_px2()?;
+        for max_distortion in [0, 1, 2].into_iter().filter(|&c| c < fitted.distortion_parameters) {
+            let straighter = Task { max_distortion, ..*task };
+            let Ok(fitted_straighter) = straighter.best_fit() else { continue };
+            let Some((found, without)) = self.off(&straighter, &fitted_straighter) else {
+                continue;
+            };
+            // A wrong point takes two numbers; who gives up more of them may be a little worse.
+            let Suspicion::Off(points) = &found else { continue };
+            let saved = fitted.distortion_parameters - without.distortion_parameters;
+            let allowed = if saved >= 2 * points.len() { AS_GOOD } else { 1.0 };
+            let is_as_good = without.variance_px2().is_some_and(|px2| px2 < allowed * variance_px2);
+            if is_as_good && points.iter().any(|&(_, distance_px)| distance_px > self.within_px) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
     /// Points without which the others are fine, taken away one by one, the most harmful first.
-    fn off(&self, task: &Task, fitted: &Fitted) -> Option<Suspicion> {
+    fn off(&self, task: &Task, fitted: &Fitted) -> Option<(Suspicion, Fitted)> {
         let mut left: Vec<usize> = (0..task.marks.len()).collect();
-        let mut rms_px = fitted.rms_px(left.len());
+        let rms_px = fitted.rms_px(left.len());
         let mut model = fitted.model.clone();
         while left.len() > (3 * task.marks.len()).div_ceil(4).max(4) {
             let marks: Vec<Mark> = left.iter().map(|&point| task.marks[point]).collect();
@@ -172,10 +201,12 @@ impl Judge {
             }
             without.sort_by(|a, b| a.1.total_cmp(&b.1));
             let (place, rms_without, best, others) = without.first()?;
-            if *rms_without > rms_px / 2.0 {
-                return None;
-            }
             if self.is_fine(best, others) {
+                // Each point taken away must be worth it, but only all together show it.
+                let taken = task.marks.len() - others.len();
+                if *rms_without > rms_px / 2f64.powi(taken as i32) {
+                    return None;
+                }
                 // The same with other points taken away says that nobody knows.
                 let as_good = |(_, rms, fitted, others): &&(usize, f64, Fitted, Vec<Mark>)| {
                     *rms < 2.0 * rms_without + 0.1 && self.is_fine(fitted, others)
@@ -183,15 +214,15 @@ impl Judge {
                 let suspects: Vec<usize> =
                     without.iter().filter(as_good).map(|(place, ..)| left[*place]).collect();
                 if suspects.len() > 1 && left.len() == task.marks.len() {
-                    return Some(Suspicion::OneOf(suspects));
+                    return Some((Suspicion::OneOf(suspects), best.clone()));
                 }
                 left.remove(*place);
                 let gone = (0..task.marks.len()).filter(|point| !left.contains(point));
                 let distances =
                     gone.map(|point| (point, distance_px(&best.model, &task.marks[point])));
-                return Some(Suspicion::Off(distances.collect()));
+                return Some((Suspicion::Off(distances.collect()), best.clone()));
             }
-            (rms_px, model) = (*rms_without, best.model.clone());
+            model = best.model.clone();
             left.remove(*place);
         }
         None
