@@ -80,6 +80,27 @@ fn diagonal_squares_on_a_vsss_field() {
 }
 
 #[test]
+fn half_a_square_and_two_triangles() {
+    check_layout(&Preset::MirosotTriangles.config(), 1.5, 2.5);
+}
+
+#[test]
+fn four_squares() {
+    check_layout(&Preset::MirosotQuadrants.config(), 1.0, 2.0);
+}
+
+#[test]
+fn a_square_with_a_patch_in_its_corner() {
+    check_layout(&Preset::VsssCorner.config(), 1.5, 2.5);
+}
+
+/// Thirty-two robots, all that the standard pattern can name, at 5 mm a pixel.
+#[test]
+fn a_dot_and_four_around_it() {
+    check_layout(&Preset::SslDivisionB.config(), 2.5, 2.5);
+}
+
+#[test]
 fn a_full_square_with_an_identification_corner() {
     check_layout(&full_square_with_corner(), 1.0, 2.0);
 }

@@ -8,6 +8,7 @@
 
 mod camera;
 mod document;
+mod layouts;
 mod load;
 mod presets;
 mod problem;
@@ -31,8 +32,10 @@ pub type Pair = [f64; 2];
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Which defaults everything below starts from: "mirosot-5v5" (2200×1800 mm),
-    /// "mirosot-large" (4000×2800 mm, 11 against 11) or "vsss-3v3" (1500×1300 mm).
+    /// Which defaults everything below starts from. "mirosot-5v5" (2200×1800 mm; also
+    /// "mirosot-triangles" and "mirosot-quadrants", with other patches), "mirosot-large"
+    /// (4000×2800 mm, 11 against 11), "vsss-3v3" (1500×1300 mm; also "vsss-corner", with other
+    /// patches) or "ssl-division-b" (9000×6000 mm).
     pub preset: Preset,
     /// The pitch.
     pub field: FieldConfig,

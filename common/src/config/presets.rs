@@ -1,5 +1,10 @@
 //! Defaults: the leagues' fields, and the colours and layouts that go with them.
 
+use super::layouts::{
+    butterfly, corner_patch, diagonal_squares, identities_of_colors, one_color_identities,
+    quadrants, standard_patterns, stripe_and_two_patches, three_color_identities, triangles,
+    two_color_identities,
+};
 use super::*;
 
 /// A league whose numbers the configuration starts from.
@@ -10,23 +15,58 @@ pub enum Preset {
     #[default]
     #[serde(rename = "mirosot-5v5")]
     Mirosot5v5,
+    /// The same league; half of a robot's top, cut along the diagonal, has the team's colour, the
+    /// other half two triangles in identification colours.
+    MirosotTriangles,
+    /// The same league; four squares, one of the team's colour and three identification colours.
+    MirosotQuadrants,
     /// FIRA MiroSot large league, 11 against 11, 4000×2800 mm.
     MirosotLarge,
     /// IEEE Very Small Size Soccer, 3 against 3, 1500×1300 mm.
     #[serde(rename = "vsss-3v3")]
     Vsss3v3,
+    /// The same league; the whole top has the team's colour, but for a square in the corner ahead.
+    VsssCorner,
+    /// RoboCup Small Size League, division B, 9000×6000 mm, with the standard pattern: a dot of the
+    /// team's colour in the middle, four pink or green ones around it.
+    SslDivisionB,
 }
 
 impl Preset {
     /// All presets.
-    pub const ALL: [Preset; 3] = [Self::Mirosot5v5, Self::MirosotLarge, Self::Vsss3v3];
+    pub const ALL: [Preset; 7] = [
+        Self::Mirosot5v5,
+        Self::MirosotTriangles,
+        Self::MirosotQuadrants,
+        Self::MirosotLarge,
+        Self::Vsss3v3,
+        Self::VsssCorner,
+        Self::SslDivisionB,
+    ];
 
     /// Its name in a configuration.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mirosot5v5 => "mirosot-5v5",
+            Self::MirosotTriangles => "mirosot-triangles",
+            Self::MirosotQuadrants => "mirosot-quadrants",
             Self::MirosotLarge => "mirosot-large",
             Self::Vsss3v3 => "vsss-3v3",
+            Self::VsssCorner => "vsss-corner",
+            Self::SslDivisionB => "ssl-division-b",
+        }
+    }
+
+    /// What it is, in a line.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::Mirosot5v5 => "MiroSot middle league: two squares on a diagonal, as in the paper",
+            Self::MirosotTriangles => "the same: half a square and two identification triangles",
+            Self::MirosotQuadrants => "the same: four squares, three of them identification",
+            Self::MirosotLarge => "MiroSot large league: a stripe and two identification squares",
+            Self::Vsss3v3 => "Very Small Size Soccer: two squares on a diagonal",
+            Self::VsssCorner => "the same: a square with an identification patch in one corner",
+            Self::SslDivisionB => "RoboCup Small Size League: a dot and four around it",
         }
     }
 
@@ -50,6 +90,14 @@ impl Preset {
         };
         match self {
             Self::Mirosot5v5 => {}
+            Self::MirosotTriangles => {
+                config.robots.patches = triangles();
+                config.robots.identities = two_color_identities(5);
+            }
+            Self::MirosotQuadrants => {
+                config.robots.patches = quadrants();
+                config.robots.identities = three_color_identities(5);
+            }
             Self::MirosotLarge => {
                 config.field = FieldConfig {
                     length_mm: 4000.0,
@@ -63,7 +111,7 @@ impl Preset {
                 config.robots.patches = stripe_and_two_patches();
                 config.robots.identities = two_color_identities(11);
             }
-            Self::Vsss3v3 => {
+            Self::Vsss3v3 | Self::VsssCorner => {
                 config.field = FieldConfig {
                     length_mm: 1500.0,
                     width_mm: 1300.0,
@@ -74,6 +122,32 @@ impl Preset {
                 };
                 config.geometry = GeometryConfig::above(&config.field, &config.camera, 2000.0);
                 config.robots.identities = one_color_identities(3);
+                if self == Self::VsssCorner {
+                    config.robots.patches = corner_patch();
+                }
+            }
+            Self::SslDivisionB => {
+                config.field = FieldConfig {
+                    length_mm: 9000.0,
+                    width_mm: 6000.0,
+                    goal_width_mm: 1000.0,
+                    goal_depth_mm: 180.0,
+                    center_circle_radius_mm: 500.0,
+                    margin_mm: 300.0,
+                };
+                config.camera.width = 1920;
+                config.camera.height = 1200;
+                config.geometry = GeometryConfig::above(&config.field, &config.camera, 6000.0);
+                config.robots = RobotsConfig {
+                    // A disc of 180 mm, as the square of the same area.
+                    size_mm: 160.0,
+                    height_mm: 140.0,
+                    wheel_base_mm: 140.0,
+                    patches: butterfly(),
+                    identities: identities_of_colors(standard_patterns()),
+                };
+                // A pixel is 5 mm wide.
+                config.tracker.patch_tolerance_mm = 18.0;
             }
         }
         config
@@ -265,64 +339,6 @@ impl GeometryConfig {
             distortion: DistortionConfig { center_px, ..DistortionConfig::default() },
         }
     }
-}
-
-/// The corners of a square.
-fn square(center: Pair, side: f64) -> Vec<Pair> {
-    rectangle(center, [side, side])
-}
-
-/// The corners of a rectangle with sides along x and y.
-fn rectangle([x, y]: Pair, [along_x, along_y]: Pair) -> Vec<Pair> {
-    let (a, b) = (along_x / 2.0, along_y / 2.0);
-    vec![[x + a, y + b], [x - a, y + b], [x - a, y - b], [x + a, y - b]]
-}
-
-/// The paper's layout (Fig. 2): two squares on a diagonal, the team's nearer to the front.
-pub(super) fn diagonal_squares() -> Vec<PatchConfig> {
-    vec![
-        PatchConfig { role: PatchRole::Team, outline_mm: square([18.0, 18.0], 34.0) },
-        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.0, -18.0], 34.0) },
-    ]
-}
-
-/// The team colour across the front half, two identification squares behind.
-fn stripe_and_two_patches() -> Vec<PatchConfig> {
-    vec![
-        PatchConfig { role: PatchRole::Team, outline_mm: rectangle([18.5, 0.0], [33.0, 70.0]) },
-        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.5, 18.5], 33.0) },
-        PatchConfig { role: PatchRole::Identification, outline_mm: square([-18.5, -18.5], 33.0) },
-    ]
-}
-
-/// Identification colours of the standard palette.
-const IDENTIFICATION_COLORS: [&str; 5] = ["green", "cyan", "pink", "violet", "red"];
-
-/// Robots 0 to `count` − 1 of both teams, each with an identification colour of its own.
-fn one_color_identities(count: u32) -> Vec<IdentityConfig> {
-    identities(count, |id| vec![IDENTIFICATION_COLORS[id as usize].to_string()])
-}
-
-/// Robots 0 to `count` − 1 of both teams, each with an ordered pair of two different colours.
-fn two_color_identities(count: u32) -> Vec<IdentityConfig> {
-    let pairs: Vec<Vec<String>> = IDENTIFICATION_COLORS
-        .iter()
-        .flat_map(|left| {
-            IDENTIFICATION_COLORS
-                .iter()
-                .filter(move |&right| right != left)
-                .map(move |right| vec![left.to_string(), right.to_string()])
-        })
-        .collect();
-    identities(count, |id| pairs[id as usize].clone())
-}
-
-fn identities(count: u32, colors: impl Fn(u32) -> Vec<String>) -> Vec<IdentityConfig> {
-    Team::ALL
-        .into_iter()
-        .flat_map(|team| (0..count).map(move |id| (team, id)))
-        .map(|(team, id)| IdentityConfig { team, id, colors: colors(id) })
-        .collect()
 }
 
 /// Colours of the synthetic pitch, and boxes that hold them from its bright middle to its corners.
