@@ -9,6 +9,7 @@ pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
 use crate::commands::chaos::Disturbance;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
@@ -413,7 +414,7 @@ pub enum ConfigCommand {
         #[arg(value_name = "FILE")]
         output: Option<PathBuf>,
         /// League to start from
-        #[arg(long, default_value = "mirosot-5v5", value_parser = parse_preset)]
+        #[arg(long, default_value = "mirosot-5v5", value_parser = presets())]
         preset: Preset,
         /// Overwrite an existing file
         #[arg(long)]
@@ -500,12 +501,13 @@ fn parse_tolerance(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_preset(text: &str) -> Result<Preset, String> {
-    let names: Vec<&str> = Preset::ALL.iter().map(|preset| preset.name()).collect();
-    Preset::ALL
-        .into_iter()
-        .find(|preset| preset.name() == text)
-        .ok_or_else(|| format!("use one of {}", names.join(", ")))
+/// Parses the name of a preset; `--help` lists them.
+fn presets() -> impl TypedValueParser<Value = Preset> {
+    let named = |preset: Preset| PossibleValue::new(preset.name()).help(preset.describe());
+    PossibleValuesParser::new(Preset::ALL.map(named)).map(|name| {
+        let mut all = Preset::ALL.into_iter();
+        all.find(|preset| preset.name() == name).unwrap_or_default()
+    })
 }
 
 fn parse_stage(text: &str) -> Result<ProcessKind, String> {
