@@ -31,17 +31,19 @@ pub(super) fn stripe_and_two_patches() -> Vec<PatchConfig> {
     ]
 }
 
-/// Half a square of 65 mm, cut along its diagonal and looking ahead, in the team's colour; the other
-/// half two triangles with identification colours, left and right.
+/// A square of 65 mm, cut along a diagonal: the half ahead on the left has the team's colour, the half
+/// behind on the right is cut into two triangles with identification colours, the one behind on the
+/// left first.
 pub(super) fn triangles() -> Vec<PatchConfig> {
+    let half = 32.5;
     let identification = |outline_mm| PatchConfig { role: PatchRole::Identification, outline_mm };
     vec![
         PatchConfig {
             role: PatchRole::Team,
-            outline_mm: vec![[46.0, 0.0], [0.0, 46.0], [0.0, -46.0]],
+            outline_mm: vec![[half, half], [-half, half], [half, -half]],
         },
-        identification(vec![[0.0, 0.0], [0.0, 46.0], [-46.0, 0.0]]),
-        identification(vec![[0.0, 0.0], [-46.0, 0.0], [0.0, -46.0]]),
+        identification(vec![[0.0, 0.0], [-half, half], [-half, -half]]),
+        identification(vec![[0.0, 0.0], [-half, -half], [half, -half]]),
     ]
 }
 
@@ -58,16 +60,12 @@ pub(super) fn quadrants() -> Vec<PatchConfig> {
     ]
 }
 
-/// The whole top in the team's colour, turned so that a corner is ahead, and in that corner a square
-/// with an identification colour.
+/// A square of 66 mm in the team's colour, and in its corner ahead on the left a square with an
+/// identification colour.
 pub(super) fn corner_patch() -> Vec<PatchConfig> {
-    let diamond = |ahead: f64, behind: f64| {
-        let (middle, half) = ((ahead + behind) / 2.0, (ahead - behind) / 2.0);
-        vec![[ahead, 0.0], [middle, half], [behind, 0.0], [middle, -half]]
-    };
     vec![
-        PatchConfig { role: PatchRole::Team, outline_mm: diamond(46.7, -46.7) },
-        PatchConfig { role: PatchRole::Identification, outline_mm: diamond(46.7, 6.7) },
+        PatchConfig { role: PatchRole::Team, outline_mm: square([0.0, 0.0], 66.0) },
+        PatchConfig { role: PatchRole::Identification, outline_mm: square([20.0, 20.0], 26.0) },
     ]
 }
 

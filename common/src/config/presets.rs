@@ -25,7 +25,7 @@ pub enum Preset {
     /// IEEE Very Small Size Soccer, 3 against 3, 1500×1300 mm.
     #[serde(rename = "vsss-3v3")]
     Vsss3v3,
-    /// The same league; the whole top has the team's colour, but for a square in the corner ahead.
+    /// The same league; the whole top has the team's colour, but for a square in one corner.
     VsssCorner,
     /// RoboCup Small Size League, division B, 9000×6000 mm, with the standard pattern: a dot of the
     /// team's colour in the middle, four pink or green ones around it.

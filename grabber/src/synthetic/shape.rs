@@ -224,7 +224,7 @@ mod tests {
             let shape = Shape::new(&robots, 2.3);
             for (part, expected) in layout.patches.iter().enumerate() {
                 let (mut area, mut x_sum, mut y_sum) = (0.0, 0.0, 0.0);
-                let step = 0.35;
+                let step = 0.35 * robots.size_mm / 75.0;
                 for row in -150..=150 {
                     for column in -150..=150 {
                         let (x, y) = (f64::from(column) * step, f64::from(row) * step);
