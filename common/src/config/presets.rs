@@ -146,8 +146,6 @@ impl Preset {
                     patches: butterfly(),
                     identities: identities_of_colors(standard_patterns()),
                 };
-                // A pixel is 5 mm wide.
-                config.tracker.patch_tolerance_mm = 18.0;
             }
         }
         config
