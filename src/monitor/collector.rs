@@ -190,6 +190,7 @@ impl Collector {
             let robots: Vec<ReportedRobot> = detection
                 .robots()
                 .iter()
+                .filter(|robot| robot.is_identified())
                 .map(|robot| ReportedRobot {
                     team: robot.team,
                     robot_id: robot.robot_id,

@@ -16,7 +16,8 @@
 //! 4. `pose`: the places of the patches become a pose.
 //! 5. `refine`: poses are measured to hundredths of a pixel where the patches have their edges in the
 //!    raw picture (`raw`, `edges`, `edge_fit`, `local_map`), and get their covariance.
-//! 6. `ball`, and `reasons`: what became of everything else.
+//! 6. `unknown`: robots of which only the team can be told; `ball`; and `reasons`: what became of
+//!    everything else.
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
 
@@ -42,5 +43,6 @@ pub mod regions;
 mod second_opinion;
 mod split;
 pub mod stage;
+mod unknown;
 
 pub use stage::{Tracker, TrackerError};

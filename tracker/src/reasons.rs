@@ -3,6 +3,7 @@
 use crate::candidates::Spot;
 use crate::pairing::{Fate, Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::Pattern;
+use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
 use common::messages::{DetectionFrame, RejectReason, Rejected, Team};
 
@@ -46,6 +47,7 @@ impl Rejections {
 pub(crate) fn explain_team_patches(
     pattern: &Pattern,
     pairing: &Pairing,
+    unknown: &UnknownRobots,
     rejections: &mut Rejections,
 ) {
     let worth_listing = WORTH_LISTING
@@ -54,7 +56,10 @@ pub(crate) fn explain_team_patches(
     for team in Team::ALL {
         let class = pattern.kinds[pattern.team_kind(team)].class;
         for spot in &pairing.finder.spots {
-            if spot.class != class || spot.measure.area_mm2 < worth_listing {
+            if spot.class != class
+                || spot.measure.area_mm2 < worth_listing
+                || unknown.use_region(spot.region)
+            {
                 continue;
             }
             if let Some(reason) = reason(pattern, pairing, team, spot) {

@@ -9,6 +9,7 @@ use crate::raw::RawFrame;
 use crate::reasons::{Rejections, explain_lonely_patches, explain_team_patches};
 use crate::refine::Refiner;
 use crate::regions::RegionFinder;
+use crate::unknown::UnknownRobots;
 use common::config::Config;
 use common::geometry::CameraModel;
 use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
@@ -25,6 +26,9 @@ pub struct Tracker {
     region_finder: RegionFinder,
     prior: Prior,
     pairing: Pairing,
+    /// Whether robots of which only the team is known are reported.
+    report_unknown: bool,
+    unknown: UnknownRobots,
     ball_finder: BallFinder,
     refiner: Refiner,
     rejections: Rejections,
@@ -48,6 +52,8 @@ impl Tracker {
             ),
             prior: Prior::default(),
             pairing: Pairing::default(),
+            report_unknown: config.robots.report_unknown,
+            unknown: UnknownRobots::default(),
             ball_finder: BallFinder::new(config, pattern.limits)?,
             refiner: Refiner::new(config, &pattern, &camera),
             rejections: Rejections::default(),
@@ -109,8 +115,13 @@ impl Tracker {
         };
         self.pairing.find(&scene, out);
         self.refiner.refine_robots(&self.camera, frame.as_ref(), out);
+        self.unknown.clear();
+        if self.report_unknown {
+            self.unknown.find(&scene, &self.pairing, out);
+        }
         self.rejections.clear();
-        explain_team_patches(&self.pattern, &self.pairing, &mut self.rejections);
+        let rejections = &mut self.rejections;
+        explain_team_patches(&self.pattern, &self.pairing, &self.unknown, rejections);
         explain_lonely_patches(&self.pattern, &self.pairing, &mut self.rejections);
         self.ball_finder.find(&self.camera, &self.pitch, out, &mut self.rejections);
         self.refiner.refine_balls(&self.camera, frame.as_ref(), out);

@@ -6,7 +6,7 @@ mod support;
 use bytemuck::Zeroable;
 use common::config::Config;
 use common::geometry::FieldPoint;
-use common::messages::{RejectReason, Team, TrackStatus, WorldFrame};
+use common::messages::{DetectedRobot, RejectReason, Team, TrackStatus, WorldFrame};
 use std::f64::consts::FRAC_PI_4;
 use support::*;
 
@@ -394,4 +394,35 @@ fn an_identification_patch_without_a_team_patch_is_told_of() {
     picture.square([-1230.0, 600.0], 34.0, Some(green));
     picture.square([0.0, 0.0], 90.0, Some(green));
     assert!(picture.detections().rejected().is_empty());
+}
+
+#[test]
+fn a_robot_of_which_only_the_team_is_known_has_a_place() {
+    let mut config = Config::default();
+    config.robots.report_unknown = true;
+    let known = [robot(Yellow, 1, -300.0, 100.0, 0.0), robot(Blue, 0, 300.0, -400.0, 30.0)];
+    let mut picture = Picture::of_robots(&config, &known);
+    let [yellow, blue] = ["yellow", "blue"].map(|color| picture.class(color));
+    picture.square([200.0, 100.0], 34.0, Some(blue));
+    picture.square([-500.0, -500.0], 34.0, Some(yellow));
+    // Neither noise, nor what lies outside, nor a blob.
+    picture.square([0.0, 600.0], 12.0, Some(blue));
+    picture.square([0.0, -600.0], 90.0, Some(blue));
+    picture.square([-1230.0, 600.0], 34.0, Some(yellow));
+    let frame = picture.detections();
+    let unknown = DetectedRobot::UNKNOWN_ID;
+    assert_eq!(names(&frame), [(Yellow, 1), (Yellow, unknown), (Blue, 0), (Blue, unknown)]);
+    for (index, place) in [(1, [-500.0, -500.0]), (3, [200.0, 100.0])] {
+        let found = &frame.robots()[index];
+        let off = (f64::from(found.x_mm) - place[0]).hypot(f64::from(found.y_mm) - place[1]);
+        assert!(off < 1.0 && !found.is_identified() && found.confidence <= 0.5, "{found:?}");
+    }
+    // They are not rejected as well, and the rest still is.
+    let told: Vec<_> = frame.rejected().iter().map(|rejected| rejected.reason).collect();
+    assert!(!told.contains(&(RejectReason::NoIdentificationPatch as u32)), "{told:?}");
+    assert!(told.contains(&(RejectReason::TooLarge as u32)), "{told:?}");
+
+    // Off by default: nobody is reported who has no number.
+    picture.config.robots.report_unknown = false;
+    assert_eq!(names(&picture.detections()), [(Yellow, 1), (Blue, 0)]);
 }

@@ -332,6 +332,10 @@ pub struct RobotsConfig {
     /// The patches: exactly one team patch, and any number of identification patches up to five.
     #[schemars(length(min = 1, max = MAX_PATCHES))]
     pub patches: Vec<PatchConfig>,
+    /// Report robots of which only the team's colour can be told, without number and heading:
+    /// opponents whose patches nobody knows, robots that have lost a patch. They are in `detections`,
+    /// not in `world`.
+    pub report_unknown: bool,
     /// The robots that may be on the pitch.
     #[schemars(length(max = MAX_ROBOTS))]
     pub identities: Vec<IdentityConfig>,

@@ -144,6 +144,7 @@ impl Preset {
                     height_mm: 140.0,
                     wheel_base_mm: 140.0,
                     patches: butterfly(),
+                    report_unknown: false,
                     identities: identities_of_colors(standard_patterns()),
                 };
             }
@@ -224,6 +225,7 @@ impl Default for RobotsConfig {
             height_mm: 75.0,
             wheel_base_mm: 65.0,
             patches: diagonal_squares(),
+            report_unknown: false,
             identities: one_color_identities(5),
         }
     }

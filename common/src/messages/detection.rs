@@ -52,7 +52,7 @@ pub struct Region {
 pub struct DetectedRobot {
     /// A [`Team`](super::Team) number.
     pub team: u32,
-    /// Number of the robot in its team.
+    /// Number of the robot in its team, or [`DetectedRobot::UNKNOWN_ID`].
     pub robot_id: u32,
     /// Centre of the robot on the field.
     pub x_mm: f32,
@@ -79,6 +79,17 @@ pub struct DetectedRobot {
     /// Samples of the raw picture, at the edges of the patches, that the pose was measured by; 0 when
     /// it comes from the centroids of the patches alone.
     pub edge_samples: u32,
+}
+
+impl DetectedRobot {
+    /// In the place of a number: a robot of which only the team patch can be told. Its place is that
+    /// of the patch, its heading is not known (0).
+    pub const UNKNOWN_ID: u32 = u32::MAX;
+
+    /// Whether it is known which robot it is.
+    pub fn is_identified(&self) -> bool {
+        self.robot_id != Self::UNKNOWN_ID
+    }
 }
 
 /// A ball candidate.

@@ -20,13 +20,14 @@ pub struct Answer {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RobotAnswer {
     pub team: &'static str,
-    pub id: u32,
+    /// `null` for a robot of which only the team is known; so are its headings.
+    pub id: Option<u32>,
     pub x_px: f64,
     pub y_px: f64,
-    pub heading_image_deg: f64,
+    pub heading_image_deg: Option<f64>,
     pub x_mm: f64,
     pub y_mm: f64,
-    pub heading_field_deg: f64,
+    pub heading_field_deg: Option<f64>,
     pub confidence: f64,
 }
 
@@ -70,19 +71,21 @@ impl Answer {
             self.robots.len(),
             self.rejected.len()
         );
+        let number = |id: Option<u32>| id.map_or("?".to_string(), |id| id.to_string());
+        let degrees = |angle: Option<f64>| angle.map_or("?".to_string(), |deg| format!("{deg:.1}"));
         for robot in &self.robots {
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
-                "  {:<6} {:>2}  {:6.1}, {:5.1} px {:5.1}°   {:7.1}, {:7.1} mm {:5.1}°   confidence {:.2}",
+                "  {:<6} {:>2}  {:6.1}, {:5.1} px {:>5}°   {:7.1}, {:7.1} mm {:>5}°   confidence {:.2}",
                 robot.team,
-                robot.id,
+                number(robot.id),
                 robot.x_px,
                 robot.y_px,
-                robot.heading_image_deg,
+                degrees(robot.heading_image_deg),
                 robot.x_mm,
                 robot.y_mm,
-                robot.heading_field_deg,
+                degrees(robot.heading_field_deg),
                 robot.confidence
             );
         }
@@ -108,13 +111,13 @@ impl RobotAnswer {
     fn new(robot: &DetectedRobot) -> Self {
         Self {
             team: Team::from_number(robot.team).map_or("unknown", Team::name),
-            id: robot.robot_id,
+            id: robot.is_identified().then_some(robot.robot_id),
             x_px: rounded(robot.x_px, 3),
             y_px: rounded(robot.y_px, 3),
-            heading_image_deg: degrees(robot.orientation_image),
+            heading_image_deg: robot.is_identified().then(|| degrees(robot.orientation_image)),
             x_mm: rounded(robot.x_mm, 2),
             y_mm: rounded(robot.y_mm, 2),
-            heading_field_deg: degrees(robot.orientation),
+            heading_field_deg: robot.is_identified().then(|| degrees(robot.orientation)),
             confidence: rounded(robot.confidence, 3),
         }
     }

@@ -3,7 +3,8 @@
 //!
 //! * The field, as the camera geometry places it: thin grey lines.
 //! * Every region, outlined in its colour.
-//! * Every robot: its body, its patches joined, its heading, its name.
+//! * Every robot: its body, its patches joined, its heading, its name; a circle if only its team is
+//!   known.
 //! * The ball, circled.
 //! * Every rejected candidate, crossed; with the reason in words where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
@@ -190,6 +191,13 @@ impl Drawing<'_> {
     fn draw_robot(&mut self, seen: &DetectionFrame, robot: &DetectedRobot) {
         let overlay = self.overlay;
         let config = &overlay.config.robots;
+        if !robot.is_identified() {
+            let (x, y) = (f64::from(robot.x_px), f64::from(robot.y_px));
+            let (center, diameter) = (overlay.spot(x, y), overlay.robot_size(x, y));
+            self.canvas.circle(center, diameter / 2.0, 1.0, overlay.team_color(robot.team));
+            self.taken.push(Area::around(&[center], diameter));
+            return;
+        }
         let pose = Pose {
             position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
             orientation: f64::from(robot.orientation),
@@ -375,6 +383,7 @@ fn is_noise(rejected: &Rejected) -> bool {
 /// "Y3": team and number.
 fn short_name(team: u32, id: u32) -> String {
     let team = Team::from_number(team).map_or("?", Team::name);
+    let id = if id == DetectedRobot::UNKNOWN_ID { "?".into() } else { id.to_string() };
     format!("{}{id}", team[..1].to_uppercase())
 }
 

@@ -174,7 +174,8 @@ impl Judge<'_> {
                         < distance_px(place(label), (found.x_px, found.y_px))
             })
         };
-        let here = seen.robots().iter().filter(near);
+        // Who says no number says no wrong one.
+        let here = seen.robots().iter().filter(|found| found.is_identified()).filter(near);
         let own = here.clone().find(|found| is_named(found));
         let other = || {
             here.filter(|found| !is_at_home(found)).min_by(|a, b| {

@@ -1,0 +1,87 @@
+//! Robots of which nothing is known but their team: what is left of the team's colour when all that
+//! can be told apart is accounted for.
+//!
+//! A team need not know which patches its opponents wear, and a robot of its own may have lost
+//! one. What its team patch tells is where it is, to within the patch's distance from the robot's
+//! centre. Number and heading are not guessed.
+
+use crate::candidates::Candidate;
+use crate::measure::distance_mm;
+use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
+use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+
+/// At most this much confidence without a number.
+const CONFIDENCE: f64 = 0.5;
+
+/// Finds them, and keeps them until the next frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct UnknownRobots {
+    found: Vec<(Team, Candidate)>,
+}
+
+impl UnknownRobots {
+    /// Nobody was looked for.
+    pub fn clear(&mut self) {
+        self.found.clear();
+    }
+
+    /// Appends to the frame, by team, what `pairing` has found no robot for.
+    pub fn find(&mut self, scene: &Scene, pairing: &Pairing, frame: &mut DetectionFrame) {
+        self.found.clear();
+        let pattern = scene.pattern;
+        for team in Team::ALL {
+            // The likeliest size first.
+            for candidate in pairing.finder.of_kind(pattern.team_kind(team)) {
+                if scene.pitch.contains(candidate.measure.position, 0.0)
+                    && !is_of_known(scene, pairing, candidate)
+                    && !self.is_of_found(scene, candidate)
+                {
+                    self.found.push((team, *candidate));
+                }
+            }
+        }
+        for &(team, candidate) in &self.found {
+            let (measure, mut patch_regions) = (&candidate.measure, [u32::MAX; MAX_PATCHES]);
+            patch_regions[pattern.team_patch] = candidate.seed().region;
+            frame.push_robot(DetectedRobot {
+                team: team as u32,
+                robot_id: DetectedRobot::UNKNOWN_ID,
+                x_mm: measure.position.x_mm as f32,
+                y_mm: measure.position.y_mm as f32,
+                confidence: (CONFIDENCE * (-candidate.misfit).exp()) as f32,
+                x_px: measure.image.x_px as f32,
+                y_px: measure.image.y_px as f32,
+                patch_count: pattern.patches.len() as u32,
+                patch_regions,
+                ..DetectedRobot::default()
+            });
+        }
+        if !self.found.is_empty() {
+            let count = (frame.robot_count as usize).min(frame.robots.len());
+            frame.robots[..count].sort_by_key(|robot| (robot.team, robot.robot_id));
+        }
+    }
+
+    /// Whether a region is in one of them.
+    pub fn use_region(&self, region: u32) -> bool {
+        self.found.iter().any(|(_, candidate)| candidate.uses_region(region))
+    }
+
+    fn is_of_found(&self, scene: &Scene, candidate: &Candidate) -> bool {
+        let least_mm = TEAM_PATCH_DISTANCE * scene.pattern.team_patch_size_mm();
+        self.found.iter().any(|(_, other)| {
+            other.overlaps(candidate)
+                || distance_mm(other.measure.position, candidate.measure.position) < least_mm
+        })
+    }
+}
+
+/// Whether it is a part of a robot that was found, or lies on one.
+fn is_of_known(scene: &Scene, pairing: &Pairing, candidate: &Candidate) -> bool {
+    let pattern = scene.pattern;
+    pairing.robots().any(|robot| {
+        distance_mm(robot.pose.position, candidate.measure.position) < pattern.size_mm / 2.0
+            || (0..pattern.patches.len())
+                .any(|patch| pairing.candidate(pattern, robot, patch).overlaps(candidate))
+    })
+}
