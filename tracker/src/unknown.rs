@@ -82,6 +82,7 @@ fn is_of_known(scene: &Scene, pairing: &Pairing, candidate: &Candidate) -> bool 
     pairing.robots().any(|robot| {
         distance_mm(robot.pose.position, candidate.measure.position) < pattern.size_mm / 2.0
             || (0..pattern.patches.len())
-                .any(|patch| pairing.candidate(pattern, robot, patch).overlaps(candidate))
+                .filter_map(|patch| pairing.candidate(pattern, robot, patch))
+                .any(|own| own.overlaps(candidate))
     })
 }
