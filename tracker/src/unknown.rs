@@ -9,9 +9,15 @@ use crate::candidates::Candidate;
 use crate::measure::distance_mm;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+use std::f64::consts::PI;
 
 /// At most this much confidence without a number.
 const CONFIDENCE: f64 = 0.5;
+
+/// Deviation of a patch's place.
+const MEASURED_MM: f64 = 1.0;
+/// Variance of a heading of which nothing is known, evenly spread over a turn.
+const ANY_HEADING: f64 = PI * PI / 3.0;
 
 /// Finds them, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
@@ -40,6 +46,10 @@ impl UnknownRobots {
                 }
             }
         }
+        // The centre lies as far from the patch as the patch from it, nobody knows which way.
+        let [x, y] = pattern.patches[pattern.team_patch].centroid_mm;
+        let place = (x * x + y * y) / 2.0 + MEASURED_MM * MEASURED_MM;
+        let covariance = [place, 0.0, 0.0, place, 0.0, ANY_HEADING].map(|term| term as f32);
         for &(team, candidate) in &self.found {
             let (measure, mut patch_regions) = (&candidate.measure, [u32::MAX; MAX_PATCHES]);
             patch_regions[pattern.team_patch] = candidate.seed().region;
@@ -53,6 +63,7 @@ impl UnknownRobots {
                 y_px: measure.image.y_px as f32,
                 patch_count: pattern.patches.len() as u32,
                 patch_regions,
+                covariance,
                 ..DetectedRobot::default()
             });
         }

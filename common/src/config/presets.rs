@@ -134,10 +134,12 @@ impl Preset {
                     goal_depth_mm: 180.0,
                     center_circle_radius_mm: 500.0,
                     margin_mm: 300.0,
+                    ..FieldConfig::default()
                 };
                 config.camera.width = 1920;
                 config.camera.height = 1200;
-                config.geometry = GeometryConfig::above(&config.field, &config.camera, 6000.0);
+                config.geometry =
+                    GeometryConfig::with_border(&config.field, &config.camera, 6000.0, 200.0);
                 config.robots = RobotsConfig {
                     // A disc of 180 mm, as the square of the same area.
                     size_mm: 160.0,
@@ -314,10 +316,21 @@ impl GeometryConfig {
     /// A camera hanging `height_mm` above the field, a little off its centre and a little tilted,
     /// so that the whole field fills the picture with a small border.
     pub fn above(field: &FieldConfig, camera: &CameraConfig, height_mm: f64) -> Self {
+        Self::with_border(field, camera, height_mm, 60.0)
+    }
+
+    /// The same with a border of so many millimetres: what stands at the edge of the field leans
+    /// outwards, the more the wider the camera looks.
+    fn with_border(
+        field: &FieldConfig,
+        camera: &CameraConfig,
+        height_mm: f64,
+        border_mm: f64,
+    ) -> Self {
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
         let center_px = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
-        let reach_x = field.length_mm / 2.0 + field.goal_depth_mm + 60.0;
-        let reach_y = field.width_mm / 2.0 + 60.0;
+        let reach_x = field.length_mm / 2.0 + field.goal_depth_mm + border_mm;
+        let reach_y = field.width_mm / 2.0 + border_mm;
         let px_per_mm = (center_px[0] / reach_x).min(center_px[1] / reach_y);
         // A tilt about the x axis makes the far side of the field a little smaller.
         let keystone = 0.02;
