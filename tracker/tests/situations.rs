@@ -415,7 +415,7 @@ fn a_robot_of_which_only_the_team_is_known_has_a_place() {
     for (index, place) in [(1, [-500.0, -500.0]), (3, [200.0, 100.0])] {
         let found = &frame.robots()[index];
         let off = (f64::from(found.x_mm) - place[0]).hypot(f64::from(found.y_mm) - place[1]);
-        assert!(off < 1.0 && !found.is_identified() && found.confidence <= 0.5, "{found:?}");
+        assert!(off < 1.5 && !found.is_identified() && found.confidence <= 0.5, "{found:?}");
         // As uncertain as the patch is far from the centre, and turned anyhow.
         let [xx, .., tt] = found.covariance.map(f32::sqrt);
         assert!((15.0..25.0).contains(&xx) && tt > 1.5, "{found:?}");

@@ -135,7 +135,7 @@ const POSES: [(f64, f64, f64); 6] = [
 #[test]
 fn poses_are_found_to_hundredths_of_a_pixel_in_every_layout_and_focus() {
     // In pixels of 4 mm; a picture that is sharper or softer than the fit takes it for.
-    for (spot_px, most_mm, most_deg) in [(0.5, 0.5, 0.5), (0.62, 0.2, 0.3), (0.8, 0.5, 0.6)] {
+    for (spot_px, most_mm, most_deg) in [(0.5, 0.5, 0.8), (0.62, 0.2, 0.3), (0.8, 0.5, 0.9)] {
         for preset in Preset::ALL {
             let (mut worst_mm, mut worst_deg) = (0.0f64, 0.0f64);
             for (x, y, degrees) in POSES {
