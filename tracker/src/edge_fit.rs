@@ -41,8 +41,10 @@ const SAMPLE_NOISE: f64 = 2.0;
 const MODEL_NOISE: f64 = 0.02;
 /// What an edge as a whole may be off: patches are cut by hand, and not all spots are alike.
 const EDGE_NOISE_PX: f64 = 0.03;
-/// From about this far off the others an edge is not believed.
+/// From about this far off the others an edge is not believed; in a poor picture, of which half the
+/// edges are farther off, from so far as those, but never beyond the second.
 const OUTLIER_PX: f64 = 0.12;
+const MOST_OUTLIER_PX: f64 = 0.6;
 /// Fewer samples tell nothing of two levels and a place.
 const MIN_SAMPLES: f32 = 6.0;
 /// Rounds over the pixels; the second is for those that began far off.
@@ -240,9 +242,13 @@ impl EdgeFitter {
             }
             let covariance = inverse(&information)?;
             let step = times(&covariance, &pull);
-            for (weight, stretch) in weights.iter_mut().zip(stretches) {
-                let off_px = stretch.off_mm(&step) / mm_per_px;
-                *weight = 1.0 / (1.0 + (off_px / OUTLIER_PX).powi(2));
+            let mut off_px = [0.0; MAX_STRETCHES];
+            for (off_px, stretch) in off_px.iter_mut().zip(stretches) {
+                *off_px = stretch.off_mm(&step) / mm_per_px;
+            }
+            let outlier_px = typical_px(stretches, &off_px).clamp(OUTLIER_PX, MOST_OUTLIER_PX);
+            for (weight, off_px) in weights.iter_mut().zip(off_px) {
+                *weight = 1.0 / (1.0 + (off_px / outlier_px).powi(2));
             }
             result = Some((step, covariance, samples));
         }
@@ -358,6 +364,23 @@ impl Stretch {
         let across = self.information[0] + self.information[3];
         if across > 1e-12 { left[0].hypot(left[1]) / across } else { 0.0 }
     }
+}
+
+/// What half of the edges that can be seen are off by, at most.
+fn typical_px(stretches: &[Stretch], off_px: &[f64; MAX_STRETCHES]) -> f64 {
+    let mut seen = [0.0; MAX_STRETCHES];
+    let mut count = 0;
+    for (stretch, off_px) in stretches.iter().zip(off_px) {
+        if stretch.samples > 0.0 {
+            seen[count] = *off_px;
+            count += 1;
+        }
+    }
+    let seen = &mut seen[..count];
+    if seen.is_empty() {
+        return 0.0;
+    }
+    *seen.select_nth_unstable_by(count / 2, f64::total_cmp).1
 }
 
 /// Rows and columns of an upper triangle.

@@ -138,8 +138,10 @@ impl Pairing {
 
     fn hypothesise(&mut self, scene: &Scene, frame: &DetectionFrame) {
         self.hypotheses.clear();
-        let mut opinions_left = MAX_OPINIONS;
+        let mut opinions_left = 0;
         for team in Team::ALL {
+            // Whatever one team's colour is mistaken for, the other keeps its share.
+            opinions_left += MAX_OPINIONS / Team::ALL.len();
             self.fates[team as usize].clear();
             for candidate in 0..self.finder.of_kind(scene.pattern.team_kind(team)).len() {
                 let first = self.hypotheses.len();
@@ -191,7 +193,7 @@ impl Pairing {
         self.paired.clear();
         self.paired.extend(paired.iter().take(MAX_STARTS).map(|hypothesis| hypothesis.pose));
         let team_patch = &self.finder.of_kind(pattern.team_kind(team))[candidate];
-        second_opinion::ask(
+        let is_asked = second_opinion::ask(
             scene,
             frame,
             team,
@@ -216,7 +218,7 @@ impl Pairing {
             let prior = scene.prior.cost(identity, pose.position, pattern.size_mm);
             Hypothesis { identity, candidates, places, pose, misfit, cost: misfit + prior }
         }));
-        true
+        is_asked
     }
 
     /// Chooses among the hypotheses.

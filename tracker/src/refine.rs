@@ -14,6 +14,8 @@ use std::f64::consts::TAU;
 /// A centroid of so many pixels of a class is off by this over the root of their number, 1σ in
 /// pixels.
 const CENTROID_NOISE_PX: f64 = 0.7;
+/// A pose by agreement is off by this, 1σ in pixels, and its patches turned by as much.
+const AGREEMENT_NOISE_PX: f64 = 0.5;
 /// The edges of a region that is more than a patch were guessed.
 const MERGED_FACTOR: f64 = 3.0;
 /// A region of more than so many patches' area is more than a patch.
@@ -159,6 +161,13 @@ impl Refiner {
     ) -> Deviations {
         let position = FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm));
         let mm_per_px = mm_per_px(camera, position, self.robot_height_mm);
+        let is_missing = |region: &u32| *region as usize >= regions.len();
+        if robot.patch_regions[..self.patches.len()].iter().any(is_missing) {
+            // Not of centroids, but laid over broken patches where most pixels agree.
+            let position_mm = AGREEMENT_NOISE_PX * mm_per_px;
+            let reach = self.patches.iter().map(|patch| patch.lever_mm).fold(1.0, f64::max);
+            return Deviations { position_mm, heading_rad: (position_mm / reach).min(1.0) };
+        }
         let (mut weight, mut turning) = (0.0, 0.0);
         for (patch, region) in self.patches.iter().zip(robot.patch_regions) {
             let whole_px = patch.area_mm2 / (mm_per_px * mm_per_px);

@@ -18,6 +18,8 @@ use common::messages::{DetectionFrame, MAX_PATCHES, Team};
 
 /// Most team patches that get a second opinion in a frame; each takes about a fifth of a millisecond.
 pub(crate) const MAX_OPINIONS: usize = 32;
+/// A robot that seems to stand so far outside the pitch may still prove to stand on it.
+const START_SLACK_MM: f64 = 15.0;
 /// Half of the team patch must agree, after what disagrees has been taken off …
 const MIN_TEAM_AGREEMENT: f32 = 0.3;
 /// … and of the identification patches together so much: one may be too dark to have a colour, if
@@ -42,7 +44,7 @@ pub(crate) struct Opinion {
 }
 
 /// Asks the pixels around a team patch which robot it is. `paired` are poses of robots that were
-/// paired with it, if any.
+/// paired with it, if any. Returns whether there was reason to look.
 pub(crate) fn ask(
     scene: &Scene,
     frame: &DetectionFrame,
@@ -51,21 +53,23 @@ pub(crate) fn ask(
     paired: &[Pose],
     surroundings: &mut Surroundings,
     opinions: &mut Vec<Opinion>,
-) {
+) -> bool {
     let pattern = scene.pattern;
     opinions.clear();
     let by_shape = footprint::poses(&pattern.patches[pattern.team_patch], team_patch);
-    let starts = by_shape.iter().flatten().chain(paired);
-    let Some(first) = starts.clone().next() else { return };
+    // A floor beside the pitch may be full of what looks like team patches.
+    let is_inside = |pose: &&Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
+    let starts = by_shape.iter().flatten().chain(paired).filter(is_inside);
+    let Some(first) = starts.clone().next() else { return false };
     surroundings.look_at(pattern, scene.camera, frame, first);
     let any = accepted_by_any(pattern, team);
     let total = |accepted: &Accepted, pose: &Pose| -> f32 {
         surroundings.agreement(&pattern.shares, accepted, pose).iter().sum()
     };
     let better = |a: &&Pose, b: &&Pose| total(&any, a).total_cmp(&total(&any, b));
-    let Some(&start) = starts.clone().max_by(better) else { return };
+    let Some(&start) = starts.clone().max_by(better) else { return false };
     if surroundings.agreement(&pattern.shares, &any, &start)[pattern.team_patch] < MIN_START {
-        return;
+        return true;
     }
     let near = surroundings.best_near(&pattern.shares, &any, start);
 
@@ -97,6 +101,7 @@ pub(crate) fn ask(
     // Whoever is ruled out may still have been the best: then nobody is sure.
     let full = pattern.patches.len() as f64;
     opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
+    true
 }
 
 fn is_believable(pattern: &Pattern, agreement: &[f32]) -> bool {

@@ -4,7 +4,7 @@
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::Config;
+use common::config::{Config, Preset};
 use common::geometry::FieldPoint;
 use common::messages::{DetectedRobot, RejectReason, Team, TrackStatus, WorldFrame};
 use std::f64::consts::FRAC_PI_4;
@@ -428,4 +428,36 @@ fn a_robot_of_which_only_the_team_is_known_has_a_place() {
     // Off by default: nobody is reported who has no number.
     picture.config.robots.report_unknown = false;
     assert_eq!(names(&picture.detections()), [(Yellow, 1), (Blue, 0)]);
+}
+
+/// A floor beside the pitch that looks like team patches all over must not use up the time for
+/// robots that only their pixels can name.
+#[test]
+fn a_floor_full_of_team_patches_leaves_time_for_robots() {
+    let mut config = Preset::MirosotTriangles.config();
+    (config.field.length_mm, config.field.width_mm) = (1700.0, 1300.0);
+    let mut picture = Picture::new(&config);
+    let yellow = Some(picture.class("yellow"));
+    let beside = config.field.margin_mm + 45.0;
+    let (x_edge, y_edge) = (850.0 + beside, 650.0 + beside);
+    let mut places = Vec::new();
+    for step in -8..=8i32 {
+        let along = f64::from(step) * 90.0;
+        // Turned so that the patch lies along the edge.
+        places.extend([(along, y_edge, -45.0), (along, -y_edge, -45.0)]);
+        if step.abs() < 7 {
+            places.extend([(x_edge, along, 45.0), (-x_edge, along, 45.0)]);
+        }
+    }
+    for (x, y, heading) in &places {
+        let pose = robot(Yellow, 0, *x, *y, *heading).pose;
+        picture.paint_top(&pose, &[yellow, None, None]);
+    }
+    assert!(places.len() > 50);
+    // One of its identification patches is too dark to have a colour.
+    let dark = robot(Blue, 1, 200.0, -100.0, 20.0);
+    let classes = ["blue", "pink"].map(|color| Some(picture.class(color)));
+    picture.paint_top(&dark.pose, &[classes[0], None, classes[1]]);
+    let frame = picture.detections();
+    assert_eq!(names(&frame), [(Blue, 1)], "{:?}", frame.robots());
 }
