@@ -238,3 +238,17 @@ fn robots_are_known_to_a_fraction_of_a_millimetre() {
     let [mm, deg] = outcome.predicted.rms();
     assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
 }
+
+/// As fast as such robots are driven.
+#[test]
+fn fast_robots_are_known_and_predicted() {
+    let mut config = Config::default();
+    config.synthetic.max_speed_mm_s = 2400.0;
+    let outcome = play(&config, 1..4, 800);
+    outcome.print("2.4 m/s");
+    assert!(outcome.found as f64 >= 0.999 * outcome.expected as f64);
+    let [mm, deg] = outcome.known.rms();
+    assert!(mm < 1.5 && deg < 1.0, "{mm} mm {deg}°");
+    let [mm, deg] = outcome.predicted.rms();
+    assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
+}

@@ -9,6 +9,7 @@ mod doctor;
 mod group;
 mod learn;
 mod operate;
+mod painted_light;
 mod pipeline;
 mod recordings;
 mod run;

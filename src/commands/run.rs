@@ -1,5 +1,6 @@
 //! `touchline run`.
 
+use super::painted_light::{is_other_light, standard_light};
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use crate::monitor::{Monitor, Output, summary};
@@ -58,6 +59,13 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
         config.camera.fps = fps;
     }
     let source = absolute(args.source.clone())?;
+    // The presets' colours are made for the standard lamps of the synthetic match.
+    if matches!(source, Source::Synthetic)
+        && config.light.pitch_rgb.is_none()
+        && is_other_light(&config)
+    {
+        config.light = standard_light(&config)?;
+    }
     let frames = args.frames.or(args.seconds.map(|seconds| frames_in(seconds, config.camera.fps)));
     Ok((Launch { instance: instance.clone(), source, frames }, config))
 }

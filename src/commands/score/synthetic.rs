@@ -4,11 +4,10 @@
 //! and what was found is compared with the truth.
 
 use crate::commands::CommandError;
+use crate::commands::painted_light::standard_light;
 use crate::commands::pipeline::Pipeline;
 use crate::monitor::accuracy::{ReportedRobot, Scorer};
-use classifier::lamp::PitchProbe;
-use classifier::{BayerImage, Picture};
-use common::config::{Config, LightConfig, Preset};
+use common::config::{Config, Preset};
 use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
 
@@ -96,7 +95,7 @@ fn play_scene(
     let width = config.camera.width as usize;
     let mut pixels = vec![0; width * config.camera.height as usize];
     if config.light.pitch_rgb.is_none() {
-        config.light = standard_light(&config, &mut pixels)?;
+        config.light = standard_light(&config)?;
     }
     let mut game = SyntheticMatch::new(&config)?;
     let mut pipeline = Pipeline::new(&config)?;
@@ -132,21 +131,6 @@ fn play_scene(
         ball_found_ratio: errors.ball_found_ratio,
         ball_rms_mm: errors.ball_rms_mm,
     })
-}
-
-/// How the pitch looks without the scene's light: what the colours were set for, and what `learn`
-/// would have written down.
-fn standard_light(config: &Config, pixels: &mut [u8]) -> Result<LightConfig, CommandError> {
-    let mut standard = config.clone();
-    standard.synthetic = Config::default().synthetic;
-    SyntheticMatch::new(&standard)?.render(pixels, config.camera.width as usize);
-    let camera = &config.camera;
-    let image =
-        BayerImage::new(pixels, camera.width, camera.height, camera.width, camera.bayer_order)
-            .ok_or("the configured picture is too small")?;
-    let pitch_rgb = PitchProbe::new(config)?.measure(&Picture::Bayer(image));
-    // Painted light acts on floor and patches alike.
-    Ok(LightConfig { pitch_rgb, brightness: 1.0 })
 }
 
 impl SceneScore {

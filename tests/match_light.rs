@@ -1,0 +1,162 @@
+//! What a change of the light in the middle of a match costs: synthetic matches through the cores of
+//! all stages, offline, frame after frame, the lamps turned up and down.
+
+use bytemuck::Zeroable;
+use classifier::lamp::PitchProbe;
+use classifier::{BayerImage, Classifier, Picture};
+use common::config::{Config, LightConfig};
+use common::messages::{
+    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader, TrackStatus, WorldFrame,
+};
+use filter::Filter;
+use grabber::synthetic::SyntheticMatch;
+use std::collections::HashMap;
+use tracker::Tracker;
+
+const START_NS: u64 = 5_000_000_000;
+/// No robot may be lost for more frames in a row.
+const MOST_LOST: u32 = 5;
+
+/// Frames in a row for which robots were lost.
+#[derive(Debug, Default)]
+struct Lost {
+    running: HashMap<(u32, u32), u32>,
+    longest: u32,
+    frames: u64,
+}
+
+impl Lost {
+    fn note(&mut self, robot: (u32, u32), is_found: bool) {
+        let running = self.running.entry(robot).or_default();
+        *running = if is_found { 0 } else { *running + 1 };
+        self.longest = self.longest.max(*running);
+        self.frames += u64::from(!is_found);
+    }
+}
+
+/// What was lost by the tracker, and by the filter.
+#[derive(Debug, Default)]
+struct Outcome {
+    seen: Lost,
+    known: Lost,
+    wrong: u64,
+    robots: u64,
+}
+
+/// The default match with the colours' light written down, as `touchline learn` does.
+fn config() -> Config {
+    let mut config = Config::default();
+    let camera = &config.camera;
+    let mut pixels = vec![0; (camera.width * camera.height) as usize];
+    SyntheticMatch::new(&config).unwrap().render(&mut pixels, camera.width as usize);
+    let image =
+        BayerImage::new(&pixels, camera.width, camera.height, camera.width, camera.bayer_order)
+            .unwrap();
+    let pitch_rgb = PitchProbe::new(&config).unwrap().measure(&Picture::Bayer(image));
+    // Painted light acts on floor and patches alike.
+    config.light = LightConfig { pitch_rgb, brightness: 1.0 };
+    config
+}
+
+/// Plays a match in which a lamp gives `light(s)` times its light after s seconds.
+fn play(config: &Config, seconds: f64, light: impl Fn(f64) -> f64) -> Outcome {
+    let camera = &config.camera;
+    let period_ns = (1e9 / camera.fps).round() as u64;
+    let mut game = SyntheticMatch::new(config).unwrap();
+    let mut classifier = Classifier::new(config).unwrap();
+    let mut tracker = Tracker::new(config).unwrap();
+    let mut filter = Filter::new(config).unwrap();
+    let mut pixels = vec![0; (camera.width * camera.height) as usize];
+    let mut runs = vec![Run::zeroed(); MAX_RUNS];
+    let mut runs_header = RunsHeader::default();
+    let mut seen = Box::new(DetectionFrame::zeroed());
+    let mut world = Box::new(WorldFrame::zeroed());
+    let mut outcome = Outcome::default();
+    for seq in 0..(seconds * camera.fps) as u64 {
+        let header = FrameHeader {
+            seq,
+            t_capture_ns: START_NS + seq * period_ns,
+            width: camera.width,
+            height: camera.height,
+            stride: camera.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: camera.bayer_order as u32,
+            exposure_us: camera.exposure_us,
+            ..FrameHeader::default()
+        };
+        game.render(&mut pixels, camera.width as usize);
+        let light = light(seq as f64 / camera.fps);
+        for pixel in &mut pixels {
+            *pixel = (f64::from(*pixel) * light).round().min(255.0) as u8;
+        }
+        classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
+        let prior = (seq > 0).then_some(&*world);
+        tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), prior, &mut seen);
+        filter.step(&seen, &mut world);
+        let mut commands = *game.commands();
+        commands.seq = seq;
+        commands.t_sent_ns = header.t_capture_ns;
+        filter.command(&commands);
+        outcome.note(&game, &seen, &world);
+        game.advance();
+    }
+    outcome
+}
+
+impl Outcome {
+    fn note(&mut self, game: &SyntheticMatch, seen: &DetectionFrame, world: &WorldFrame) {
+        for truth in game.truth().robots().iter().filter(|truth| truth.visible != 0) {
+            self.robots += 1;
+            let name = (truth.team, truth.robot_id);
+            let is_here =
+                |x_mm: f64, y_mm: f64| (x_mm - truth.x_mm).hypot(y_mm - truth.y_mm) < 20.0;
+            let robot = seen.robots().iter().find(|robot| (robot.team, robot.robot_id) == name);
+            let is_found = robot.is_some_and(|robot| is_here(robot.x_mm.into(), robot.y_mm.into()));
+            self.wrong += u64::from(robot.is_some() && !is_found);
+            self.seen.note(name, is_found);
+            let state = world.robots().iter().find(|state| (state.team, state.robot_id) == name);
+            let is_known = state.is_some_and(|state| {
+                state.status != TrackStatus::Absent as u32 && is_here(state.x_mm, state.y_mm)
+            });
+            self.known.note(name, is_known);
+        }
+    }
+
+    fn check(&self, what: &str) {
+        println!(
+            "{what}: seen: lost in {} of {} places, {} frames in a row; known: {}, {} in a row; {} wrong",
+            self.seen.frames,
+            self.robots,
+            self.seen.longest,
+            self.known.frames,
+            self.known.longest,
+            self.wrong
+        );
+        assert!(self.robots > 1000, "{what}: {self:?}");
+        assert!(self.seen.longest <= MOST_LOST && self.known.longest <= MOST_LOST, "{what}");
+        assert_eq!(self.wrong, 0, "{what}");
+    }
+}
+
+#[test]
+fn a_step_of_the_light_loses_nobody() {
+    let config = config();
+    for part in [0.7, 1.3] {
+        let light = |s: f64| if (1.0..2.0).contains(&s) { part } else { 1.0 };
+        play(&config, 3.0, light).check(&format!("a step to {part} and back"));
+    }
+}
+
+#[test]
+fn light_that_fades_to_half_loses_nobody() {
+    let mut config = config();
+    config.camera.fps = 40.0;
+    play(&config, 30.0, |s| 1.0 - 0.5 * s / 30.0).check("to half the light in 30 s");
+}
+
+/// Lamps on alternating current, in a camera that sees part of it: a fifth up and down.
+#[test]
+fn flicker_loses_nobody() {
+    let flicker = |s: f64| 1.0 + 0.2 * (s * 100.0 * std::f64::consts::TAU).sin();
+    play(&config(), 3.0, flicker).check("flicker of 100 Hz");
+}
