@@ -1,8 +1,9 @@
 //! What processes of a group must agree on to understand each other: for programs of different
 //! versions in one match, and for clients in other languages.
 
-use crate::topics::{self, Topic};
-use iceoryx2::prelude::ZeroCopySend;
+use crate::bus::{Header, Message};
+use crate::topics::{Topic, Visitor, visit_all};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Counts up when the files that the processes of a group leave each other in the runtime directory
@@ -36,17 +37,18 @@ pub struct TopicInterface {
 impl Interface {
     /// That of this program.
     pub fn own() -> Self {
-        let topics = vec![
-            of(&topics::FRAMES),
-            of(&topics::RUNS),
-            of(&topics::DETECTIONS),
-            of(&topics::WORLD),
-            of(&topics::COMMANDS),
-            of(&topics::HEALTH),
-            of(&topics::TRUTH),
-            of(&topics::CAMERA),
-            of(&topics::STATUS),
-        ];
+        struct Interfaces(Vec<TopicInterface>);
+        impl Visitor for Interfaces {
+            fn visit<E: Message + JsonSchema, H: Header + JsonSchema>(
+                &mut self,
+                topic: &'static Topic<E, H>,
+            ) {
+                self.0.push(of(topic));
+            }
+        }
+        let mut interfaces = Interfaces(Vec::new());
+        visit_all(&mut interfaces);
+        let topics = interfaces.0;
         Self { files_version: FILES_VERSION, topics }
     }
 
@@ -80,20 +82,14 @@ impl std::fmt::Display for TopicInterface {
     }
 }
 
-#[allow(unsafe_code)]
-fn of<Element: ZeroCopySend, Header: ZeroCopySend>(
-    topic: &Topic<Element, Header>,
-) -> TopicInterface {
-    // SAFETY: what the functions ask of their caller, that a name always stands for the same layout,
-    // is checked where the messages are defined, by size assertions; here the name is only printed.
-    let (element, header) =
-        unsafe { (<Element as ZeroCopySend>::type_name(), <Header as ZeroCopySend>::type_name()) };
+fn of<E: Message, H: Header>(topic: &Topic<E, H>) -> TopicInterface {
+    let names = topic.type_names();
     TopicInterface {
         topic: topic.name.into(),
-        element: element.into(),
-        element_bytes: size_of::<Element>(),
-        header: header.into(),
-        header_bytes: size_of::<Header>(),
+        element: names.element.into(),
+        element_bytes: size_of::<E>(),
+        header: names.header.into(),
+        header_bytes: size_of::<H>(),
     }
 }
 
