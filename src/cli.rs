@@ -68,6 +68,11 @@ pub enum Command {
     Score(ScoreArgs),
     /// Lists the cameras of this machine, with formats, sizes, rates and controls.
     Cameras(CamerasArgs),
+    /// Shows the next frames of a recording that is played step by step, and what was found on them.
+    ///
+    /// For a group that was started with `touchline run --source recording:FILE,step`. Its stages
+    /// work on a frame as they did in the match, however long the pause before it.
+    Step(StepArgs),
     /// Shows a running group.
     Status(StatusArgs),
     /// Ends a running group.
@@ -156,8 +161,8 @@ pub struct RunArgs {
     pub config: Option<PathBuf>,
     /// Where frames come from: `synthetic`; `v4l2:/dev/videoN` or `genicam` with a camera (`touchline
     /// cameras` lists them); `images:PATH` with a picture or a folder of them;
-    /// `recording:FILE[,loop][,from=SECONDS]`; or `synthetic-loop:N`, N frames painted in advance, shown
-    /// to and fro
+    /// `recording:FILE[,fast|,step][,loop][,from=SECONDS]`; or `synthetic-loop:N`, N frames painted in
+    /// advance, shown to and fro
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Frames a second [default: as configured]
@@ -290,6 +295,17 @@ pub struct InstanceArgs {
     pub instance: String,
 }
 
+/// Arguments of `step`.
+#[derive(Debug, Args)]
+pub struct StepArgs {
+    /// How many frames
+    #[arg(value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: u64,
+    /// Which group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+}
+
 /// Arguments of `status`.
 #[derive(Debug, Args)]
 pub struct StatusArgs {
@@ -329,6 +345,10 @@ pub struct DoctorArgs {
     /// Configuration file of the match that is to run [default: MiroSot middle league]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Where frames will come from, as for `run`: memory is laid aside for whatever format a camera
+    /// chooses
+    #[arg(long, default_value = "synthetic")]
+    pub source: Source,
     /// Which group.
     #[command(flatten)]
     pub instance: InstanceArgs,

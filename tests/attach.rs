@@ -220,6 +220,52 @@ fn check_exports(scratch: &Scratch, file: &Path) {
     assert!(lines.lines().all(|line| line.contains("\"robots\"")), "{lines}");
 }
 
+/// As fast as the group can, everything comes out that was recorded.
+fn check_fast(file: &Path, recorded: u64) {
+    let scratch = Scratch::new("fast");
+    let report = scratch.path.join("report.json");
+    let source = format!("recording:{},fast", file.display());
+    let args = ["--source", &source, "--report", report.to_str().unwrap()];
+    let mut group = Group::start_plain("fast-group", &args);
+    assert!(group.wait_until_ended().success(), "{}", group.stderr());
+    let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    assert_eq!(report["frames"]["captured"], recorded, "{report:#}");
+    assert_eq!(report["frames"]["missing_in_world"], 0, "{report:#}");
+    assert_eq!(report["latency_us"]["capture_to_world"]["max"], 0.0, "it is of the past");
+    let found = report["accuracy"]["world"]["found_ratio"].as_f64();
+    assert!(found > Some(0.95), "{report:#}");
+}
+
+/// Frame by frame, with a pause in which a camera would be given up.
+fn check_steps(file: &Path) {
+    let source = format!("recording:{},step", file.display());
+    let mut group = Group::start_plain("step-group", &["--source", &source]);
+    let grabber_is =
+        |status: &Value, state| status["stages"]["grabber"]["processes"][0]["state"] == state;
+    let before = group.wait_for("a grabber that waits", |status| grabber_is(status, "waiting"));
+    let step = |group: &Group, frames: &str| {
+        let output = group.touchline(&["step", frames]);
+        assert!(output.status.success(), "{output:?}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        text.lines().map(|line| line.split(':').next().unwrap().to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!(step(&group, "3"), ["frame 0", "frame 1", "frame 2"]);
+    std::thread::sleep(Duration::from_secs(4));
+    assert_eq!(step(&group, "1"), ["frame 3"]);
+    let after = group.wait_for("four frames", |status| status["frames"]["world"] == 4);
+    assert_eq!(
+        after["stages"]["grabber"]["processes"][0]["pid"],
+        before["stages"]["grabber"]["processes"][0]["pid"],
+        "waiting is no stall: {after:#}"
+    );
+
+    drop(group);
+    let mut other = Group::start("no-steps", "", &[]);
+    other.wait_until_working();
+    let output = other.touchline(&["step"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("recording:FILE,step"), "{output:?}");
+}
+
 #[test]
 fn a_recording_is_played_and_read_by_the_official_library() {
     let scratch = Scratch::new("played");
@@ -252,6 +298,10 @@ fn a_recording_is_played_and_read_by_the_official_library() {
     assert_eq!(report["frames"]["missing_in_world"], 0, "{report:#}");
     let found = report["accuracy"]["world"]["found_ratio"].as_f64();
     assert!(found > Some(0.95), "the recorded truth is played, too: {report:#}");
+
+    drop(played);
+    check_fast(&file, recorded);
+    check_steps(&file);
 
     let Some(python) = python("mcap, mcap_protobuf, iceoryx2") else { return };
     let output =

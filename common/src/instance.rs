@@ -119,6 +119,11 @@ impl Instance {
         self.directory.join("control")
     }
 
+    /// The socket on which a grabber that plays a recording step by step is asked for the next frames.
+    pub fn step_path(&self) -> PathBuf {
+        self.directory.join("step")
+    }
+
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {

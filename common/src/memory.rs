@@ -93,13 +93,19 @@ const BOOKKEEPING_BYTES: u64 = 4 << 20;
 const MARGIN_BYTES: u64 = 512 << 10;
 
 impl GroupMemory {
-    /// What a group with this configuration takes.
+    /// What a group with this configuration takes when frames have a byte a pixel.
     pub fn new(config: &Config) -> Self {
+        Self::with_frames_of(config, config.camera.frame_bytes())
+    }
+
+    /// What a group with this configuration takes when its source has memory laid aside for frames of
+    /// so many bytes.
+    pub fn with_frames_of(config: &Config, most_bytes: usize) -> Self {
         let frame_bytes = config.camera.frame_bytes();
         let with_spare = |memory: TopicMemory| TopicMemory { writers: 2, ..memory };
         Self {
             topics: vec![
-                topics::frames(frame_bytes).memory(frame_bytes),
+                topics::frames(frame_bytes).memory(most_bytes),
                 with_spare(topics::RUNS.memory(MAX_RUNS)),
                 with_spare(topics::DETECTIONS.memory(1)),
                 with_spare(topics::WORLD.memory(1)),
@@ -270,6 +276,9 @@ mod tests {
         );
         assert!(memory.least_bytes() > frames.usual_bytes());
         assert!(memory.ample_bytes() > memory.least_bytes());
+        let colour = GroupMemory::with_frames_of(&Config::default(), 3 * 640 * 480);
+        let more = colour.least_bytes() - memory.least_bytes();
+        assert!(more >= 2 * 640 * 480 * frames.usual_places, "{more}");
 
         let mut large = Config::default();
         (large.camera.width, large.camera.height) = (2448, 2048);

@@ -222,6 +222,11 @@ impl Process {
         self.publish_heartbeat(monotonic_ns())
     }
 
+    /// Reports a state, at once if it is another one than before.
+    pub fn is_now(&mut self, state: ProcessState) -> Result<(), ProcessError> {
+        if self.counters.state == state as u32 { Ok(()) } else { self.beat(state) }
+    }
+
     fn publish_heartbeat(&mut self, now: u64) -> Result<(), ProcessError> {
         self.beat_ns = now;
         self.beat_dropped = self.counters.dropped;

@@ -32,9 +32,7 @@ impl Bulletin {
         let is_delivering =
             CameraState::from_number(report.state).is_some_and(CameraState::is_delivering);
         let state = if is_delivering { ProcessState::Active } else { ProcessState::Waiting };
-        if process.counters.state != state as u32 {
-            process.beat(state)?;
-        }
+        process.is_now(state)?;
         let t_sent_ns = monotonic_ns();
         let is_due = self.last.as_ref().is_none_or(|last| {
             *report != CameraReport { t_sent_ns: 0, ..*last }

@@ -2,6 +2,7 @@
 
 use crate::bulletin::Bulletin;
 use crate::camera::{CameraError, FramePool, LastFrame};
+use crate::playback::Pacer;
 use crate::source::{Source, open};
 use common::clock::monotonic_ns;
 use common::config::Config;
@@ -36,6 +37,7 @@ pub fn run(
     let stage_error = |error: CameraError| ProcessError::Stage(error.to_string());
     // Opened before reporting ready: loading pictures and painting the pitch take their time.
     let open_camera = open(&grabber.source, config).map_err(stage_error)?;
+    let mut pacer = Pacer::new(&process, &options.instance, &grabber.source)?;
     if !process.activate()? {
         return Ok(());
     }
@@ -53,9 +55,19 @@ pub fn run(
                 camera.obey(message);
             }
         }
+        if let Some(pacer) = &mut pacer
+            && !pacer.may_show()?
+        {
+            if pacer.waits_for_a_person() {
+                process.is_now(ProcessState::Waiting)?;
+            }
+            continue;
+        }
         let captured = camera.capture(&mut pool);
-        if let Some(report) = camera.report() {
-            bulletin.publish(report, &mut process)?;
+        match camera.report() {
+            Some(report) => bulletin.publish(report, &mut process)?,
+            None if camera.is_waiting() => process.is_now(ProcessState::Waiting)?,
+            None => process.is_now(ProcessState::Active)?,
         }
         let mut captured = match captured {
             Ok(Some(captured)) => captured,
@@ -86,6 +98,9 @@ pub fn run(
         *captured.frame.parts().1 = header;
         captured.frame.send()?;
         process.sent(exposure.seq);
+        if let Some(pacer) = &mut pacer {
+            pacer.shown(exposure.seq);
+        }
     }
 
     // A bounded run is over, but the publisher must outlive its frames' readers.

@@ -23,7 +23,7 @@ pub enum Source {
     Loop(u32),
     /// Picture files: `images:PATH`.
     Pictures(PathBuf),
-    /// A recording: `recording:FILE[,loop][,from=SECONDS]`.
+    /// A recording: `recording:FILE[,fast|,step][,loop][,from=SECONDS]`.
     Recording(Playlist),
     /// A camera of Video for Linux: `v4l2:DEVICE`.
     V4l2(PathBuf),
@@ -36,7 +36,7 @@ pub const LOOP_FRAMES: u32 = 32;
 /// Longest loop.
 const MOST_LOOP_FRAMES: u32 = 4096;
 const HELP: &str = "use synthetic, synthetic-loop:N, images:PATH with a picture or a folder of pictures, \
-                    recording:FILE[,loop][,from=SECONDS], v4l2:/dev/videoN, or genicam or genicam:ID with a camera (`touchline cameras` \
+                    recording:FILE[,fast|,step][,loop][,from=SECONDS], v4l2:/dev/videoN, or genicam or genicam:ID with a camera (`touchline cameras` \
                     lists them)";
 
 impl FromStr for Source {
@@ -75,8 +75,8 @@ impl std::fmt::Display for Source {
 }
 
 impl Source {
-    /// The most bytes a frame may have. Real cameras choose their format themselves, and pad rows and
-    /// pictures as they like; what is not used costs address space, but no memory.
+    /// The most bytes a frame may have, for which memory is laid aside. Real cameras choose their format
+    /// themselves, and pad rows and pictures as they like.
     pub fn frame_capacity(&self, camera: &CameraConfig) -> usize {
         let (width, height) = (camera.width as usize, camera.height as usize);
         match self {

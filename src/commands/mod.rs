@@ -14,6 +14,7 @@ mod pipeline;
 mod recordings;
 mod run;
 mod score;
+mod step;
 mod stress;
 mod topics;
 
@@ -39,6 +40,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Learn(args)) => learn::learn(args),
         Some(Command::Score(args)) => score::score(args),
         Some(Command::Cameras(args)) => cameras::cameras(args),
+        Some(Command::Step(args)) => step::step(args),
         Some(Command::Status(args)) => group::status(args),
         Some(Command::Stop(args)) => group::stop(args),
         Some(Command::Restart(args)) => operate::restart(args),

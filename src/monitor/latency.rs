@@ -29,16 +29,20 @@ impl Default for LatencyMeter {
 impl LatencyMeter {
     /// Takes in a frame.
     pub fn frame(&mut self, frame: &FrameHeader) {
-        let latency_ns = frame.t_sent_ns.saturating_sub(frame.t_capture_ns);
-        self.since_capture[0].saturating_record(latency_ns);
+        if has_just_been_captured(frame) {
+            let latency_ns = frame.t_sent_ns.saturating_sub(frame.t_capture_ns);
+            self.since_capture[0].saturating_record(latency_ns);
+        }
     }
 
     /// Takes in a world.
     pub fn world(&mut self, world: &WorldFrame) {
         let frame = &world.frame;
         let sent_ns = [world.t_runs_ns, world.t_detections_ns, world.t_sent_ns];
-        for (histogram, t_ns) in self.since_capture[1..].iter_mut().zip(sent_ns) {
-            histogram.saturating_record(t_ns.saturating_sub(frame.t_capture_ns));
+        if has_just_been_captured(frame) {
+            for (histogram, t_ns) in self.since_capture[1..].iter_mut().zip(sent_ns) {
+                histogram.saturating_record(t_ns.saturating_sub(frame.t_capture_ns));
+            }
         }
         let stamps_ns = [
             frame.t_capture_ns,
@@ -50,7 +54,9 @@ impl LatencyMeter {
             world.t_detections_taken_ns,
             world.t_sent_ns,
         ];
-        for (histogram, stamps) in self.pieces.iter_mut().zip(stamps_ns.windows(2)) {
+        let first = usize::from(!has_just_been_captured(frame));
+        let pieces = self.pieces.iter_mut().zip(stamps_ns.windows(2)).skip(first);
+        for (histogram, stamps) in pieces {
             histogram.saturating_record(stamps[1].saturating_sub(stamps[0]));
         }
     }
@@ -77,6 +83,12 @@ impl LatencyMeter {
             },
         }
     }
+}
+
+/// Not so with a recording that is played at another pace than its own: its frames lie in the past, and
+/// what became of them since tells nothing.
+fn has_just_been_captured(frame: &FrameHeader) -> bool {
+    frame.t_sent_ns.saturating_sub(frame.t_capture_ns) < LONGEST_NS
 }
 
 #[cfg(test)]
@@ -114,5 +126,15 @@ mod tests {
         assert_eq!(p50, [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0]);
         assert_eq!(latency.capture_to_frame.p50.round(), 1.0);
         assert_eq!(latency.capture_to_world.p50.round(), 127.0);
+
+        // Of a recording.
+        world.frame.t_capture_ns = 0;
+        world.frame.t_sent_ns += LONGEST_NS;
+        let mut meter = LatencyMeter::default();
+        meter.frame(&world.frame);
+        meter.world(&world);
+        let latency = meter.report();
+        assert_eq!(latency.capture_to_world.max, 0.0);
+        assert_eq!(latency.breakdown.filter.p50.round(), 64.0);
     }
 }

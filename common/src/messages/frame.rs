@@ -140,8 +140,11 @@ pub enum FrameFault {
 const SHORTEST_PERIOD_NS: u64 = 50_000;
 /// Numbers that may be missing however little time has passed.
 const TOLERATED_GAP: u64 = 1000;
-/// A frame this far from the present is not of this match.
-const PRESENT_NS: u64 = 60_000_000_000;
+/// A frame captured longer ago is not of this match. Those of a recording that is played at another
+/// pace than its own are as old as this allows.
+pub const MOST_AGE_NS: u64 = 3_600_000_000_000;
+/// Nor is one of so far in the future.
+const MOST_AHEAD_NS: u64 = 60_000_000_000;
 
 /// How far frame numbers can rise in a time, whatever the camera and however many were lost.
 pub fn reachable_frames(elapsed_ns: u64) -> u64 {
@@ -162,7 +165,8 @@ impl FrameHeader {
 
     /// Whether a frame with this header can be of this match at all.
     pub fn is_present(&self, now_ns: u64) -> bool {
-        self.t_capture_ns.abs_diff(now_ns) < PRESENT_NS
+        now_ns.saturating_sub(self.t_capture_ns) < MOST_AGE_NS
+            && self.t_capture_ns.saturating_sub(now_ns) < MOST_AHEAD_NS
     }
 
     /// Checks the header against the configured size and the payload that came with it, and
@@ -207,7 +211,7 @@ mod tests {
 
     #[test]
     fn only_what_a_camera_can_have_reached_follows() {
-        let now_ns = 1_000_000_000_000;
+        let now_ns = 2 * MOST_AGE_NS;
         let frame = |seq, t_capture_ns| FrameHeader { seq, t_capture_ns, ..Default::default() };
         let last = frame(500, now_ns);
         let follows = |header: FrameHeader| header.follows(Some(&last), now_ns);
@@ -216,6 +220,8 @@ mod tests {
         assert!(!follows(frame(500, now_ns)) && !follows(frame(0, now_ns)));
         assert!(!follows(frame(u64::MAX, now_ns)) && !follows(frame(u64::MAX, u64::MAX)));
         assert!(!frame(7, 0).follows(None, now_ns), "of another time");
+        assert!(!frame(7, now_ns + 2 * MOST_AHEAD_NS).follows(None, now_ns), "of the future");
         assert!(frame(7, now_ns).follows(None, now_ns));
+        assert!(frame(7, now_ns - MOST_AGE_NS / 2).follows(None, now_ns), "of a recording");
     }
 }

@@ -31,7 +31,7 @@ pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
     Region, RejectReason, Rejected,
 };
-pub use frame::{BayerOrder, FrameFault, FrameHeader, PixelLayout, reachable_frames};
+pub use frame::{BayerOrder, FrameFault, FrameHeader, MOST_AGE_NS, PixelLayout, reachable_frames};
 pub use health::{
     DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
 };

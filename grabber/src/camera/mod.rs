@@ -15,7 +15,7 @@ mod painted;
 mod pool;
 mod timeline;
 
-pub use clock::DeviceClock;
+pub use clock::{DeviceClock, WallClock};
 pub use device::{Arrival, Delivery, Device, Fault, Session, Stream};
 pub use link::Link;
 pub use painted::{Painted, Painter};
@@ -137,6 +137,11 @@ pub trait Camera {
 
     /// Somebody else has sent commands; robots that are only played obey them.
     fn obey(&mut self, _commands: &Commands) {}
+
+    /// Whether the next frame is known to be a long time off, and nothing is wrong about that.
+    fn is_waiting(&self) -> bool {
+        false
+    }
 
     /// Whether there will be no more frames.
     fn is_over(&self) -> bool {

@@ -77,7 +77,7 @@ pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
     let (left, undecided) = leftovers::find(&runtime_base())?;
     let left = if args.clean { leftovers::remove(left) } else { leftovers::list(&left) };
 
-    let mut findings = vec![places::shared_memory(&instance, &config)];
+    let mut findings = vec![places::shared_memory(&instance, &config, &args.source)];
     findings.extend([places::runtime_directory(&instance), places::disk(&config)]);
     findings.extend(machine::findings(&config));
     findings.extend(left);

@@ -5,6 +5,7 @@ use crate::supervisor::evidence_directory;
 use common::config::Config;
 use common::instance::Instance;
 use common::memory::{GroupMemory, SHARED_MEMORY, free_bytes};
+use grabber::source::Source;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -12,10 +13,13 @@ use std::path::{Path, PathBuf};
 /// Less is not worth recording to.
 const DISK_MINUTES: u64 = 10;
 
-/// Whether the configured group fits into shared memory.
-pub fn shared_memory(instance: &Instance, config: &Config) -> Finding {
+/// Whether the configured group fits into shared memory, with frames of that source.
+pub fn shared_memory(instance: &Instance, config: &Config, source: &Source) -> Finding {
+    let most_bytes = source.frame_capacity(&config.camera);
     match free_bytes() {
-        Ok(free) => fits(&GroupMemory::new(config), free + used_by(instance)),
+        Ok(free) => {
+            fits(&GroupMemory::with_frames_of(config, most_bytes), free + used_by(instance))
+        }
         Err(error) => Finding::problem(
             "shared memory",
             format!("{SHARED_MEMORY}: {error}"),

@@ -1,8 +1,15 @@
-//! A recording as a source of frames, with its original timing.
+//! A recording as a source of frames.
 //!
-//! Frames keep their distances in time and their gaps in number; the first one is shown at once and
-//! called 0. With them come the commands and, of a synthetic match, the truth that were recorded, moved
-//! in time as the frames are. Reading and decompressing happen on a thread of their own, ahead of time.
+//! Frames keep their distances in time and their gaps in number; the first one is called 0. With them
+//! come the commands and, of a synthetic match, the truth that were recorded, moved in time as the
+//! frames are. Reading and decompressing happen on a thread of their own, ahead of time.
+
+mod pacer;
+mod playlist;
+mod times;
+
+pub use pacer::{Pacer, ask_for_steps};
+pub use playlist::{Pace, Playlist};
 
 use crate::camera::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame, Picture};
 use crate::source::Source;
@@ -12,70 +19,17 @@ use common::messages::{BayerOrder, Commands, FrameHeader, PixelFormat, TruthFram
 use common::process::LOOK_AROUND;
 use recording::{Channel, Entry, Reader, Setup, decode_frame, decode_message};
 use std::collections::VecDeque;
-use std::fmt;
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
+use times::Times;
 
 /// Messages read ahead: some tenths of a second.
 const AHEAD: usize = 128;
-/// A delay of more than this is not made up for: the rest is shown that much later.
-const MAX_LAG_NS: u64 = 250_000_000;
 /// Truth that is kept until its frame comes.
 const KEPT_TRUTH: usize = 16;
-
-/// Which recording, and how to play it: `FILE[,loop][,from=SECONDS]`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Playlist {
-    /// The recording.
-    pub path: PathBuf,
-    /// Begin anew at the end.
-    pub is_loop: bool,
-    /// Leave out so many seconds at the beginning.
-    pub from_s: f64,
-}
-
-impl Eq for Playlist {}
-
-impl FromStr for Playlist {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let mut playlist = Self { path: PathBuf::new(), is_loop: false, from_s: 0.0 };
-        let mut rest = text;
-        // From the end, so that file names may have commas.
-        while let Some((before, option)) = rest.rsplit_once(',') {
-            match option.split_once('=') {
-                None if option == "loop" => playlist.is_loop = true,
-                Some(("from", seconds)) => match seconds.parse() {
-                    Ok(seconds) if (0.0..1e9).contains(&seconds) => playlist.from_s = seconds,
-                    _ => return Err(format!("from={seconds}: use a number of seconds")),
-                },
-                _ => break,
-            }
-            rest = before;
-        }
-        if rest.is_empty() {
-            return Err("name the recording: recording:FILE.mcap".into());
-        }
-        playlist.path = rest.into();
-        Ok(playlist)
-    }
-}
-
-impl fmt::Display for Playlist {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.path.display())?;
-        if self.from_s > 0.0 {
-            write!(f, ",from={}", self.from_s)?;
-        }
-        if self.is_loop {
-            write!(f, ",loop")?;
-        }
-        Ok(())
-    }
-}
+/// Longer than this until the next frame is a pause, of which others should know.
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// The configuration with which a recording was made.
 pub fn recorded_config(path: &Path) -> Result<Config, CameraError> {
@@ -104,67 +58,9 @@ pub struct Playback {
     /// Of the frame shown last.
     truth: Option<TruthFrame>,
     commands: Vec<Commands>,
+    /// The next frame is a long time off.
+    is_pausing: bool,
     is_over: bool,
-}
-
-/// From the times and numbers of the recording to those of now.
-#[derive(Debug)]
-struct Times {
-    /// The first frame of this round: number and capture time, as recorded.
-    first: Option<(u64, u64)>,
-    /// What that frame is called now, and when it is shown.
-    base_seq: u64,
-    base_ns: Option<u64>,
-    /// The last frame shown: number and time, now.
-    last: Option<(u64, u64)>,
-    period_ns: u64,
-    /// Numbers up to here were shown by a predecessor.
-    resume_after: Option<u64>,
-}
-
-impl Times {
-    fn new(fps: f64, last: Option<LastFrame>) -> Self {
-        Self {
-            first: None,
-            base_seq: 0,
-            base_ns: None,
-            last: None,
-            period_ns: (1e9 / fps) as u64,
-            resume_after: last.map(|last| last.seq),
-        }
-    }
-
-    /// Number and time at which a frame is to be shown; `None` if it was shown by a predecessor, or
-    /// cannot be told from one shown already.
-    fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<(u64, u64)> {
-        let (first_seq, first_ns) = *self.first.get_or_insert((header.seq, header.t_capture_ns));
-        let seq = self.base_seq + header.seq.checked_sub(first_seq)?;
-        if self.last.is_some_and(|(last, _)| seq <= last) || self.resume_after >= Some(seq) {
-            return None;
-        }
-        let offset_ns = header.t_capture_ns.checked_sub(first_ns)?;
-        let base_ns = self.base_ns.get_or_insert(now_ns.saturating_sub(offset_ns));
-        if now_ns > *base_ns + offset_ns + MAX_LAG_NS {
-            *base_ns = now_ns - offset_ns;
-        }
-        Some((seq, *base_ns + offset_ns))
-    }
-
-    /// The next frame is the first one again.
-    fn begin_anew(&mut self) {
-        let last = self.last.map(|(seq, t_ns)| (seq + 1, t_ns + self.period_ns));
-        self.first = None;
-        self.base_seq = last.map_or(0, |(seq, _)| seq);
-        self.base_ns = last.map(|(_, t_ns)| t_ns);
-    }
-
-    /// A stamp of the recording, now.
-    fn moved(&self, t_ns: u64) -> u64 {
-        match (self.first, self.base_ns) {
-            (Some((_, first_ns)), Some(base_ns)) => (t_ns + base_ns).saturating_sub(first_ns),
-            _ => t_ns,
-        }
-    }
 }
 
 impl Playback {
@@ -181,11 +77,12 @@ impl Playback {
             playlist: playlist.clone(),
             most_bytes: Source::Recording(playlist.clone()).frame_capacity(&config.camera),
             next: None,
-            times: Times::new(config.camera.fps, last),
+            times: Times::new(playlist.pace, config.camera.fps, last),
             truths: VecDeque::with_capacity(KEPT_TRUTH),
             heard: Vec::new(),
             truth: None,
             commands: Vec::new(),
+            is_pausing: false,
             is_over: false,
         })
     }
@@ -224,7 +121,7 @@ impl Playback {
 
     fn at_end(&mut self) -> Result<(), CameraError> {
         // One without a single frame is not played round and round.
-        if !self.playlist.is_loop || self.times.first.is_none() {
+        if !self.playlist.is_loop || !self.times.have_begun() {
             self.is_over = true;
             return Ok(());
         }
@@ -248,6 +145,7 @@ impl Camera for Playback {
             return Ok(None);
         };
         let left = Duration::from_nanos(due_ns.saturating_sub(monotonic_ns()));
+        self.is_pausing = left > PAUSE;
         if left > LOOK_AROUND {
             std::thread::sleep(LOOK_AROUND);
             return Ok(None);
@@ -257,7 +155,7 @@ impl Camera for Playback {
         std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
 
         let header = frame.header;
-        self.times.last = Some((seq, due_ns));
+        self.times.shown(seq, due_ns);
         self.truth = self
             .truths
             .iter()
@@ -287,6 +185,10 @@ impl Camera for Playback {
 
     fn commands(&self) -> &[Commands] {
         &self.commands
+    }
+
+    fn is_waiting(&self) -> bool {
+        self.is_pausing
     }
 
     fn is_over(&self) -> bool {
@@ -327,52 +229,4 @@ fn read_ahead(reader: Reader, from_s: f64) -> Receiver<Entry> {
         }
     });
     receiver
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const MS: u64 = 1_000_000;
-
-    fn frame(seq: u64, t_ms: u64) -> FrameHeader {
-        FrameHeader { seq, t_capture_ns: t_ms * MS, ..Default::default() }
-    }
-
-    #[test]
-    fn options_follow_the_name() {
-        let playlist: Playlist = "a,b.mcap,loop,from=2.5".parse().unwrap();
-        assert_eq!(playlist.path, Path::new("a,b.mcap"));
-        assert!(playlist.is_loop && playlist.from_s == 2.5);
-        assert_eq!(playlist.to_string().parse(), Ok(playlist));
-        assert!("a.mcap,from=x".parse::<Playlist>().is_err());
-        assert!(",loop".parse::<Playlist>().is_err());
-    }
-
-    #[test]
-    fn distances_and_gaps_are_kept() {
-        let mut times = Times::new(100.0, None);
-        let mut show = |seq, t_ms, now_ms: u64| {
-            let due = times.due(&frame(seq, t_ms), now_ms * MS)?;
-            times.last = Some(due);
-            Some((due.0, due.1 / MS))
-        };
-        assert_eq!(show(70, 5000, 900), Some((0, 900)));
-        assert_eq!(show(71, 5010, 901), Some((1, 910)));
-        assert_eq!(show(71, 5010, 902), None, "a repetition");
-        assert_eq!(show(75, 5050, 960), Some((5, 950)), "a little late is made up for");
-        assert_eq!(show(76, 5060, 2000), Some((6, 2000)), "long stops are not");
-        assert_eq!(show(77, 5070, 2001), Some((7, 2010)));
-        assert_eq!(times.moved(5080 * MS), 2020 * MS);
-        times.begin_anew();
-        assert_eq!(times.due(&frame(70, 5000), 2011 * MS), Some((8, 2020 * MS)));
-    }
-
-    #[test]
-    fn a_successor_goes_on_behind_its_predecessor() {
-        let mut times = Times::new(100.0, Some(LastFrame { seq: 1, t_capture_ns: 0 }));
-        assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
-        assert_eq!(times.due(&frame(71, 5010), 900 * MS), None);
-        assert_eq!(times.due(&frame(72, 5020), 900 * MS), Some((2, 900 * MS)));
-    }
 }

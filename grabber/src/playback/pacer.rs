@@ -1,0 +1,156 @@
+//! For recordings that are not played with their own timing: the group, or a person, says when the
+//! next frame may be shown.
+
+use super::Pace;
+use crate::source::Source;
+use common::bus::{BusError, Subscriber};
+use common::clock::monotonic_ns;
+use common::instance::Instance;
+use common::messages::WorldFrame;
+use common::process::{LOOK_AROUND, Process, ProcessError};
+use common::topics;
+use common::wake_up::WakeUp;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::fs;
+use std::io;
+use std::os::unix::net::UnixDatagram;
+
+/// A frame whose `world` has not come after so long has none: a stage has dropped it.
+const GIVE_UP_NS: u64 = 1_000_000_000;
+/// Longest request: a number.
+const MAX_BYTES: usize = 20;
+
+/// Says when the next frame of a recording may be shown: when the one before it is in `world`, so that
+/// every stage has the same before it as it had in the match, however fast it goes.
+pub struct Pacer {
+    world: Subscriber<WorldFrame, ()>,
+    wake_up: WakeUp,
+    /// The last frame shown, and when, while its `world` has not come.
+    under_way: Option<(u64, u64)>,
+    steps: Option<Steps>,
+}
+
+impl Pacer {
+    /// `None` for sources that have a clock of their own.
+    pub fn new(
+        process: &Process,
+        instance: &Instance,
+        source: &Source,
+    ) -> Result<Option<Self>, ProcessError> {
+        let steps = match source {
+            Source::Recording(playlist) => match playlist.pace {
+                Pace::Recorded => return Ok(None),
+                Pace::Group => None,
+                Pace::Steps => Some(Steps::open(instance).map_err(|source| {
+                    ProcessError::System { action: "open a socket for steps", source }
+                })?),
+            },
+            _ => return Ok(None),
+        };
+        let world = process.bus.subscriber(&topics::WORLD)?;
+        let wake_up = process.wake_up(&topics::WORLD)?;
+        Ok(Some(Self { world, wake_up, under_way: None, steps }))
+    }
+
+    /// Waits until the next frame may be shown, but not longer than [`LOOK_AROUND`]; whether it may.
+    pub fn may_show(&mut self) -> Result<bool, BusError> {
+        while let Some(received) = self.world.receive()? {
+            let seq = received.message().map(|world| world.frame.seq);
+            self.under_way = self.under_way.filter(|&(shown, _)| seq < Some(shown));
+        }
+        let now_ns = monotonic_ns();
+        self.under_way = self.under_way.filter(|&(_, t_ns)| now_ns < t_ns + GIVE_UP_NS);
+        if self.under_way.is_some() {
+            self.wake_up.wait(LOOK_AROUND);
+            return Ok(false);
+        }
+        let Some(steps) = &mut self.steps else { return Ok(true) };
+        steps.listen();
+        Ok(steps.left > 0)
+    }
+
+    /// Whether it is a person that is waited for.
+    pub fn waits_for_a_person(&self) -> bool {
+        self.under_way.is_none() && self.steps.as_ref().is_some_and(|steps| steps.left == 0)
+    }
+
+    /// A frame was shown.
+    pub fn shown(&mut self, seq: u64) {
+        self.under_way = Some((seq, monotonic_ns()));
+        if let Some(steps) = &mut self.steps {
+            steps.left = steps.left.saturating_sub(1);
+        }
+    }
+}
+
+/// The steps a person has asked for: numbers of frames, on a socket in the runtime directory, which
+/// nobody but the group's user can reach.
+struct Steps {
+    socket: UnixDatagram,
+    left: u64,
+}
+
+impl Steps {
+    fn open(instance: &Instance) -> io::Result<Self> {
+        let path = instance.step_path();
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            // A predecessor has left it.
+            _ => {}
+        }
+        let socket = UnixDatagram::bind(path)?;
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, left: 0 })
+    }
+
+    /// Takes in what is asked for; waits for it if there is nothing left to do.
+    fn listen(&mut self) {
+        if self.left == 0 {
+            let timeout = Timespec { tv_sec: 0, tv_nsec: LOOK_AROUND.as_nanos() as _ };
+            // Whatever keeps it from waiting, it is called again.
+            let _ = poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&timeout));
+        }
+        let mut buffer = [0; MAX_BYTES];
+        while let Ok(length) = self.socket.recv(&mut buffer) {
+            let text = std::str::from_utf8(&buffer[..length]).unwrap_or_default();
+            self.left = self.left.saturating_add(text.parse().unwrap_or(0));
+        }
+    }
+}
+
+/// Asks the grabber of a group that plays a recording step by step for so many frames.
+pub fn ask_for_steps(instance: &Instance, frames: u64) -> io::Result<()> {
+    let socket = UnixDatagram::unbound()?;
+    socket.send_to(frames.to_string().as_bytes(), instance.step_path())?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_add_up_and_rubbish_is_none() {
+        let base = std::env::temp_dir().join(format!("tl-steps-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        assert!(ask_for_steps(&instance, 1).is_err(), "nobody is there");
+        std::mem::forget(Steps::open(&instance).unwrap());
+        let mut steps = Steps::open(&instance).unwrap();
+        for frames in [3, 4] {
+            ask_for_steps(&instance, frames).unwrap();
+        }
+        let stranger = UnixDatagram::unbound().unwrap();
+        for rubbish in [&b"-1"[..], b"", b"\xff\xfe", b"99999999999999999999999999", b"5 "] {
+            stranger.send_to(rubbish, instance.step_path()).unwrap();
+        }
+        steps.listen();
+        assert_eq!(steps.left, 7);
+        ask_for_steps(&instance, u64::MAX).unwrap();
+        steps.listen();
+        assert_eq!(steps.left, u64::MAX);
+        drop(steps);
+        fs::remove_file(instance.step_path()).unwrap();
+        instance.remove_directory().unwrap();
+    }
+}

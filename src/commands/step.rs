@@ -1,0 +1,90 @@
+//! `touchline step`: the next frames of a recording that is played step by step.
+
+use super::CommandError;
+use super::group::running;
+use crate::cli::StepArgs;
+use common::consumer::{Consumer, Event};
+use common::messages::{Team, TrackStatus, WorldFrame};
+use common::topics;
+use grabber::playback::ask_for_steps;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// A group that works gives an answer within milliseconds; one whose stages are being replaced takes
+/// longer.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Asks for frames, and prints what was found on each.
+pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
+    let instance = running(&args.instance)?;
+    let mut world = Consumer::new(instance.clone(), "step", &topics::WORLD);
+    // Connected before the question, so that no answer is missed.
+    while world.next(Duration::ZERO)?.is_some() {}
+    ask_for_steps(&instance, args.frames).map_err(|error| {
+        format!(
+            "the group {:?} is not waiting for steps ({error}); start one with `touchline run --source \
+             recording:FILE,step`",
+            instance.name()
+        )
+    })?;
+    let mut left = args.frames;
+    let mut heard = Instant::now();
+    while left > 0 {
+        match world.next(Duration::from_millis(100))? {
+            Some(Event::Message(received)) => {
+                heard = Instant::now();
+                left -= 1;
+                if let Some(world) = received.message() {
+                    println!("{}", line(world));
+                }
+            }
+            // Numbers missing in the recording, or steps of others that were too fast for us.
+            Some(Event::Missed(_) | Event::Joined | Event::Restarted) => {}
+            Some(Event::Left) => return Err("the group has ended".into()),
+            None if heard.elapsed() > PATIENCE => {
+                return Err(format!("{left} of {} frames did not come", args.frames).into());
+            }
+            None => {}
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A frame and who is where on it, in millimetres and degrees; in parentheses who was not seen.
+fn line(world: &WorldFrame) -> String {
+    let text = |status: u32, text: String| match TrackStatus::from_number(status) {
+        None | Some(TrackStatus::Absent) => String::new(),
+        Some(TrackStatus::Initialised | TrackStatus::Measured) => format!("  {text}"),
+        Some(TrackStatus::Coasting | TrackStatus::Gated) => format!("  ({text})"),
+    };
+    let robots = world.robots().iter().map(|robot| {
+        let team = Team::from_number(robot.team).map_or("?", Team::name);
+        let (x, y, degrees) = (robot.x_mm, robot.y_mm, robot.orientation.to_degrees());
+        text(robot.status, format!("{team} {} {x:.0} {y:.0} {degrees:.0}°", robot.robot_id))
+    });
+    let ball = &world.ball;
+    let ball = text(ball.status, format!("ball {:.0} {:.0}", ball.x_mm, ball.y_mm));
+    format!("frame {}:{}{ball}", world.frame.seq, robots.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn who_was_not_seen_is_in_parentheses() {
+        let mut world = WorldFrame::zeroed();
+        world.frame.seq = 17;
+        assert_eq!(line(&world), "frame 17:");
+        world.robot_count = 2;
+        for (robot, status) in
+            world.robots.iter_mut().zip([TrackStatus::Measured, TrackStatus::Coasting])
+        {
+            (robot.status, robot.team, robot.robot_id) = (status as u32, Team::Blue as u32, 3);
+            (robot.x_mm, robot.orientation) = (-12.4, std::f64::consts::FRAC_PI_2);
+        }
+        (world.ball.status, world.ball.y_mm) = (TrackStatus::Measured as u32, 5.0);
+        assert_eq!(line(&world), "frame 17:  blue 3 -12 0 90°  (blue 3 -12 0 90°)  ball 0 5");
+    }
+}
