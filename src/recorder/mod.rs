@@ -118,6 +118,7 @@ pub fn record(
         names: Names::new(&options.path),
         totals: Arc::new(Totals::default()),
         missed: BTreeMap::new(),
+        wall_minus_monotonic_ns: wall_minus_monotonic_ns(),
         began: None,
         is_waiting: true,
     };
@@ -145,6 +146,9 @@ struct Recorder<'a> {
     names: Names,
     totals: Arc<Totals>,
     missed: BTreeMap<Channel, u64>,
+    /// Looked at once for each group, so that a clock that is set in the middle of a match does not
+    /// turn the order of its messages upside down.
+    wall_minus_monotonic_ns: i64,
     began: Option<Instant>,
     is_waiting: bool,
 }
@@ -170,6 +174,7 @@ impl Recorder<'_> {
     ) -> Result<Option<End>, RecorderError> {
         let mut ports = Ports::connect(&self.options.instance, &self.options.channels)?;
         let mut config = read_config(&self.options.instance);
+        self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
         let limits =
             Limits { file_bytes: self.options.file_bytes, keep_files: self.options.keep_files };
         let mut disk = Disk::start(
@@ -186,6 +191,7 @@ impl Recorder<'_> {
             if taken.is_anew {
                 // Numbers have begun anew: another group, another file.
                 config = read_config(&self.options.instance);
+                self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
                 disk.next_file(self.setup(&config));
             }
             if taken.messages > 0 {
@@ -230,11 +236,10 @@ impl Recorder<'_> {
         let text = config_toml.clone().unwrap_or_default();
         // The group has checked it; only the looks of the scene depend on it here.
         let config = Config::parse(&text, "the group's configuration").unwrap_or_default();
-        let now = common::clock::monotonic_ns();
         let setup = recording::Setup {
             touchline_version: env!("CARGO_PKG_VERSION").into(),
             instance: self.options.instance.name().into(),
-            wall_minus_monotonic_ns: common::clock::wall_ns() as i64 - now as i64,
+            wall_minus_monotonic_ns: self.wall_minus_monotonic_ns,
             config_toml: text,
         };
         (setup, config)
@@ -255,6 +260,11 @@ impl Recorder<'_> {
             is_waiting: self.is_waiting,
         })
     }
+}
+
+fn wall_minus_monotonic_ns() -> i64 {
+    let now_ns = common::clock::monotonic_ns();
+    common::clock::wall_ns() as i64 - now_ns as i64
 }
 
 /// The running group's configuration, as text.

@@ -1,4 +1,4 @@
-//! A camera's own clock, seen from this machine's.
+//! A camera's own clock, and the wall clock, seen from this machine's monotonic one.
 
 /// Translates times of a device's clock into times of this machine's monotonic clock.
 ///
@@ -43,6 +43,29 @@ impl DeviceClock {
     }
 }
 
+/// Tells how old a stamp of the wall clock is, which libraries give, while that clock may be set at any
+/// moment.
+#[derive(Debug, Clone, Default)]
+pub struct WallClock {
+    /// The wall clock minus the monotonic one, when it was looked at last.
+    offset_ns: Option<i64>,
+}
+
+/// What the two clocks may part in the time between two frames. Slewed, the wall clock changes by at most
+/// half a microsecond in a millisecond.
+const STEP_NS: u64 = 1_000_000;
+
+impl WallClock {
+    /// The age of a stamp that was made since the last call, given what both clocks say now; 0 if the
+    /// wall clock was set since.
+    pub fn age_ns(&mut self, stamp_ns: u64, wall_ns: u64, monotonic_ns: u64) -> u64 {
+        let offset_ns = wall_ns.wrapping_sub(monotonic_ns) as i64;
+        let last_ns = self.offset_ns.replace(offset_ns);
+        let is_steady = last_ns.is_some_and(|last_ns| last_ns.abs_diff(offset_ns) < STEP_NS);
+        if is_steady { wall_ns.saturating_sub(stamp_ns) } else { 0 }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,6 +107,22 @@ mod tests {
         assert_eq!(clock.local_ns(5, 50_012_500_000), 50_012_500_000, "the device was restarted");
         assert_eq!(clock.local_ns(7_000_000_000, 50_025_000_000), 50_025_000_000, "set forward");
         assert_eq!(clock.local_ns(0, 123), 123, "no clock at all");
+    }
+
+    #[test]
+    fn a_wall_clock_that_is_set_makes_nothing_old() {
+        let (mut clock, wall_ns) = (WallClock::default(), 1_700_000_000_000_000_000);
+        assert_eq!(clock.age_ns(wall_ns - 70_000, wall_ns, 5_000_000_000), 0, "not known yet");
+        let next_ns = wall_ns + PERIOD_NS;
+        assert_eq!(clock.age_ns(next_ns - 70_000, next_ns, 5_000_000_000 + PERIOD_NS), 70_000);
+        for set_ns in [next_ns + 150_000_000, next_ns - 3_600_000_000_000] {
+            let age_ns = clock.age_ns(next_ns - 70_000, set_ns, 5_000_000_000 + 2 * PERIOD_NS);
+            assert_eq!(age_ns, 0);
+            let age_ns = clock.age_ns(set_ns, set_ns + 90_000, 5_000_090_000 + 2 * PERIOD_NS);
+            assert_eq!(age_ns, 90_000, "and is believed again");
+        }
+        clock.age_ns(0, u64::MAX, 0);
+        clock.age_ns(u64::MAX, 0, u64::MAX);
     }
 
     proptest! {

@@ -14,7 +14,7 @@ mod objects;
 pub use listing::list;
 
 use crate::camera::{
-    Arrival, Delivery, Device, DeviceClock, Fault, FramePool, Picture, Session, Stream,
+    Arrival, Delivery, Device, DeviceClock, Fault, FramePool, Picture, Session, Stream, WallClock,
 };
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::{CameraConfig, SettingValue};
@@ -247,6 +247,7 @@ impl Session for Opened {
             exposure_us: self.exposure_us,
             payload: self.payload,
             clock: DeviceClock::default(),
+            wall_clock: WallClock::default(),
             frame_id: None,
             device_seq: 0,
             arrived_ns: monotonic_ns(),
@@ -264,6 +265,8 @@ struct GenicamStream {
     exposure_us: u32,
     payload: usize,
     clock: DeviceClock,
+    /// In which Aravis says when a picture has arrived.
+    wall_clock: WallClock,
     frame_id: Option<u64>,
     device_seq: u64,
     /// When something came last.
@@ -294,11 +297,12 @@ impl GenicamStream {
 
     /// The middle of the exposure: the camera begins to send when the exposure ends.
     fn capture_time(&mut self, received: &Received) -> u64 {
+        let now_ns = monotonic_ns();
         let age_ns = match received.arrived_wall_ns {
             0 => 0,
-            arrived_ns => wall_ns().saturating_sub(arrived_ns),
+            arrived_ns => self.wall_clock.age_ns(arrived_ns, wall_ns(), now_ns),
         };
-        let arrived_ns = monotonic_ns().saturating_sub(age_ns);
+        let arrived_ns = now_ns.saturating_sub(age_ns);
         let local_ns = self.clock.local_ns(received.device_ns, arrived_ns);
         local_ns.saturating_sub(u64::from(self.exposure_us) * 500)
     }
