@@ -170,7 +170,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineRun) == 8);
 typedef struct TouchlineDetectedRobot {
     /* A Team number. */
     uint32_t team;
-    /* Number of the robot in its team. */
+    /* Number of the robot in its team, or DetectedRobot::UNKNOWN_ID. */
     uint32_t robot_id;
     /* Centre of the robot on the field. */
     float x_mm;

@@ -52,10 +52,10 @@ fn config(fps: f64, format: &str) -> Config {
             "pink" => [1, 0, 1],
             "red" => [1, 0, 0],
             "blue" => [0, 0, 1],
-            // Bars have no such colours; nor do the edges between them.
+            // Bars have no such colours, however they are converted.
             _ => {
-                let dark = index as u8;
-                [color.red, color.green, color.blue] = [[dark; 2], [254, 254], [dark; 2]];
+                let grey = 100 + index as u8;
+                [color.red, color.green, color.blue] = [[grey; 2], [128; 2], [160; 2]];
                 continue;
             }
         };
