@@ -124,7 +124,7 @@ impl PitchProbe {
 impl Lamp {
     /// The configured light; `None` if the lamps are not to be followed.
     pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
-        let LightConfig { pitch_rgb: Some(rgb), brightness } = config.light else {
+        let LightConfig { pitch_rgb: Some(rgb), brightness, .. } = config.light else {
             return Ok(None);
         };
         let parts = |value: f64| {
@@ -223,7 +223,7 @@ fn median(bins: &[u64]) -> Option<i64> {
 }
 
 /// The colour of a place: of a Bayer picture, that of the four pixels from there on.
-fn rgb_at(picture: &Picture, x: usize, y: usize) -> [u8; 3] {
+pub(crate) fn rgb_at(picture: &Picture, x: usize, y: usize) -> [u8; 3] {
     match picture {
         Picture::Bayer(image) => {
             let mut sums = [0u16; 3];
@@ -275,7 +275,7 @@ mod tests {
     fn set_for(pitch: [f64; 3], order: BayerOrder) -> Config {
         let mut config = Config::default();
         config.camera.bayer_order = order;
-        config.light = LightConfig { pitch_rgb: Some(pitch), brightness: 1.0 };
+        config.light = LightConfig { pitch_rgb: Some(pitch), brightness: 1.0, glare: false };
         config
     }
 

@@ -9,7 +9,8 @@
 //! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
 //! second look at hue and saturation, and run-length encoding. A colour image is never stored. Other
 //! formats than Bayer are taken too; what comes in YUV is classified in YUV. If the configuration says
-//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]).
+//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]), and if glare
+//! is to be looked through, parts of the picture have tables of their own (`haze.rs`).
 //!
 //! **Guarantees**
 //!
@@ -18,12 +19,13 @@
 //!   the class of every pixel.
 //! * Every class is an index into the configured colours, at most 31.
 //! * When there are more runs than room, the list is the exact beginning of the full one and
-//!   [`RunsHeader::OVERFLOW`] is set.
+//!   [`RunsHeader::OVERFLOW`] is set. (Under glare it may lack runs anywhere.)
 //! * Output depends on the frame and the configuration alone, bit for bit, on every machine.
 //! * A frame that is not what the configuration promises is refused with a reason, and nothing is
 //!   written; no frame makes the classifier panic. After construction it allocates nothing.
 
 mod error;
+mod haze;
 pub mod kernels;
 pub mod lamp;
 mod mask;

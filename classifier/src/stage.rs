@@ -1,5 +1,6 @@
 //! The stage's core: one frame in, one list of runs out.
 
+use crate::haze::Haze;
 use crate::kernels::{Kernel, SimdChoice, SimdLevel};
 use crate::lamp::{Gains, Lamp, NO_GAINS};
 use crate::mask::FieldMask;
@@ -19,6 +20,7 @@ pub struct Classifier {
     /// The light of the last frame, and the tables for it: a cache, not a memory.
     gains: Gains,
     lit_tables: ClassTables,
+    haze: Option<Box<Haze>>,
     mask: FieldMask,
     kernel: Kernel,
 }
@@ -43,9 +45,11 @@ impl Classifier {
         let tables = ClassTables::new(&config.colors)?;
         let lamp = Lamp::new(config)?;
         let (gains, lit_tables) = (NO_GAINS, tables.clone());
+        let haze = config.light.glare.then(|| Haze::new(config, &tables)).transpose()?;
+        let haze = haze.map(Box::new);
         let mask = FieldMask::new(config);
         let kernel = Kernel::new(level, &tables);
-        Ok(Self { width, height, tables, lamp, gains, lit_tables, mask, kernel })
+        Ok(Self { width, height, tables, lamp, gains, lit_tables, haze, mask, kernel })
     }
 
     /// Whether a frame with this header and so many bytes can be classified.
@@ -67,7 +71,12 @@ impl Classifier {
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
         self.follow_lamp(&picture);
-        let written = self.kernel.classify(&picture, &self.lit_tables, &self.mask, out);
+        let Self { kernel, lit_tables, mask, haze, .. } = self;
+        let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(&picture).then_some(haze));
+        let written = match hazy {
+            Some(haze) => haze.classify(kernel, &picture, lit_tables, mask, out),
+            None => kernel.classify(&picture, lit_tables, mask, out),
+        };
         *out_header = RunsHeader {
             frame: *header,
             t_frame_taken_ns: 0,

@@ -113,6 +113,27 @@ impl ClassTables {
         tables
     }
 
+    /// The tables for pixels over which white light of so many grey levels lies: what each pixel is
+    /// classified as is what these classify it as without that. Boxes in YUV stay as they are.
+    pub fn without_haze(&self, haze: u8) -> Self {
+        let mut tables = self.clone();
+        let without = |value: usize| value.saturating_sub(usize::from(haze));
+        for (table, full) in tables.rgb.0.iter_mut().zip(&self.rgb.0) {
+            *table = std::array::from_fn(|value| full[without(value)]);
+        }
+        tables.corrections = Some(std::array::from_fn(|channel| {
+            std::array::from_fn(|value| match &self.corrections {
+                Some(corrections) => corrections[channel][without(value)],
+                None => without(value) as u8,
+            })
+        }));
+        let mut hash = Fnv1a(self.version);
+        hash.write(b"haze");
+        hash.write(&[haze]);
+        tables.version = hash.0;
+        tables
+    }
+
     /// The colours whose RGB box holds the pixel, as a bit set.
     #[inline(always)]
     pub fn boxes(&self, rgb: [u8; 3]) -> u32 {

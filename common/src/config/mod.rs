@@ -193,6 +193,10 @@ pub struct LightConfig {
     /// from a lamp mirrored in a dark floor, all of it on a dull one.
     #[schemars(range(min = 0, max = 1))]
     pub brightness: f64,
+    /// Whether colours are looked for under glare, too: where a lamp is mirrored, white light lies over
+    /// a part of the picture, and what it adds to the floor is taken off everything there. For pitches
+    /// whose floor is otherwise lit about evenly.
+    pub glare: bool,
 }
 
 /// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optionally

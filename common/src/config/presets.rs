@@ -204,7 +204,7 @@ impl Default for GeometryConfig {
 
 impl Default for LightConfig {
     fn default() -> Self {
-        Self { pitch_rgb: None, brightness: 0.5 }
+        Self { pitch_rgb: None, brightness: 0.5, glare: false }
     }
 }
 

@@ -6,7 +6,7 @@ use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
 use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
 use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
-use common::config::{ColorConfig, Config, commented_toml};
+use common::config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::{list_pictures, load_bayer};
 use learning::confusion::Confusion;
 use learning::labels::{ImageLabels, Labels};
@@ -205,8 +205,10 @@ fn summary(
 fn fragment(config: &Config) -> String {
     let mut text = String::new();
     if let Some(rgb) = config.light.pitch_rgb {
-        text +=
-            &format!("[light]\npitch_rgb = {rgb:?}\nbrightness = {}\n\n", config.light.brightness);
+        let LightConfig { brightness, glare, .. } = config.light;
+        text += &format!(
+            "[light]\npitch_rgb = {rgb:?}\nbrightness = {brightness}\nglare = {glare}\n\n"
+        );
     }
     for color in &config.colors {
         let ColorConfig { name, red, green, blue, looks, .. } = color;
