@@ -6,10 +6,12 @@ use classifier::Classifier;
 use common::config::Config;
 use common::geometry::wrap_angle;
 use common::messages::{
-    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader, TruthRobot, WorldFrame,
+    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, RobotHypothesis, Run, RunsHeader,
+    TruthRobot, WorldFrame,
 };
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
+use nalgebra::{Matrix3, Vector3};
 use std::collections::VecDeque;
 use tracker::Tracker;
 
@@ -251,4 +253,105 @@ fn fast_robots_are_known_and_predicted() {
     assert!(mm < 1.5 && deg < 1.0, "{mm} mm {deg}°");
     let [mm, deg] = outcome.predicted.rms();
     assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
+}
+
+/// Innovations of the filter: how far detections are from what it predicted, in units of what it
+/// said of its prediction and the tracker of the detection. A spare that sees nothing says what was
+/// predicted.
+fn innovations(config: &Config, frames: u64) -> Vec<f64> {
+    let camera = &config.camera;
+    let period_ns = (1e9 / camera.fps).round() as u64;
+    let mut game = SyntheticMatch::new(config).unwrap();
+    let mut classifier = Classifier::new(config).unwrap();
+    let mut tracker = Tracker::new(config).unwrap();
+    let mut filter = Filter::new(config).unwrap();
+    let mut spare = Filter::new(config).unwrap();
+    let mut pixels = vec![0; camera.frame_bytes()];
+    let mut runs = vec![Run::zeroed(); MAX_RUNS];
+    let mut runs_header = RunsHeader::default();
+    let mut seen = Box::new(DetectionFrame::zeroed());
+    let mut nothing = Box::new(DetectionFrame::zeroed());
+    let mut world = Box::new(WorldFrame::zeroed());
+    let mut predicted = Box::new(WorldFrame::zeroed());
+    let mut innovations = Vec::new();
+    let mut commands = None;
+    for seq in 0..frames {
+        let header = FrameHeader {
+            seq,
+            t_capture_ns: START_NS + seq * period_ns,
+            width: camera.width,
+            height: camera.height,
+            stride: camera.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: camera.bayer_order as u32,
+            exposure_us: camera.exposure_us,
+            ..FrameHeader::default()
+        };
+        game.render(&mut pixels, camera.width as usize);
+        classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
+        tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), None, &mut seen);
+        if seq > 0 {
+            spare.resume(&world);
+            commands.iter().for_each(|commands| spare.command(commands));
+            nothing.frame = header;
+            spare.step(&nothing, &mut predicted);
+        }
+        filter.step(&seen, &mut world);
+        let mut sent = *game.commands();
+        (sent.seq, sent.t_sent_ns) = (seq, header.t_capture_ns);
+        filter.command(&sent);
+        commands = Some(sent);
+        for robot in seen.robots().iter().filter(|_| seq >= 80) {
+            let name = (robot.team, robot.robot_id);
+            let mut states = predicted.robots().iter().zip(&predicted.robot_memories);
+            let before = states.find(|(state, _)| (state.team, state.robot_id) == name);
+            let Some((_, memory)) = before else { continue };
+            // The likeliest of the filter's hypotheses: their blend is no normal distribution.
+            let by_probability = |a: &&RobotHypothesis, b: &&RobotHypothesis| {
+                a.probability.total_cmp(&b.probability)
+            };
+            let likeliest = memory.hypotheses.iter().max_by(by_probability).unwrap();
+            let [x_mm, y_mm, orientation, ..] = likeliest.mean;
+            let off = Vector3::new(
+                f64::from(robot.x_mm) - x_mm,
+                f64::from(robot.y_mm) - y_mm,
+                wrap_angle(f64::from(robot.orientation) - orientation),
+            );
+            let symmetric = |[xx, xy, xt, yy, yt, tt]: [f64; 6]| {
+                Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt)
+            };
+            let noise = symmetric(robot.covariance.map(f64::from));
+            // Rows of an upper triangle of five.
+            let known = symmetric([0, 1, 2, 5, 6, 9].map(|index| likeliest.covariance[index]));
+            let inverse = (noise + known).try_inverse().unwrap();
+            innovations.push(off.dot(&(inverse * off)));
+        }
+        game.advance();
+    }
+    innovations
+}
+
+/// Of three numbers: they should be distributed as chi-square with three degrees of freedom, but for
+/// collisions. They are smaller: a part of each error is the same in the next frame, and patches are
+/// taken to be cut less exactly than painted ones are. What must not be is that more is claimed than
+/// is known.
+#[test]
+fn innovations_are_within_what_is_claimed() {
+    const CHI_SQUARE_95: f64 = 7.81;
+    const CHI_SQUARE_99: f64 = 11.34;
+    for speed in [1500.0, 2400.0] {
+        let mut config = Config::default();
+        config.synthetic.max_speed_mm_s = speed;
+        let mut all = innovations(&config, 800);
+        all.sort_by(f64::total_cmp);
+        let at = |share: f64| all[(share * all.len() as f64) as usize];
+        let [half, most, nearly_all] = [0.5, 0.95, 0.99].map(at);
+        println!(
+            "{speed} mm/s: innovations: median {half:.2}, 95 % {most:.2}, 99 % {nearly_all:.2}"
+        );
+        assert!(all.len() > 5000);
+        assert!(most < CHI_SQUARE_95 && nearly_all < CHI_SQUARE_99, "{most} {nearly_all}");
+        // Nor so much less that all weighing is for nothing: a fiftieth of what should be.
+        assert!(half > 2.37 / 50.0, "{half}");
+    }
 }

@@ -232,6 +232,22 @@ fn robots_do_not_know_of_each_other() {
     assert_eq!(one.world.robots().len(), 1);
 }
 
+/// Of which only the team is known: they have a place in `detections`, but no track.
+#[test]
+fn robots_without_a_number_have_no_track_and_disturb_none() {
+    let (mut bench, mut alone) = (Bench::new(), Bench::new());
+    for frame in 0..60 {
+        let pose = at(100.0 + f64::from(frame) * 5.0, -200.0, 0.0);
+        let unknown = detected(0, DetectedRobot::UNKNOWN_ID, at(pose.x + 1.0, pose.y, 1.0));
+        let other = detected(1, DetectedRobot::UNKNOWN_ID, at(-300.0, 50.0, 0.0));
+        let known = detected(0, 2, pose);
+        alone.see(&[known]);
+        bench.see(&[known, unknown, other]);
+        assert_eq!(bench.world.robots().len(), 1);
+        assert_eq!(bench.robot(), alone.robot());
+    }
+}
+
 #[test]
 fn headings_wrap() {
     let mut bench = Bench::new();
