@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
-use times::Times;
+use times::{Due, Times};
 
 /// Messages read ahead: some tenths of a second.
 const AHEAD: usize = 128;
@@ -139,12 +139,12 @@ impl Camera for Playback {
         let Some(entry) = &self.next else { return Ok(None) };
         let frame = decode_frame(&entry.data).filter(|frame| frame.pixels.len() <= self.most_bytes);
         let due = frame.and_then(|frame| self.times.due(&frame.header, monotonic_ns()));
-        let (Some(frame), Some((seq, due_ns))) = (frame, due) else {
+        let (Some(frame), Some(due)) = (frame, due) else {
             self.next = None;
             self.heard.clear();
             return Ok(None);
         };
-        let left = Duration::from_nanos(due_ns.saturating_sub(monotonic_ns()));
+        let left = Duration::from_nanos(due.show_ns.saturating_sub(monotonic_ns()));
         self.is_pausing = left > PAUSE;
         if left > LOOK_AROUND {
             std::thread::sleep(LOOK_AROUND);
@@ -152,15 +152,16 @@ impl Camera for Playback {
         }
         let mut loan = pool.loan(frame.pixels.len())?;
         loan.elements().copy_from_slice(frame.pixels);
-        std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
+        std::thread::sleep(Duration::from_nanos(due.show_ns.saturating_sub(monotonic_ns())));
 
         let header = frame.header;
-        self.times.shown(seq, due_ns);
+        let Due { seq, t_capture_ns, .. } = due;
+        self.times.shown(due, monotonic_ns());
         self.truth = self
             .truths
             .iter()
             .find(|truth| truth.seq == header.seq)
-            .map(|truth| TruthFrame { seq, t_capture_ns: due_ns, ..*truth });
+            .map(|truth| TruthFrame { seq, t_capture_ns, ..*truth });
         self.commands.clear();
         let times = &self.times;
         self.commands.extend(
@@ -172,8 +173,9 @@ impl Camera for Playback {
         self.next = None;
         let exposure = Exposure {
             seq,
-            t_capture_ns: due_ns,
-            t_capture_wall_ns: wall_ns().saturating_sub(monotonic_ns().saturating_sub(due_ns)),
+            t_capture_ns,
+            t_capture_wall_ns: wall_ns()
+                .saturating_sub(monotonic_ns().saturating_sub(t_capture_ns)),
             skipped: 0,
         };
         Ok(Some(Captured { frame: loan, exposure, picture: picture(&header) }))

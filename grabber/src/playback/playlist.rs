@@ -10,7 +10,7 @@ pub enum Pace {
     /// The distances in time with which it was recorded.
     #[default]
     Recorded,
-    /// The group: a frame is shown as soon as the one before it is in `world`.
+    /// The group: a frame is shown as soon as the one before it is in `world`, within reason.
     Group,
     /// A person, with `touchline step`.
     Steps,

@@ -6,6 +6,20 @@ use common::messages::{FrameHeader, MOST_AGE_NS};
 
 /// A delay of more than this is not made up for: the rest is shown that much later.
 const MAX_LAG_NS: u64 = 250_000_000;
+/// So many times as fast as recorded frames are shown at most, so that programs which read along, and
+/// only look every tenth of a second, have read them before they are overwritten.
+const MOST_SPEED: u64 = 8;
+
+/// What becomes of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Due {
+    /// What it is called now.
+    pub seq: u64,
+    /// When it was captured.
+    pub t_capture_ns: u64,
+    /// When it is to be shown.
+    pub show_ns: u64,
+}
 
 /// What frames of a recording are called now, and when they are taken to be captured.
 ///
@@ -20,8 +34,8 @@ pub(super) struct Times {
     /// What that frame is called now, and when it was captured.
     base_seq: u64,
     base_ns: Option<u64>,
-    /// The last frame shown: number and time, now.
-    last: Option<(u64, u64)>,
+    /// The last frame shown, and when that really was.
+    last: Option<(Due, u64)>,
     period_ns: u64,
     /// Numbers up to here were shown by a predecessor.
     resume_after: Option<LastFrame>,
@@ -40,9 +54,9 @@ impl Times {
         }
     }
 
-    /// Number of a frame, and the time before which it is not to be shown, which is that of its
-    /// capture; `None` if it was shown by a predecessor, or cannot be told from one shown already.
-    pub fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<(u64, u64)> {
+    /// What becomes of a frame; `None` if it was shown by a predecessor, or cannot be told from one
+    /// shown already.
+    pub fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<Due> {
         let (first_seq, first_ns) = *self.first.get_or_insert((header.seq, header.t_capture_ns));
         let seq = self.base_seq.checked_add(header.seq.checked_sub(first_seq)?)?;
         let offset_ns = header.t_capture_ns.checked_sub(first_ns)?;
@@ -52,7 +66,7 @@ impl Times {
             }
             return None;
         }
-        if self.last.is_some_and(|(last, _)| seq <= last) {
+        if self.last.is_some_and(|(last, _)| seq <= last.seq) {
             return None;
         }
         let (shown_ns, most_lag_ns) = match self.pace {
@@ -67,12 +81,20 @@ impl Times {
         if shown_ns > captured_ns.saturating_add(most_lag_ns) {
             *base_ns = shown_ns.saturating_sub(offset_ns);
         }
-        Some((seq, *base_ns + offset_ns))
+        let t_capture_ns = *base_ns + offset_ns;
+        let soonest_ns = match (self.pace, self.last) {
+            (Pace::Group | Pace::Steps, Some((last, shown_ns))) => {
+                let distance_ns = t_capture_ns.saturating_sub(last.t_capture_ns).min(MAX_LAG_NS);
+                shown_ns.saturating_add(distance_ns / MOST_SPEED)
+            }
+            _ => 0,
+        };
+        Some(Due { seq, t_capture_ns, show_ns: t_capture_ns.max(soonest_ns) })
     }
 
     /// A frame was shown.
-    pub fn shown(&mut self, seq: u64, t_ns: u64) {
-        self.last = Some((seq, t_ns));
+    pub fn shown(&mut self, due: Due, now_ns: u64) {
+        self.last = Some((due, now_ns));
     }
 
     /// Whether any frame was found.
@@ -82,9 +104,9 @@ impl Times {
 
     /// The next frame is the first one again.
     pub fn begin_anew(&mut self) {
-        let last = self
-            .last
-            .map(|(seq, t_ns)| (seq.saturating_add(1), t_ns.saturating_add(self.period_ns)));
+        let last = self.last.map(|(last, _)| {
+            (last.seq.saturating_add(1), last.t_capture_ns.saturating_add(self.period_ns))
+        });
         self.first = None;
         self.base_seq = last.map_or(0, |(seq, _)| seq);
         self.base_ns = last.map(|(_, t_ns)| t_ns);
@@ -111,13 +133,19 @@ mod tests {
         FrameHeader { seq, t_capture_ns: t_ms * MS, ..Default::default() }
     }
 
+    /// Shows a frame as soon as it may be; its number, capture time, and when it is shown.
+    fn show(times: &mut Times, frame: &FrameHeader, now_ms: u64) -> Option<[u64; 3]> {
+        let due = times.due(frame, now_ms * MS)?;
+        let now_ns = due.show_ns.max(now_ms * MS);
+        times.shown(due, now_ns);
+        Some([due.seq, due.t_capture_ns / MS, now_ns / MS])
+    }
+
     #[test]
     fn distances_and_gaps_are_kept() {
         let mut times = Times::new(Pace::Recorded, 100.0, None);
-        let mut show = |seq, t_ms, now_ms: u64| {
-            let (seq, t_ns) = times.due(&frame(seq, t_ms), now_ms * MS)?;
-            times.shown(seq, t_ns);
-            Some((seq, t_ns / MS))
+        let mut show = |seq, t_ms, now_ms| {
+            show(&mut times, &frame(seq, t_ms), now_ms).map(|[seq, t_ms, _]| (seq, t_ms))
         };
         assert_eq!(show(70, 5000, 900), Some((0, 900)));
         assert_eq!(show(71, 5010, 901), Some((1, 910)));
@@ -127,20 +155,20 @@ mod tests {
         assert_eq!(show(77, 5070, 2001), Some((7, 2010)));
         assert_eq!(times.moved(5080 * MS), 2020 * MS);
         times.begin_anew();
-        assert_eq!(times.due(&frame(70, 5000), 2011 * MS), Some((8, 2020 * MS)));
+        let due = times.due(&frame(70, 5000), 2011 * MS);
+        assert_eq!(due.map(|due| (due.seq, due.t_capture_ns)), Some((8, 2020 * MS)));
     }
 
     #[test]
     fn a_successor_goes_on_behind_its_predecessor() {
         let last = Some(LastFrame { seq: 1, t_capture_ns: 400 * MS });
-        let mut times = Times::new(Pace::Recorded, 100.0, last);
-        assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
-        assert_eq!(times.due(&frame(71, 5010), 900 * MS), None);
-        assert_eq!(times.due(&frame(72, 5020), 900 * MS), Some((2, 900 * MS)));
-        let mut times = Times::new(Pace::Group, 100.0, last);
-        assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
-        assert_eq!(times.due(&frame(71, 5010), 900 * MS), None);
-        assert_eq!(times.due(&frame(72, 5020), 900 * MS), Some((2, 410 * MS)), "no jump in time");
+        // Where the pace is not its own, there is no jump in time.
+        for (pace, t_ms) in [(Pace::Recorded, 900), (Pace::Group, 410)] {
+            let mut times = Times::new(pace, 100.0, last);
+            assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
+            assert_eq!(times.due(&frame(71, 5010), 900 * MS), None);
+            assert_eq!(show(&mut times, &frame(72, 5020), 900), Some([2, t_ms, 900]));
+        }
     }
 
     #[test]
@@ -148,27 +176,29 @@ mod tests {
         let (half_ms, start_ms) = (MOST_AGE_NS / 2 / MS, 10 * MOST_AGE_NS / MS);
         for pace in [Pace::Group, Pace::Steps] {
             let mut times = Times::new(pace, 100.0, None);
-            let mut show = |seq, t_ms, now_ms: u64| {
-                let (seq, t_ns) = times.due(&frame(seq, t_ms), now_ms * MS).unwrap();
-                times.shown(seq, t_ns);
-                t_ns / MS
+            let mut show = |seq, t_ms, now_ms| {
+                let [_, t_ms, shown_ms] = show(&mut times, &frame(seq, t_ms), now_ms).unwrap();
+                (t_ms, shown_ms)
             };
-            let first = show(0, 500, start_ms);
-            assert_eq!(first, start_ms - half_ms);
-            assert_eq!(show(1, 510, start_ms + 1), first + 10, "ten times as fast");
-            assert_eq!(show(2, 520, start_ms + 60_000), first + 20, "after a minute's thought");
+            let first = start_ms - half_ms;
+            assert_eq!(show(0, 500, start_ms), (first, start_ms));
+            assert_eq!(
+                show(1, 580, start_ms + 1),
+                (first + 80, start_ms + 10),
+                "eight times as fast"
+            );
+            let later_ms = start_ms + 60_000;
+            assert_eq!(show(2, 660, later_ms), (first + 160, later_ms), "after a minute's thought");
             // A person who came back an hour later.
             let late_ms = start_ms + 2 * half_ms;
-            assert_eq!(show(3, 530, late_ms), late_ms - half_ms);
+            assert_eq!(show(3, 670, late_ms), (late_ms - half_ms, late_ms));
             // Faster than time itself for so long that the recording has caught up.
-            assert_eq!(show(4, 530 + half_ms + 70, late_ms), late_ms + 70, "to be waited for");
+            let caught_up_ms = late_ms + 70;
+            assert_eq!(show(4, 670 + half_ms + 70, late_ms), (caught_up_ms, caught_up_ms));
         }
         let mut times = Times::new(Pace::Group, 100.0, None);
-        assert_eq!(
-            times.due(&frame(0, 500), 5 * MS),
-            Some((0, 5 * MS / 2)),
-            "a machine just started"
-        );
+        let due = times.due(&frame(0, 500), 6 * MS).unwrap();
+        assert_eq!(due.t_capture_ns, 3 * MS, "a machine just started");
     }
 
     #[test]
