@@ -299,3 +299,40 @@ fn the_unit_file_is_understood() {
         Err(error) => eprintln!("SKIPPED: systemd-analyze: {error}"),
     }
 }
+
+/// The wall clock may be set at any moment, so nothing is decided by it: whoever reads it is on this
+/// list, with the reason. `scripts/test-v4l2` sets the clock while everything runs.
+#[test]
+fn the_wall_clock_is_only_for_people() {
+    let reasons = [
+        ("common/src/clock.rs", "where it is read"),
+        ("grabber/src/camera/link.rs", "for people: t_capture_wall_ns"),
+        ("grabber/src/camera/timeline.rs", "for people: t_capture_wall_ns"),
+        ("grabber/src/playback/mod.rs", "for people: t_capture_wall_ns"),
+        ("grabber/src/genicam/mod.rs", "Aravis' stamps, by way of WallClock, which notices"),
+        ("src/commands/chaos/mod.rs", "a seed, when none is given"),
+        ("src/monitor/view.rs", "for people: times of events"),
+        ("src/recorder/mod.rs", "once for each recording"),
+    ];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let crates = ["common", "common/recording", "grabber", "classifier", "tracker", "filter", "."];
+    let mut folders: Vec<PathBuf> = crates.iter().map(|name| root.join(name).join("src")).collect();
+    let mut readers = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let source = fs::read_to_string(&path).unwrap_or_default();
+            if ["wall_ns()", "SystemTime", "Realtime"].iter().any(|word| source.contains(word)) {
+                readers.push(path.strip_prefix(root).unwrap().to_string_lossy().into_owned());
+            }
+        }
+    }
+    let mut known = reasons.map(|(path, _)| path);
+    readers.sort();
+    known.sort_unstable();
+    readers.iter_mut().for_each(|path| *path = path.trim_start_matches("./").into());
+    assert_eq!(readers, known, "see the comment at this test");
+}
