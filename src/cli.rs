@@ -134,6 +134,11 @@ pub enum Command {
     Export(ExportArgs),
     /// Completes recordings that were never finished: killed, disk full, power lost.
     Recover(RecoverArgs),
+    /// Measures what this machine makes of a frame, beside a plain copy of it.
+    ///
+    /// Classification at every SIMD level and the merging of runs, by picture size, number of colours
+    /// and content, and all stages on a frame of a match. Answers are verified first.
+    Bench(BenchArgs),
     /// Finds the highest frame rate that this machine sustains without losing a frame.
     ///
     /// Runs one group after the other, each at a higher rate, until one loses a frame, and narrows
@@ -401,6 +406,20 @@ Examples:
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
   touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON";
+
+/// Arguments of `bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Print everything as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Take some seconds, the default
+    #[arg(long, conflicts_with = "full")]
+    pub quick: bool,
+    /// Take half a minute, for steadier figures
+    #[arg(long)]
+    pub full: bool,
+}
 
 /// Arguments of `stress`.
 #[derive(Debug, Args)]

@@ -3,6 +3,7 @@
 
 use crate::camera::{CameraError, Exposure, Painter, Timeline};
 use crate::synthetic::{SyntheticError, SyntheticMatch};
+use common::clock::monotonic_ns;
 use common::config::Config;
 
 /// Frames painted in advance.
@@ -13,6 +14,8 @@ pub struct Injector {
 /// An injector at work.
 pub struct InjectorCamera {
     frames: Vec<Vec<u8>>,
+    /// How long the last frame took.
+    copying_ns: u64,
     timeline: Timeline,
 }
 
@@ -33,14 +36,17 @@ impl Injector {
 
     /// Starts to show them.
     pub fn start(self, timeline: Timeline) -> InjectorCamera {
-        InjectorCamera { frames: self.frames, timeline }
+        InjectorCamera { frames: self.frames, copying_ns: 0, timeline }
     }
 }
 
 impl Painter for InjectorCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
+        self.timeline.rest(self.copying_ns);
+        let begun_ns = monotonic_ns();
         pixels.copy_from_slice(&self.frames[place(self.timeline.next_seq(), self.frames.len())]);
+        self.copying_ns = monotonic_ns() - begun_ns;
         Ok(self.timeline.wait(skipped))
     }
 }

@@ -7,6 +7,7 @@ use crate::pictures::{PictureCamera, load_frames};
 use crate::playback::{Playback, Playlist, recorded_config};
 use crate::synthetic::SyntheticMatch;
 use crate::v4l2::V4l2Device;
+use common::clock::monotonic_ns;
 use common::config::{CameraConfig, Config};
 use common::messages::{Commands, TruthFrame};
 use std::path::PathBuf;
@@ -114,7 +115,8 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             Ok(Box::new(move |last| {
                 let timeline = Timeline::new(camera.fps, last);
                 let width = camera.width as usize;
-                let painter = SyntheticCamera { scene, width, position: 0, timeline };
+                let painter =
+                    SyntheticCamera { scene, width, position: 0, painting_ns: 0, timeline };
                 Ok(Box::new(Painted::new(painter, &camera)))
             }))
         }
@@ -167,12 +169,16 @@ struct SyntheticCamera {
     width: usize,
     /// Frame number of the scene's present state.
     position: u64,
+    /// How long the last frame took to paint.
+    painting_ns: u64,
     timeline: Timeline,
 }
 
 impl Painter for SyntheticCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
+        self.timeline.rest(self.painting_ns);
+        let begun_ns = monotonic_ns();
         // Also how a successor gets to where its predecessor was: the match is a function of seed
         // and frame number.
         while self.position < self.timeline.next_seq() {
@@ -180,6 +186,7 @@ impl Painter for SyntheticCamera {
             self.position += 1;
         }
         self.scene.render(pixels, self.width);
+        self.painting_ns = monotonic_ns() - begun_ns;
         Ok(self.timeline.wait(skipped))
     }
 

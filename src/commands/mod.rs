@@ -1,5 +1,6 @@
 //! What each subcommand does.
 
+mod bench;
 mod calibrate;
 mod cameras;
 pub mod chaos;
@@ -48,6 +49,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Interface) => operate::interface(),
         Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
+        Some(Command::Bench(args)) => bench::bench(args),
         Some(Command::Stress(args)) => stress::stress(args),
         Some(Command::Bystander(args)) => chaos::attach(&args.instance),
         Some(Command::Topics(args)) => topics::topics(args),

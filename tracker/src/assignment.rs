@@ -27,6 +27,8 @@ pub(crate) struct Solver {
     /// Choices by cost.
     order: Vec<usize>,
     component: Vec<usize>,
+    /// The component's choices in ascending order.
+    members: Vec<usize>,
     visited: Vec<bool>,
     search: Search,
 }
@@ -73,7 +75,8 @@ impl Solver {
         }
         self.order.clear();
         self.order.extend(0..count);
-        self.order.sort_by(|&a, &b| choices[a].cost.total_cmp(&choices[b].cost).then(a.cmp(&b)));
+        self.order
+            .sort_unstable_by(|&a, &b| choices[a].cost.total_cmp(&choices[b].cost).then(a.cmp(&b)));
 
         self.search.steps_left = STEPS_PER_FRAME;
         self.visited.clear();
@@ -110,7 +113,8 @@ impl Solver {
         let mut component = std::mem::take(&mut self.component);
         if component.len() > 1 {
             component.sort_unstable();
-            let members = component.clone();
+            let members = &mut self.members;
+            members.clone_from(&component);
             component.clear();
             component.extend(
                 self.order.iter().copied().filter(|choice| members.binary_search(choice).is_ok()),

@@ -53,7 +53,7 @@ pub(crate) struct Spot {
 }
 
 /// A region, or one of the pieces it was taken apart into, or a part cut out of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Part {
     pub region: u32,
     /// Which piece, from 0; which cut of the frame, from 1.
@@ -146,13 +146,16 @@ impl CandidateFinder {
         for kind in &pattern.kinds {
             let begin = self.candidates.len();
             self.find_kind(pattern, kind, camera, frame);
-            let by_misfit = |a: &Candidate, b: &Candidate| a.misfit.total_cmp(&b.misfit);
-            self.candidates[begin..].sort_by(by_misfit);
+            // No two are equal, so the order is always the same.
+            let by_misfit = |a: &Candidate, b: &Candidate| {
+                a.misfit.total_cmp(&b.misfit).then_with(|| a.parts().cmp(b.parts()))
+            };
+            self.candidates[begin..].sort_unstable_by(by_misfit);
             self.candidates.truncate(begin + MAX_CANDIDATES);
             // Kinds of team patches come first.
             if kind.team.is_none() {
                 self.look_beside_team_patches(pattern, kind, camera, frame);
-                self.candidates[begin..].sort_by(by_misfit);
+                self.candidates[begin..].sort_unstable_by(by_misfit);
             }
             self.ranges.push(begin..self.candidates.len());
         }
@@ -178,7 +181,9 @@ impl CandidateFinder {
             let outside = !pitch.contains(measure.position, pattern.size_mm * 0.75);
             self.spots.push(Spot { region: index, class: region.class, measure, outside });
         }
-        self.spots.sort_by(|a, b| b.measure.area_mm2.total_cmp(&a.measure.area_mm2));
+        self.spots.sort_unstable_by(|a, b| {
+            b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
+        });
     }
 
     fn find_kind(
@@ -295,12 +300,15 @@ impl CandidateFinder {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
             }
+            if other.class != spot.class {
+                continue;
+            }
             let distance = distance_mm(spot.measure.position, other.measure.position);
-            if other.class == spot.class && distance < MERGE_REACH * patch.reach_mm {
+            if distance < MERGE_REACH * patch.reach_mm {
                 near.push((distance, index));
             }
         }
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 
         let mut parts = [Part::whole(spot.region); MAX_PARTS];
         let mut count = 1;

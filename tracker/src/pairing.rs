@@ -94,6 +94,10 @@ pub(crate) struct Pairing {
     surroundings: Surroundings,
     opinions: Vec<Opinion>,
     paired: Vec<Pose>,
+    /// The believed hypotheses, and their patches, that pieces of a region belong to, and what is
+    /// measured of each.
+    owners: Vec<(usize, usize)>,
+    sums: Vec<MomentSums>,
 }
 
 /// What the steps below look at.
@@ -170,7 +174,11 @@ impl Pairing {
                 self.fates[team as usize].push(fate);
             }
         }
-        self.hypotheses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        // No two are equal, so the order is always the same.
+        self.hypotheses.sort_unstable_by(|a, b| {
+            let content = |h: &Hypothesis| (h.identity, h.candidates);
+            a.cost.total_cmp(&b.cost).then_with(|| content(a).cmp(&content(b)))
+        });
         self.hypotheses.truncate(MAX_HYPOTHESES);
     }
 
@@ -315,20 +323,21 @@ impl Pairing {
                 if seed.pieces < 2 || seed.piece != 0 {
                     continue;
                 }
-                let owners = self.owners_of(pattern, seed.region);
-                if owners.len() != usize::from(seed.pieces) {
-                    continue;
+                let mut owners = std::mem::take(&mut self.owners);
+                self.find_owners(pattern, seed.region, &mut owners);
+                if owners.len() == usize::from(seed.pieces) {
+                    for _ in 0..ROUNDS {
+                        self.measure_again(scene, frame, seed.region, &owners);
+                    }
                 }
-                for _ in 0..ROUNDS {
-                    self.measure_again(scene, frame, seed.region, &owners);
-                }
+                self.owners = owners;
             }
         }
     }
 
     /// The believed hypotheses, and their patches, that pieces of a region belong to.
-    fn owners_of(&self, pattern: &Pattern, region: u32) -> Vec<(usize, usize)> {
-        let mut owners = Vec::new();
+    fn find_owners(&self, pattern: &Pattern, region: u32, owners: &mut Vec<(usize, usize)>) {
+        owners.clear();
         for &index in &self.believed {
             for patch in 0..pattern.patches.len() {
                 let robot = &self.hypotheses[index];
@@ -338,7 +347,6 @@ impl Pairing {
                 }
             }
         }
-        owners
     }
 
     fn measure_again(
@@ -350,7 +358,9 @@ impl Pairing {
     ) {
         let Some(region) = frame.regions().get(region as usize) else { return };
         let origin = (f64::from(region.x_px), f64::from(region.y_px));
-        let mut sums = vec![MomentSums::around(origin); owners.len()];
+        let mut all_sums = std::mem::take(&mut self.sums);
+        all_sums.clear();
+        all_sums.resize(owners.len(), MomentSums::around(origin));
         for run in frame.runs_of(region) {
             for column in run.begin..run.end {
                 let (x_px, y_px) = (f64::from(column), f64::from(run.row));
@@ -369,11 +379,11 @@ impl Pairing {
                     a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
                 });
                 if let Some(nearest) = nearest {
-                    sums[nearest].add_pixel(x_px, y_px);
+                    all_sums[nearest].add_pixel(x_px, y_px);
                 }
             }
         }
-        for (&(index, patch), sums) in owners.iter().zip(&sums) {
+        for (&(index, patch), sums) in owners.iter().zip(&all_sums) {
             let moments = sums.moments();
             let measure = Measure::new(&moments, scene.camera, scene.pattern.height_mm);
             let hypothesis = &mut self.hypotheses[index];
@@ -388,12 +398,13 @@ impl Pairing {
                 hypothesis.pose = pose;
             }
         }
+        self.sums = all_sums;
     }
 
     fn write(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
         let pattern = scene.pattern;
         let hypotheses = &self.hypotheses;
-        self.believed.sort_by_key(|&index| {
+        self.believed.sort_unstable_by_key(|&index| {
             let identity = &pattern.identities[hypotheses[index].identity];
             (identity.team, identity.id)
         });

@@ -31,9 +31,16 @@ impl Rejections {
     /// Appends what was collected to the message, largest first, and the small fry behind all
     /// others; what does not fit is dropped.
     pub fn write(&mut self, frame: &mut DetectionFrame) {
-        self.list.sort_by(|(a_area, a), (b_area, b)| {
+        self.list.sort_unstable_by(|(a_area, a), (b_area, b)| {
             let is_small = |rejected: &Rejected| rejected.reason == RejectReason::TooSmall as u32;
-            is_small(a).cmp(&is_small(b)).then(b_area.total_cmp(a_area))
+            let by_place = || {
+                a.team
+                    .cmp(&b.team)
+                    .then(a.y_px.total_cmp(&b.y_px))
+                    .then(a.x_px.total_cmp(&b.x_px))
+                    .then(a.reason.cmp(&b.reason))
+            };
+            is_small(a).cmp(&is_small(b)).then(b_area.total_cmp(a_area)).then_with(by_place)
         });
         for (_, rejected) in &self.list {
             if !frame.push_rejected(*rejected) {

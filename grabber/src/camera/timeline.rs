@@ -44,6 +44,16 @@ impl Timeline {
         self.next_seq
     }
 
+    /// For a source that paints its frames, which takes `painting_ns`: leaves the first half of the
+    /// period to those who work on the last frame, if it can afford to. A camera would not take
+    /// their processor either.
+    pub fn rest(&self, painting_ns: u64) {
+        let half_ns = (self.period_ns / 2.0) as u64;
+        if painting_ns < half_ns / 2 {
+            sleep_until(self.due_ns(self.next_seq).saturating_sub(half_ns));
+        }
+    }
+
     /// Sleeps until the next frame is due and returns its exposure.
     pub fn wait(&mut self, skipped: u64) -> Exposure {
         let due_ns = self.due_ns(self.next_seq);

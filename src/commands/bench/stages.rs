@@ -1,0 +1,137 @@
+//! The stages on a frame of the synthetic match, as configured by default, and what follows for the
+//! frame rate.
+
+use super::{COLD_BYTES, CommandError, FEWEST_ROUNDS, median, timed};
+use classifier::Classifier;
+use common::config::Config;
+use common::messages::{
+    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader, WorldFrame,
+};
+use filter::Filter;
+use grabber::synthetic::SyntheticMatch;
+use serde::Serialize;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+use tracker::Tracker;
+
+/// What each stage takes for a frame, in microseconds.
+#[derive(Debug, Serialize)]
+pub struct Stages {
+    pub width: u32,
+    pub height: u32,
+    /// SIMD level of the classifier.
+    pub level: &'static str,
+    /// Copying a frame into shared memory, which an injector does.
+    pub copy_us: f64,
+    pub classifier_us: f64,
+    pub tracker_us: f64,
+    pub filter_us: f64,
+    /// Everything one after the other, without the ways in between.
+    pub sum_us: f64,
+    pub robots_found: usize,
+}
+
+/// Bookkeeping and waking up on the way of a frame, for all stages together: what `touchline stress`
+/// takes above the sum of the stages.
+const WAYS_US: f64 = 60.0;
+
+impl Stages {
+    /// Frames a second: no stage can do more than its time allows, nor can the processors together.
+    fn sustained_fps(&self, processors: usize) -> f64 {
+        let slowest = [self.copy_us, self.classifier_us, self.tracker_us, self.filter_us]
+            .into_iter()
+            .fold(0.0, f64::max);
+        let together_us = (self.sum_us + WAYS_US) / processors as f64;
+        1e6 / together_us.max(slowest + WAYS_US / 4.0)
+    }
+
+    /// For people.
+    pub fn show(&self, processors: usize) {
+        println!(
+            "a match frame, {}×{}, cold: copy {:.1}, classifier ({}) {:.1}, tracker {:.1}, filter {:.1}: \
+             {:.1} µs in all; {} robots found",
+            self.width,
+            self.height,
+            self.copy_us,
+            self.level,
+            self.classifier_us,
+            self.tracker_us,
+            self.filter_us,
+            self.sum_us,
+            self.robots_found,
+        );
+        println!(
+            "on {processors} processors that is some {:.0} frames a second; `touchline stress` measures it",
+            self.sustained_fps(processors)
+        );
+    }
+}
+
+/// Takes the frames of a match through the stages, one after the other.
+pub fn measure(budget: Duration) -> Result<Stages, CommandError> {
+    let config = Config::default();
+    let mut scene = SyntheticMatch::new(&config)?;
+    let bytes = config.camera.frame_bytes();
+    let count = (COLD_BYTES / bytes).clamp(3, 128);
+    let frames: Vec<Vec<u8>> = (0..count)
+        .map(|_| {
+            let mut pixels = vec![0; bytes];
+            scene.render(&mut pixels, config.camera.width as usize);
+            scene.advance();
+            pixels
+        })
+        .collect();
+    let mut classifier = Classifier::new(&config)?;
+    let mut tracker = Tracker::new(&config)?;
+    let mut filter = Filter::new(&config)?;
+    let mut copy = vec![0; bytes];
+    let mut runs = vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; MAX_RUNS];
+    let mut runs_header = RunsHeader::default();
+    let mut detections: Box<DetectionFrame> = Box::new(bytemuck::Zeroable::zeroed());
+    let mut world: Box<WorldFrame> = Box::new(bytemuck::Zeroable::zeroed());
+    let mut times: [Vec<f64>; 4] = Default::default();
+    let started = Instant::now();
+    let mut seq = 0;
+    while started.elapsed() < budget || times[0].len() < FEWEST_ROUNDS {
+        // To and fro, so that nothing jumps.
+        let period = 2 * (count as u64 - 1);
+        let frame = &frames[(seq % period).min(period - seq % period) as usize];
+        let header = FrameHeader {
+            seq,
+            t_capture_ns: (1_000_000_000.0 * (1.0 + seq as f64 / config.camera.fps)) as u64,
+            width: config.camera.width,
+            height: config.camera.height,
+            stride: config.camera.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: config.camera.bayer_order as u32,
+            ..FrameHeader::default()
+        };
+        times[0].push(timed(|| black_box(&mut copy).copy_from_slice(black_box(frame))));
+        let mut fault = None;
+        times[1].push(timed(|| {
+            fault = classifier.step(&header, black_box(frame), &mut runs_header, &mut runs).err();
+        }));
+        if let Some(fault) = fault {
+            return Err(fault.into());
+        }
+        let prior = (seq > 0).then_some(&*world);
+        times[2].push(timed(|| {
+            tracker.step(&runs_header, runs_header.valid(&runs), prior, &mut detections);
+        }));
+        times[3].push(timed(|| filter.step(&detections, &mut world)));
+        seq += 1;
+    }
+    let [copy_us, classifier_us, tracker_us, filter_us] =
+        times.each_mut().map(|times| median(times));
+    Ok(Stages {
+        width: config.camera.width,
+        height: config.camera.height,
+        level: classifier.level().name(),
+        copy_us,
+        classifier_us,
+        tracker_us,
+        filter_us,
+        sum_us: copy_us + classifier_us + tracker_us + filter_us,
+        robots_found: detections.robots().len(),
+    })
+}
