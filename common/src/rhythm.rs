@@ -10,6 +10,9 @@ const PERIOD_GAIN: f64 = 0.02;
 const DEVIATION_GAIN: f64 = 0.05;
 /// So many mean deviations before the expected time, nearly every message is still to come.
 const MARGIN_DEVIATIONS: f64 = 3.0;
+/// Nobody looks out for a message for longer than this before it is due, nor after: if they come that
+/// irregularly, a few microseconds of waking up do not matter.
+const LONGEST_MARGIN_NS: f64 = 150_000.0;
 
 /// A pause of more periods than this ends the rhythm.
 const MOST_PERIODS: f64 = 8.0;
@@ -66,7 +69,9 @@ impl Rhythm {
             return None;
         }
         let expected_ns = self.phase_ns + self.period_ns;
-        let margin_ns = (MARGIN_DEVIATIONS * self.deviation_ns).min(self.period_ns / 4.0);
+        let margin_ns = (MARGIN_DEVIATIONS * self.deviation_ns)
+            .min(self.period_ns / 4.0)
+            .min(LONGEST_MARGIN_NS);
         Some(Expected {
             from_ns: (expected_ns - margin_ns) as u64,
             until_ns: (expected_ns + margin_ns) as u64,
