@@ -116,7 +116,8 @@ pub fn measure(budget: Duration) -> Result<Stages, CommandError> {
         }
         let prior = (seq > 0).then_some(&*world);
         times[2].push(timed(|| {
-            tracker.step(&runs_header, runs_header.valid(&runs), prior, &mut detections);
+            let valid = runs_header.valid(&runs);
+            tracker.step(&runs_header, valid, Some(frame), prior, &mut detections);
         }));
         times[3].push(timed(|| filter.step(&detections, &mut world)));
         seq += 1;
