@@ -19,7 +19,7 @@ fn a_step_allocates_nothing_once_warm() {
         let t_ns = 1_000_000_000 + seq * 12_500_000;
         let mut frame = empty_frame(seq, t_ns);
         // Every tenth frame most robots are out of sight.
-        for number in 0..if seq % 10 == 0 { 3 } else { 10 } {
+        for number in 0..if seq.is_multiple_of(10) { 3 } else { 10 } {
             let x = -900.0 + 180.0 * f64::from(number) + seq as f64;
             let pose = pitch::Pose { x, y: 100.0, theta: 0.3 };
             assert!(frame.push_robot(detected(number / 5, number % 5, pose)));
