@@ -7,51 +7,35 @@
 //! itself ready costs nothing at all. A reader needs no registration, so one that takes over can
 //! sleep at once, and one that dies leaves nothing behind.
 
-use rustix::fs::{Mode, OFlags};
-use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use crate::shared_number::SharedNumber;
 use rustix::thread::{Timespec, futex};
 use std::io;
 use std::path::Path;
-use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
-
-/// The smallest piece of memory the system maps.
-const MAPPED_BYTES: usize = 4096;
 
 /// A number in shared memory that only rises (and begins again at 0 after the highest), and on which
 /// processes can sleep.
 pub struct EventCount {
-    page: NonNull<AtomicU32>,
+    count: SharedNumber<AtomicU32>,
 }
 
 impl EventCount {
     /// Opens the count in a file in memory (below `/dev/shm`), which is made if there is none.
-    #[allow(unsafe_code)]
     pub fn open(path: &Path) -> io::Result<Self> {
-        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOFOLLOW;
-        let file = rustix::fs::open(path, flags, Mode::RUSR | Mode::WUSR)?;
-        // Nobody ever gives it another size, so nobody's map loses its memory.
-        rustix::fs::ftruncate(&file, MAPPED_BYTES as u64)?;
-        // SAFETY: a new map of our own at a place the system chooses. It is unmapped in `drop`.
-        let page = unsafe {
-            let protection = ProtFlags::READ | ProtFlags::WRITE;
-            mmap(std::ptr::null_mut(), MAPPED_BYTES, protection, MapFlags::SHARED, &file, 0)?
-        };
-        let page = NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)?;
-        Ok(Self { page })
+        Ok(Self { count: SharedNumber::open(path)? })
     }
 
     /// The present count.
     pub fn read(&self) -> u32 {
-        self.count().load(Ordering::Acquire)
+        self.count.get().load(Ordering::Acquire)
     }
 
     /// Counts up and wakes all who sleep.
     pub fn advance(&self) {
-        self.count().fetch_add(1, Ordering::Release);
+        self.count.get().fetch_add(1, Ordering::Release);
         // Cannot fail for an address that is mapped.
-        let _ = futex::wake(self.count(), futex::Flags::empty(), i32::MAX as u32);
+        let _ = futex::wake(self.count.get(), futex::Flags::empty(), i32::MAX as u32);
     }
 
     /// Sleeps while the count is still `seen`: until it advances, for at most `timeout`, or until
@@ -60,22 +44,7 @@ impl EventCount {
         let timeout =
             Timespec { tv_sec: timeout.as_secs() as _, tv_nsec: timeout.subsec_nanos().into() };
         // Its errors are: too late, timeout, signal.
-        let _ = futex::wait(self.count(), futex::Flags::empty(), seen, Some(&timeout));
-    }
-
-    #[allow(unsafe_code)]
-    fn count(&self) -> &AtomicU32 {
-        // SAFETY: mapped as long as `self` lives, aligned as a page is, and filled with zeros at
-        // first; other processes touch it as an atomic number too.
-        unsafe { self.page.as_ref() }
-    }
-}
-
-impl Drop for EventCount {
-    #[allow(unsafe_code)]
-    fn drop(&mut self) {
-        // SAFETY: mapped by `open`; no reference to it outlives `self`.
-        let _ = unsafe { munmap(self.page.as_ptr().cast(), MAPPED_BYTES) };
+        let _ = futex::wait(self.count.get(), futex::Flags::empty(), seen, Some(&timeout));
     }
 }
 

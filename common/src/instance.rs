@@ -1,6 +1,7 @@
 //! A group's name, and everything that keeps two groups on one machine apart: a private runtime
 //! directory, a prefix for shared memory, and a lock that says whether its supervisor lives.
 
+use crate::messages::ProcessKind;
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
@@ -242,6 +243,22 @@ impl Instance {
     pub fn shared_memory_prefix(&self) -> String {
         let path = self.directory.to_string_lossy();
         format!("tl_{:08x}_", fnv1a(path.as_bytes()) as u32)
+    }
+
+    /// Where a stage marks how far it has come.
+    pub fn mark_path(&self, stage: &str) -> PathBuf {
+        self.directory.join(format!("{stage}.mark"))
+    }
+
+    /// Removes what says how far the stages of an earlier group have come, so that those of a new one
+    /// begin at the beginning. Only when none of them is alive.
+    pub fn forget_progress(&self) -> Result<(), InstanceError> {
+        for stage in ProcessKind::ALL.map(ProcessKind::name) {
+            for path in [self.mark_path(stage), self.handover_path(stage)] {
+                remove(fs::remove_file(&path), &path)?;
+            }
+        }
+        Ok(())
     }
 
     /// Where the count of a topic's messages is, on which its readers sleep.

@@ -12,6 +12,7 @@ use crate::clock::monotonic_ns;
 use crate::config::{Config, WakeUpStrategy};
 use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
+use crate::mark::Mark;
 use crate::messages::{
     DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState, reachable_frames,
 };
@@ -76,6 +77,7 @@ pub struct Process {
     /// What it has done so far; goes out with every heartbeat.
     pub counters: Heartbeat,
     instance: Instance,
+    mark: Mark,
     health: Publisher<Heartbeat, ()>,
     kind: ProcessKind,
     stop: Arc<AtomicBool>,
@@ -137,6 +139,7 @@ impl Process {
             bus,
             counters,
             instance: options.instance.clone(),
+            mark: Mark::open(&options.instance, kind).map_err(system("map the mark of the stage"))?,
             health,
             kind,
             stop,
@@ -184,6 +187,11 @@ impl Process {
             self.counters.seq_out = handover.resume_after;
             self.done_by_predecessor = Some(handover.resume_after);
             self.skip_next = handover.skip_next;
+        }
+        if self.supervised {
+            // The supervisor may be new, and not have seen what a process has published that is dead
+            // since.
+            self.resume_after_seen(self.mark.newest());
         }
         self.beat(ProcessState::Active)?;
         Ok(true)
@@ -307,6 +315,7 @@ impl Process {
     pub fn sent(&mut self, seq: u64) {
         self.counters.seq_out = seq;
         self.counters.frames_out += 1;
+        self.mark.set(seq);
     }
 
     /// Counts an input that was not worked on.

@@ -42,9 +42,16 @@ pub fn run(
         return Ok(());
     }
 
-    let mut camera = open_camera(grabber.resume_after).map_err(stage_error)?;
+    // Without a supervisor's word, or with one of a supervisor that has missed the last frames, the
+    // predecessor's mark tells the number, and the time of capture cannot be far back.
+    let last = grabber.resume_after.filter(|last| Some(last.seq) >= process.resumes_after());
+    let last = last.or_else(|| {
+        let seq = process.resumes_after()?;
+        Some(LastFrame { seq, t_capture_ns: monotonic_ns() })
+    });
+    let mut camera = open_camera(last).map_err(stage_error)?;
     let end = grabber.frames.unwrap_or(u64::MAX);
-    let mut next_seq = grabber.resume_after.map_or(0, |last| last.seq + 1);
+    let mut next_seq = last.map_or(0, |last| last.seq + 1);
     while process.keep_running()? && next_seq < end && !camera.is_over() {
         // Bounded, so that a flood of commands cannot keep the camera waiting.
         for _ in 0..topics::COMMANDS.buffer {

@@ -65,6 +65,7 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
         end(instance)?;
     }
     clean_slate(instance)?;
+    instance.forget_progress()?;
     check_memory(config)?;
     write(&instance.config_path(), &commented_toml(config))?;
     Ok(Inheritance::default())
