@@ -139,7 +139,8 @@ impl Process {
             bus,
             counters,
             instance: options.instance.clone(),
-            mark: Mark::open(&options.instance, kind).map_err(system("map the mark of the stage"))?,
+            mark: Mark::open(&options.instance, kind)
+                .map_err(system("map the mark of the stage"))?,
             health,
             kind,
             stop,

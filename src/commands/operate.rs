@@ -34,7 +34,8 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     waiting.sort();
     waiting.dedup();
     while !waiting.is_empty() {
-        let now = active(&status(&instance)?);
+        // On a busy machine there may be no report just now; that is no reason to give up.
+        let now = status(&instance).map(|report| active(&report)).unwrap_or_default();
         waiting.retain(|&stage| {
             let (old, new) = (before.get(stage.name()), now.get(stage.name()));
             let is_done = new.is_some() && new != old;

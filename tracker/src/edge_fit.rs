@@ -27,10 +27,11 @@
 //!
 //! The normal equations also say how sure the result is.
 
-use crate::edges::{EdgeMap, MAX_STRETCHES};
-use crate::local_map::LocalMap;
-use crate::raw::{CHANNELS, RawFrame};
+use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
+use crate::local_map::{LocalMap, RowMap};
+use crate::raw::{CHANNELS, RawFrame, RawRow};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
+use std::ops::Range;
 
 /// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
 /// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
@@ -55,6 +56,10 @@ const SETTLED_PX: f64 = 0.12;
 const WEIGHINGS: usize = 3;
 /// A result so far from where it began is of something else.
 const FARTHEST_PX: f64 = 1.6;
+/// An expected pose so far from the one found is not where it went.
+const EXPECTED_PX: f64 = 1.0;
+/// Of a row, so many pixels are looked at before those at edges are added up.
+const PIXELS_AT_ONCE: usize = 64;
 /// Grey levels are counted from here, so that sums of squares stay small.
 const MIDDLE_LEVEL: f32 = 96.0;
 
@@ -82,25 +87,37 @@ pub(crate) struct EdgeFitter {
     height_mm: f64,
     /// Headings are counted in millimetres at this distance from the centre.
     lever_mm: f64,
+    /// A pose expected farther away than this is no better to begin with.
+    expected_within_mm: f64,
     spot: SpotTable,
-    sums: Box<[[Sums; CHANNELS]; MAX_STRETCHES]>,
+    /// By stretch, then by channel.
+    sums: Box<[Sums; MAX_STRETCHES * CHANNELS]>,
     stretches: [Stretch; MAX_STRETCHES],
 }
 
-/// Sums over the samples of one stretch and channel. w is Φ, j its derivatives by the step, i the
-/// level.
+/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once.
+/// w is Φ, j its derivatives by the step, i the level.
 #[derive(Debug, Clone, Copy, Default)]
+#[repr(align(16))]
 struct Sums {
+    /// j₀, j₁, j₂, w.
+    plain: [f32; 4],
+    /// The same, times w.
+    by_w: [f32; 4],
+    /// The same, times i.
+    by_i: [f32; 4],
+    /// j₀j₀, j₀j₁, j₀j₂, i.
+    first: [f32; 4],
+    /// j₁j₁, j₁j₂, j₂j₂, ii.
+    rest: [f32; 4],
     n: f32,
-    w: f32,
-    ww: f32,
-    i: f32,
-    wi: f32,
-    ii: f32,
-    j: [f32; 3],
-    wj: [f32; 3],
-    ij: [f32; 3],
-    jj: [f32; 6],
+}
+
+/// A pixel at an edge.
+#[derive(Debug, Clone, Copy, Default)]
+struct EdgePixel {
+    column: u32,
+    edge: u32,
 }
 
 /// What a stretch says of the step: information · step = pull.
@@ -116,24 +133,31 @@ impl EdgeFitter {
     pub fn new(map: EdgeMap, height_mm: f64) -> Self {
         Self {
             lever_mm: (0.6 * map.reach_mm).max(1.0),
+            expected_within_mm: EXPECTED_PX * map.mm_per_px,
             map,
             height_mm,
             spot: SpotTable::new(),
-            sums: Box::new([[Sums::default(); CHANNELS]; MAX_STRETCHES]),
+            sums: Box::new([Sums::default(); MAX_STRETCHES * CHANNELS]),
             stretches: [Stretch::default(); MAX_STRETCHES],
         }
     }
 
     /// The pose near `start` that explains the edges in the picture best; `None` if there are too few,
-    /// or they lead somewhere else.
+    /// or they lead somewhere else. To look first where the body is `expected` saves rounds, and
+    /// makes no other difference.
     pub fn fit(
         &mut self,
         camera: &CameraModel,
         frame: &RawFrame,
         start: &Pose,
         deviations: &Deviations,
+        expected: Option<&Pose>,
     ) -> Option<Fitted> {
-        let mut pose = *start;
+        let is_near = |expected: &&Pose| {
+            let [x, y, turn] = self.step_between(start, expected);
+            x.hypot(y).max(turn.abs()) < self.expected_within_mm
+        };
+        let mut pose = *expected.filter(is_near).unwrap_or(start);
         let mut map = LocalMap::new(camera, &pose, self.height_mm, self.map.reach_mm)?;
         let mm_per_px = f64::from(map.mm_per_px());
         let prior = [
@@ -165,42 +189,73 @@ impl EdgeFitter {
 
     /// Goes over the pixels around the body.
     fn sum_up(&mut self, frame: &RawFrame, map: &LocalMap) {
-        self.sums[..self.map.stretch_count].fill([Sums::default(); CHANNELS]);
+        self.sums[..self.map.stretch_count * CHANNELS].fill(Sums::default());
         let reach_px = map.most_px(self.map.reach_mm);
         let (center_x, center_y) = (map.center.x_px, map.center.y_px);
         // Conversion brings negative numbers to 0.
         let rows = (center_y - reach_px).ceil() as usize
             ..(((center_y + reach_px).floor() + 1.0) as usize).min(frame.height);
-        let per_sigma = 1.0 / (SPOT_PX * map.mm_per_px());
-        let per_lever = 1.0 / self.lever_mm as f32;
         for row_index in rows {
             let v = row_index as f64 - center_y;
             let half = (reach_px * reach_px - v * v).max(0.0).sqrt();
             let columns = (center_x - half).ceil() as usize
                 ..(((center_x + half).floor() + 1.0) as usize).min(frame.width);
             let row = frame.row(row_index);
-            let [[x0, x1, x2], [y0, y1, y2]] = map.row(v as f32);
-            for column in columns {
-                let u = (column as f64 - center_x) as f32;
-                let (x, y) = (x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2));
-                let Some(edge) = self.map.at(x, y) else { continue };
-                let [nx, ny] = edge.normal;
-                let (w, density) = self.spot.at((nx * x + ny * y - edge.offset_mm) * per_sigma);
-                // The body moves on by the step, so the pixel moves back within it.
-                let slope = -density * per_sigma;
-                let j = [slope * nx, slope * ny, slope * (ny * x - nx * y) * per_lever];
-                let sums = &mut self.sums[edge.stretch as usize];
-                row.samples(column, |channel, value| {
-                    sums[channel].add(w, j, value - MIDDLE_LEVEL);
-                });
+            let row_map = map.row(v as f32);
+            let mut begin = columns.start;
+            while begin < columns.end {
+                let end = columns.end.min(begin + PIXELS_AT_ONCE);
+                self.sum_up_stretch_of_row(&row, begin..end, center_x, &row_map, map.mm_per_px());
+                begin = end;
             }
+        }
+    }
+
+    /// First finds out which pixels are at edges, then adds those: what is done for each pixel is
+    /// without branches, which a processor could not foretell.
+    #[inline(always)]
+    fn sum_up_stretch_of_row(
+        &mut self,
+        row: &RawRow,
+        columns: Range<usize>,
+        center_x: f64,
+        &[[x0, x1, x2], [y0, y1, y2]]: &RowMap,
+        mm_per_px: f32,
+    ) {
+        let place = |column: u32| {
+            let u = (f64::from(column) - center_x) as f32;
+            [x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2)]
+        };
+        let mut found = [EdgePixel::default(); PIXELS_AT_ONCE];
+        let mut count = 0;
+        for column in columns.start as u32..columns.end as u32 {
+            let [x, y] = place(column);
+            let edge = self.map.index_at(x, y);
+            found[count] = EdgePixel { column, edge: u32::from(edge) };
+            count += usize::from(edge != NO_EDGE);
+        }
+        let per_sigma = 1.0 / (SPOT_PX * mm_per_px);
+        let per_lever = 1.0 / self.lever_mm as f32;
+        for pixel in &found[..count] {
+            let edge = self.map.edge(pixel.edge);
+            let [x, y] = place(pixel.column);
+            let [nx, ny] = edge.normal;
+            let (w, density) = self.spot.at((nx * x + ny * y - edge.offset_mm) * per_sigma);
+            // The body moves on by the step, so the pixel moves back within it.
+            let slope = -density * per_sigma;
+            let j = [slope * nx, slope * ny, slope * (ny * x - nx * y) * per_lever];
+            let sums = &mut self.sums[edge.stretch as usize * CHANNELS..][..CHANNELS];
+            row.samples(pixel.column as usize, |channel, value| {
+                sums[channel].add(w, j, value - MIDDLE_LEVEL);
+            });
         }
     }
 
     /// From sums to what each stretch says.
     fn weigh_samples(&mut self, mm_per_px: f64) {
         let count = self.map.stretch_count;
-        for (stretch, channels) in self.stretches[..count].iter_mut().zip(self.sums.iter()) {
+        let by_stretch = self.sums.chunks_exact(CHANNELS);
+        for (stretch, channels) in self.stretches[..count].iter_mut().zip(by_stretch) {
             *stretch = Stretch::default();
             for sums in channels {
                 sums.add_to(stretch);
@@ -290,25 +345,18 @@ impl EdgeFitter {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, w: f32, j: [f32; 3], i: f32) {
-        self.n += 1.0;
-        self.w += w;
-        self.ww += w * w;
-        self.i += i;
-        self.wi += w * i;
-        self.ii += i * i;
-        let sums = self.j.iter_mut().zip(&mut self.wj).zip(&mut self.ij);
-        for (((sum, w_sum), i_sum), j) in sums.zip(j) {
-            *sum += j;
-            *w_sum += w * j;
-            *i_sum += i * j;
+    fn add(&mut self, w: f32, [j0, j1, j2]: [f32; 3], i: f32) {
+        let sample = [j0, j1, j2, w];
+        let (first, rest) =
+            ([[j0, j0, j0, i], [j0, j1, j2, 1.0]], [[j1, j1, j2, i], [j1, j2, j2, i]]);
+        for lane in 0..4 {
+            self.plain[lane] += sample[lane];
+            self.by_w[lane] += w * sample[lane];
+            self.by_i[lane] += i * sample[lane];
+            self.first[lane] += first[0][lane] * first[1][lane];
+            self.rest[lane] += rest[0][lane] * rest[1][lane];
         }
-        self.jj[0] += j[0] * j[0];
-        self.jj[1] += j[0] * j[1];
-        self.jj[2] += j[0] * j[2];
-        self.jj[3] += j[1] * j[1];
-        self.jj[4] += j[1] * j[2];
-        self.jj[5] += j[2] * j[2];
+        self.n += 1.0;
     }
 
     /// Eliminates the levels and adds what is left to the stretch.
@@ -317,29 +365,31 @@ impl Sums {
             return;
         }
         let f = f64::from;
-        let (n, w, ww) = (f(self.n), f(self.w), f(self.ww));
+        let Self { plain, by_w, by_i, first, rest, n } = *self;
+        let (n, w, ww) = (f(n), f(plain[3]), f(by_w[3]));
         let determinant = n * ww - w * w;
         // All on one side: the levels cannot be told apart.
         if determinant < 0.02 * n * n {
             return;
         }
-        let (i, wi) = (f(self.i), f(self.wi));
+        let (i, wi, ii) = (f(first[3]), f(by_i[3]), f(rest[3]));
+        let jj = [first[0], first[1], first[2], rest[0], rest[1], rest[2]];
         let a = (ww * i - w * wi) / determinant;
         let b = (n * wi - w * i) / determinant;
-        let pull = [0, 1, 2]
-            .map(|axis| b * (f(self.ij[axis]) - a * f(self.j[axis]) - b * f(self.wj[axis])));
+        let pull =
+            [0, 1, 2].map(|axis| b * (f(by_i[axis]) - a * f(plain[axis]) - b * f(by_w[axis])));
         let mut information = [0.0; 6];
-        for (term, (row, column)) in information.iter_mut().zip(UPPER) {
-            let (j, wj) = (f(self.j[row]), f(self.wj[row]));
-            let (k, wk) = (f(self.j[column]), f(self.wj[column]));
+        for ((term, jj), (row, column)) in information.iter_mut().zip(jj).zip(UPPER) {
+            let (j, wj) = (f(plain[row]), f(by_w[row]));
+            let (k, wk) = (f(plain[column]), f(by_w[column]));
             // What the levels explain of the derivatives.
             let explained = (ww * j * k - w * (j * wk + wj * k) + n * wj * wk) / determinant;
-            *term = b * b * (f(self.jj[packed(row, column)]) - explained);
+            *term = b * b * (f(jj) - explained);
         }
         let across = information[0] + information[3];
         let by_place =
             if across > 1e-9 { (pull[0].powi(2) + pull[1].powi(2)) / across } else { 0.0 };
-        let left = f(self.ii) - a * i - b * wi - by_place;
+        let left = ii - a * i - b * wi - by_place;
         let least = SAMPLE_NOISE.powi(2) + (MODEL_NOISE * b).powi(2);
         let variance = (left / (n - 3.0)).max(least);
         for (sum, term) in stretch.information.iter_mut().zip(information) {
@@ -385,10 +435,6 @@ fn typical_px(stretches: &[Stretch], off_px: &[f64; MAX_STRETCHES]) -> f64 {
 
 /// Rows and columns of an upper triangle.
 const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-
-fn packed(row: usize, column: usize) -> usize {
-    [0, 2, 3][row] + column
-}
 
 /// A symmetric matrix, as its upper triangle, times a vector.
 fn times(m: &[f64; 6], v: &[f64; 3]) -> [f64; 3] {

@@ -27,7 +27,8 @@ const MOST_TURN_DEG: f64 = 100.0;
 pub(crate) const MAX_STRETCHES: usize = 48;
 const MAX_EDGES: usize = 1000;
 const MAX_SIDE: usize = 512;
-const NO_EDGE: u16 = u16::MAX;
+/// In the place of an edge's index.
+pub(crate) const NO_EDGE: u16 = u16::MAX;
 
 /// A straight edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +48,8 @@ pub(crate) struct EdgeMap {
     pub stretch_count: usize,
     /// No edge shows farther from the origin.
     pub reach_mm: f64,
+    /// Of the pixels it is for.
+    pub mm_per_px: f64,
     side: usize,
     cells: Vec<u16>,
 }
@@ -78,12 +81,14 @@ impl EdgeMap {
         let farthest = |reach: f64, [x, y]: Pair| reach.max(x.hypot(y));
         let reach_mm =
             pieces.iter().flat_map(|piece| [piece.a, piece.b]).fold(0.0, farthest) + band_mm;
-        let side = ((2.0 * reach_mm / STEP_MM).ceil() as usize).clamp(1, MAX_SIDE);
-        let place = |index: usize| (index as f64 + 0.5) * STEP_MM - reach_mm;
+        // With a border, which is all there is of what lies beyond.
+        let side = ((2.0 * reach_mm / STEP_MM).ceil() as usize).min(MAX_SIDE) + 2;
+        let place = |index: usize| (index as f64 - 0.5) * STEP_MM - reach_mm;
+        let is_border = |index: usize| index == 0 || index + 1 == side;
         let cells = (0..side * side)
-            .map(|cell| {
-                let point = [place(cell % side), place(cell / side)];
-                edge_at(point, &pieces, band_mm, clear_mm)
+            .map(|cell| match (cell % side, cell / side) {
+                (column, row) if is_border(column) || is_border(row) => NO_EDGE,
+                (column, row) => edge_at([place(column), place(row)], &pieces, band_mm, clear_mm),
             })
             .collect();
         let edges = pieces.iter().map(|piece| {
@@ -95,22 +100,25 @@ impl EdgeMap {
             }
         });
         let stretch_count = pieces.iter().map(|piece| piece.stretch + 1).max().unwrap_or(0);
-        Self { edges: edges.collect(), stretch_count, reach_mm, side, cells }
+        Self { edges: edges.collect(), stretch_count, reach_mm, mm_per_px, side, cells }
     }
 
-    /// The edge that shows at a point of the top, if there is one.
+    /// Index of the edge that shows at a point of the top; [`NO_EDGE`] if there is none.
     #[inline(always)]
-    pub fn at(&self, x_mm: f32, y_mm: f32) -> Option<&Edge> {
+    pub fn index_at(&self, x_mm: f32, y_mm: f32) -> u16 {
+        // What is beyond comes to the border: negative numbers and NaN become 0.
+        let last = self.side - 1;
         let index = |value: f32| {
-            // Negative numbers and NaN become 0, where there is no edge.
-            ((value + self.reach_mm as f32) * (1.0 / STEP_MM) as f32) as usize
+            let cell = (value + self.reach_mm as f32) * (1.0 / STEP_MM) as f32;
+            ((cell + 1.0) as usize).min(last)
         };
-        let (column, row) = (index(x_mm), index(y_mm));
-        if column >= self.side {
-            return None;
-        }
-        let edge = *self.cells.get(row * self.side + column)?;
-        self.edges.get(usize::from(edge))
+        self.cells[index(y_mm) * self.side + index(x_mm)]
+    }
+
+    /// The edge of an index that is not [`NO_EDGE`].
+    #[inline(always)]
+    pub fn edge(&self, index: u32) -> &Edge {
+        &self.edges[index as usize]
     }
 }
 

@@ -236,6 +236,12 @@ impl Pattern {
         self.patches[self.team_patch].size_mm()
     }
 
+    /// Index of the identity that a message names by numbers.
+    pub fn identity_of(&self, team: u32, id: u32) -> Option<usize> {
+        let is_it = |identity: &Identity| (identity.team as u32, identity.id) == (team, id);
+        self.identities.iter().position(is_it)
+    }
+
     /// Index of the kind of a team's team patch.
     pub fn team_kind(&self, team: Team) -> usize {
         team as usize

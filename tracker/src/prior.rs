@@ -1,8 +1,8 @@
 //! Where the filter expects the robots: used only to choose between explanations that are equally
-//! good.
+//! good, and to know where to look first.
 
 use crate::pattern::Pattern;
-use common::geometry::FieldPoint;
+use common::geometry::{FieldPoint, Pose};
 use common::messages::{DetectionFrame, FrameHeader, RobotState, TrackStatus, WorldFrame};
 
 /// A `world` older than this says nothing about where anybody is.
@@ -11,10 +11,10 @@ const MAX_AGE_NS: u64 = 500_000_000;
 /// of patches that do not fit (1 for each at its limits).
 const PRIOR_WEIGHT: f64 = 0.25;
 
-/// Expected places of the robots of a pattern.
+/// Expected poses of the robots of a pattern.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Prior {
-    places: Vec<Option<FieldPoint>>,
+    poses: Vec<Option<Pose>>,
 }
 
 impl Prior {
@@ -27,46 +27,52 @@ impl Prior {
         world: Option<&WorldFrame>,
         frame: &FrameHeader,
     ) -> u64 {
-        self.places.clear();
-        self.places.resize(pattern.identities.len(), None);
+        self.poses.clear();
+        self.poses.resize(pattern.identities.len(), None);
         let Some(world) = world else { return DetectionFrame::NO_WORLD };
         let age_ns = match frame.t_capture_ns.checked_sub(world.frame.t_capture_ns) {
             Some(age_ns) if age_ns <= MAX_AGE_NS && world.frame.seq < frame.seq => age_ns,
             _ => return DetectionFrame::NO_WORLD,
         };
         for robot in world.robots() {
-            let identity = pattern.identities.iter().position(|identity| {
-                (identity.team as u32, identity.id) == (robot.team, robot.robot_id)
-            });
+            let identity = pattern.identity_of(robot.team, robot.robot_id);
             if let Some(identity) = identity {
-                self.places[identity] = expected_place(robot, age_ns as f64 * 1e-9);
+                self.poses[identity] = expected_pose(robot, age_ns as f64 * 1e-9);
             }
         }
         world.frame.seq
     }
 
+    /// Where a robot is expected; `None` if nothing is known of it.
+    pub fn pose(&self, identity: usize) -> Option<&Pose> {
+        self.poses.get(identity)?.as_ref()
+    }
+
     /// The cost of finding a robot at a place: 0 where it is expected, growing with the distance up
     /// to a robot's size; in between for a robot that nothing is known about.
     pub fn cost(&self, identity: usize, place: FieldPoint, robot_size_mm: f64) -> f64 {
-        match self.places.get(identity).copied().flatten() {
-            Some(expected) => {
-                PRIOR_WEIGHT * (expected.distance(place) / robot_size_mm).powi(2).min(1.0)
+        match self.poses.get(identity).copied().flatten() {
+            Some(Pose { position, .. }) => {
+                PRIOR_WEIGHT * (position.distance(place) / robot_size_mm).powi(2).min(1.0)
             }
             None => PRIOR_WEIGHT / 2.0,
         }
     }
 }
 
-fn expected_place(robot: &RobotState, age_s: f64) -> Option<FieldPoint> {
+fn expected_pose(robot: &RobotState, age_s: f64) -> Option<Pose> {
     match TrackStatus::from_number(robot.status) {
         None | Some(TrackStatus::Absent) => return None,
         Some(_) => {}
     }
     // Along the arc that speed and turning rate describe, by its middle heading.
-    let heading = robot.orientation + robot.omega * age_s / 2.0;
+    let turn = robot.omega * age_s;
+    let (sin, cos) = (robot.orientation + turn / 2.0).sin_cos();
     let way = robot.v_mm_s * age_s;
-    let place = FieldPoint::new(robot.x_mm + way * heading.cos(), robot.y_mm + way * heading.sin());
-    (place.x_mm.is_finite() && place.y_mm.is_finite()).then_some(place)
+    let position = FieldPoint::new(robot.x_mm + way * cos, robot.y_mm + way * sin);
+    let pose = Pose { position, orientation: robot.orientation + turn };
+    let is_finite = [position.x_mm, position.y_mm, pose.orientation].iter().all(|v| v.is_finite());
+    is_finite.then_some(pose)
 }
 
 #[cfg(test)]

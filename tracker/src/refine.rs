@@ -83,12 +83,13 @@ impl Refiner {
         }
     }
 
-    /// Measures the robots of `seen` by their edges in `frame`, where they can be; gives all of them
-    /// their covariance.
+    /// Measures the robots of `seen` by their edges in `frame`, where they can be, looking first where
+    /// they are `expected`; gives all of them their covariance.
     pub fn refine_robots(
         &mut self,
         camera: &CameraModel,
         frame: Option<&RawFrame>,
+        expected: impl Fn(&DetectedRobot) -> Option<Pose>,
         seen: &mut DetectionFrame,
     ) {
         let (robots, regions) = seen.robots_and_regions_mut();
@@ -102,7 +103,9 @@ impl Refiner {
                 position_mm: START_FACTOR * deviations.position_mm,
                 heading_rad: START_FACTOR * deviations.heading_rad,
             };
-            let fitted = frame.and_then(|frame| self.robot.fit(camera, frame, &start, &begin));
+            let expected = expected(robot);
+            let fitted = frame
+                .and_then(|frame| self.robot.fit(camera, frame, &start, &begin, expected.as_ref()));
             let fitted = fitted.unwrap_or_else(|| deviations.around(start));
             let (image, heading) = image_pose(camera, &fitted.pose, self.robot_height_mm);
             *robot = DetectedRobot {
@@ -136,7 +139,7 @@ impl Refiner {
             // Which way a ball is turned nobody can see.
             let deviations = Deviations { position_mm: deviation, heading_rad: 1e-3 };
             let begin = Deviations { position_mm: START_FACTOR * deviation, ..deviations };
-            let fitted = frame.and_then(|frame| self.ball.fit(camera, frame, &start, &begin));
+            let fitted = frame.and_then(|frame| self.ball.fit(camera, frame, &start, &begin, None));
             let fitted = fitted.unwrap_or_else(|| deviations.around(start));
             let image = camera.image_from_field(fitted.pose.position, self.ball_height_mm);
             let [xx, xy, _, yy, _, _] = fitted.covariance;

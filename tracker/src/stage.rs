@@ -12,7 +12,7 @@ use crate::regions::RegionFinder;
 use crate::unknown::UnknownRobots;
 use common::config::Config;
 use common::geometry::CameraModel;
-use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
+use common::messages::{DetectedRobot, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
 
 pub use crate::pattern::TrackerError;
 
@@ -78,8 +78,9 @@ impl Tracker {
     /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). What is found,
     /// and under which name, does not depend on it.
     ///
-    /// `prior` decides between explanations of the picture that are equally good, and nothing else;
-    /// it is ignored if it is not from before the frame.
+    /// `prior` decides between explanations of the picture that are equally good, and says where to
+    /// measure first, which changes a pose by less than it is uncertain, and nothing else; it is
+    /// ignored if it is not from before the frame.
     pub fn step(
         &mut self,
         header: &RunsHeader,
@@ -114,7 +115,11 @@ impl Tracker {
             prior: &self.prior,
         };
         self.pairing.find(&scene, out);
-        self.refiner.refine_robots(&self.camera, frame.as_ref(), out);
+        let expected = |robot: &DetectedRobot| {
+            let identity = self.pattern.identity_of(robot.team, robot.robot_id)?;
+            self.prior.pose(identity).copied()
+        };
+        self.refiner.refine_robots(&self.camera, frame.as_ref(), expected, out);
         self.unknown.clear();
         if self.report_unknown {
             self.unknown.find(&scene, &self.pairing, out);

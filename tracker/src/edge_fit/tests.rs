@@ -74,10 +74,20 @@ impl Scene {
     }
 
     fn fit(&self, start: &Pose) -> Option<Fitted> {
-        self.fit_within(start, &Deviations { position_mm: 1.0, heading_rad: 0.04 })
+        self.fit_expected(start, None)
     }
 
-    fn fit_within(&self, start: &Pose, deviations: &Deviations) -> Option<Fitted> {
+    fn fit_expected(&self, start: &Pose, expected: Option<&Pose>) -> Option<Fitted> {
+        let deviations = Deviations { position_mm: 1.0, heading_rad: 0.04 };
+        self.fit_within(start, &deviations, expected)
+    }
+
+    fn fit_within(
+        &self,
+        start: &Pose,
+        deviations: &Deviations,
+        expected: Option<&Pose>,
+    ) -> Option<Fitted> {
         let camera = &self.config.camera;
         let header = FrameHeader {
             width: camera.width,
@@ -88,7 +98,7 @@ impl Scene {
             ..FrameHeader::default()
         };
         let frame = RawFrame::new(&header, &self.pixels, camera.width, camera.height).unwrap();
-        fitter(&self.config, &self.camera).fit(&self.camera, &frame, start, deviations)
+        fitter(&self.config, &self.camera).fit(&self.camera, &frame, start, deviations, expected)
     }
 }
 
@@ -201,9 +211,33 @@ fn rough_patches_are_measured_from_afar() {
         let position = FieldPoint::new(truth.position.x_mm + 2.0, truth.position.y_mm - 2.0);
         let start = Pose { position, orientation: truth.orientation + 9f64.to_radians() };
         let deviations = Deviations { position_mm: 4.0, heading_rad: 0.2 };
-        let fitted = scene.fit_within(&start, &deviations).unwrap();
+        let fitted = scene.fit_within(&start, &deviations, None).unwrap();
         let (mm, deg) = error(&fitted, &truth);
         assert!(mm < 2.5 && deg < 3.0, "{truth:?}: {mm} mm {deg}°");
+    }
+}
+
+#[test]
+fn where_a_robot_is_expected_does_not_decide_where_it_is_found() {
+    for (x, y, degrees) in POSES {
+        let truth = pose(x, y, degrees);
+        let mut scene = Scene::new(Preset::Mirosot5v5);
+        scene.paint(&truth, 0.62, |_| None);
+        let start = nearby(&truth);
+        let alone = scene.fit(&start).unwrap();
+        // Where it is, a little off, on the wrong side, so far away that it must be wrong, nowhere.
+        for (dx, dy, turn) in [
+            (0.0, 0.0, 0.0),
+            (0.3, -0.2, 0.5),
+            (-2.0, 1.0, -2.0),
+            (40.0, 0.0, 90.0),
+            (f64::NAN, 0.0, 0.0),
+        ] {
+            let expected = pose(x + dx, y + dy, degrees + turn);
+            let fitted = scene.fit_expected(&start, Some(&expected)).unwrap();
+            let (mm, deg) = error(&fitted, &alone.pose);
+            assert!(mm < 0.06 && deg < 0.08, "{expected:?}: {mm} mm {deg}°");
+        }
     }
 }
 
@@ -238,13 +272,17 @@ fn edges_are_only_where_they_can_be_seen() {
     let map = fitter(&config, &camera).map;
     // Two squares, from 1 to 35 and from −35 to −1.
     assert_eq!(map.stretch_count, 8);
-    let edge = map.at(18.0, 34.0).unwrap();
+    let at = |x, y| match map.index_at(x, y) {
+        NO_EDGE => None,
+        index => Some(*map.edge(index.into())),
+    };
+    let edge = at(18.0, 34.0).unwrap();
     assert_eq!((edge.normal, edge.offset_mm), ([0.0, -1.0], -35.0));
-    assert_eq!(map.at(18.0, 36.0).unwrap(), edge);
-    assert_eq!(map.at(-2.0, -18.0).unwrap().normal, [-1.0, 0.0]);
+    assert_eq!(at(18.0, 36.0).unwrap(), edge);
+    assert_eq!(at(-2.0, -18.0).unwrap().normal, [-1.0, 0.0]);
     // Corners, the middle of a patch, the middle of the body, far away, nowhere.
     for (x, y) in [(34.0, 34.0), (18.0, 18.0), (0.0, 0.0), (90.0, 0.0), (f32::NAN, 0.0)] {
-        assert!(map.at(x, y).is_none(), "{x} {y}");
+        assert!(at(x, y).is_none(), "{x} {y}");
     }
 }
 
