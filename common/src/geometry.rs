@@ -234,7 +234,8 @@ impl CameraModel {
             }
             let step = error / slope;
             r -= step;
-            if step.abs() < 1e-13 {
+            // Of half a diagonal; the next step would be of the square of this one.
+            if step.abs() < 1e-7 {
                 break;
             }
         }

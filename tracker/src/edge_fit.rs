@@ -9,10 +9,10 @@
 //!
 //! A sample of colour channel c at the signed distance d inside an edge measures
 //!
-//! I = a + b·Φ(d / σ),
+//! I = a + b·w(d / σ),
 //!
-//! with Φ the normal distribution function, σ the spot that lens, filter and pixel make of a point, a
-//! the level outside, a + b that inside. Levels are taken from what is there, for each stretch of
+//! with w the share of light from inside: nearly the normal distribution function, σ the spot that
+//! lens, filter and pixel make of a point, a the level outside, a + b that inside. Levels are taken from what is there, for each stretch of
 //! edge and each channel: nothing needs to be known of colours and light. Nothing is demosaiced:
 //! each sample counts for its own colour at its own place.
 //!
@@ -27,15 +27,12 @@
 //!
 //! The normal equations also say how sure the result is.
 
-use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
-use crate::local_map::{LocalMap, RowMap};
-use crate::raw::{CHANNELS, RawFrame, RawRow};
+use crate::edge_pixels::{EdgePixels, Sums};
+use crate::edges::{EdgeMap, MAX_STRETCHES};
+use crate::local_map::LocalMap;
+use crate::raw::{CHANNELS, RawFrame};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
-use std::ops::Range;
 
-/// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
-/// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
-const SPOT_PX: f32 = 0.62;
 /// Sensor noise, and what else is the matter with a sample, in grey levels and as a part of the step
 /// between the levels.
 const SAMPLE_NOISE: f64 = 2.0;
@@ -58,11 +55,6 @@ const WEIGHINGS: usize = 3;
 const FARTHEST_PX: f64 = 1.6;
 /// An expected pose so far from the one found is not where it went.
 const EXPECTED_PX: f64 = 1.0;
-/// Of a row, so many pixels are looked at before those at edges are added up.
-const PIXELS_AT_ONCE: usize = 64;
-/// Grey levels are counted from here, so that sums of squares stay small.
-const MIDDLE_LEVEL: f32 = 96.0;
-
 /// A pose with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fitted {
@@ -89,35 +81,8 @@ pub(crate) struct EdgeFitter {
     lever_mm: f64,
     /// A pose expected farther away than this is no better to begin with.
     expected_within_mm: f64,
-    spot: SpotTable,
-    /// By stretch, then by channel.
-    sums: Box<[Sums; MAX_STRETCHES * CHANNELS]>,
+    pixels: EdgePixels,
     stretches: [Stretch; MAX_STRETCHES],
-}
-
-/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once.
-/// w is Φ, j its derivatives by the step, i the level.
-#[derive(Debug, Clone, Copy, Default)]
-#[repr(align(16))]
-struct Sums {
-    /// j₀, j₁, j₂, w.
-    plain: [f32; 4],
-    /// The same, times w.
-    by_w: [f32; 4],
-    /// The same, times i.
-    by_i: [f32; 4],
-    /// j₀j₀, j₀j₁, j₀j₂, i.
-    first: [f32; 4],
-    /// j₁j₁, j₁j₂, j₂j₂, ii.
-    rest: [f32; 4],
-    n: f32,
-}
-
-/// A pixel at an edge.
-#[derive(Debug, Clone, Copy, Default)]
-struct EdgePixel {
-    column: u32,
-    edge: u32,
 }
 
 /// What a stretch says of the step: information · step = pull.
@@ -131,13 +96,13 @@ struct Stretch {
 impl EdgeFitter {
     /// For bodies with these edges on a plane `height_mm` above the floor.
     pub fn new(map: EdgeMap, height_mm: f64) -> Self {
+        let lever_mm = (0.6 * map.reach_mm).max(1.0);
         Self {
-            lever_mm: (0.6 * map.reach_mm).max(1.0),
+            lever_mm,
             expected_within_mm: EXPECTED_PX * map.mm_per_px,
             map,
             height_mm,
-            spot: SpotTable::new(),
-            sums: Box::new([Sums::default(); MAX_STRETCHES * CHANNELS]),
+            pixels: EdgePixels::new(lever_mm),
             stretches: [Stretch::default(); MAX_STRETCHES],
         }
     }
@@ -155,10 +120,11 @@ impl EdgeFitter {
     ) -> Option<Fitted> {
         let is_near = |expected: &&Pose| {
             let [x, y, turn] = self.step_between(start, expected);
-            x.hypot(y).max(turn.abs()) < self.expected_within_mm
+            // Not by their maximum, which NaN would not be in.
+            x.hypot(y) < self.expected_within_mm && turn.abs() < self.expected_within_mm
         };
         let mut pose = *expected.filter(is_near).unwrap_or(start);
-        let mut map = LocalMap::new(camera, &pose, self.height_mm, self.map.reach_mm)?;
+        let mut map = self.local_map(camera, &pose)?;
         let mm_per_px = f64::from(map.mm_per_px());
         let prior = [
             deviations.position_mm.powi(-2),
@@ -167,10 +133,9 @@ impl EdgeFitter {
         ];
         for round in 0..MAX_ROUNDS {
             if round > 0 {
-                map = LocalMap::new(camera, &pose, self.height_mm, self.map.reach_mm)?;
+                map = self.local_map(camera, &pose)?;
             }
-            self.sum_up(frame, &map);
-            self.weigh_samples(mm_per_px);
+            self.weigh_samples(frame, &map, mm_per_px);
             let so_far = self.step_between(start, &pose);
             let (step, covariance, samples) = self.solve(&prior, so_far, mm_per_px)?;
             pose = self.stepped(&pose, step);
@@ -187,78 +152,19 @@ impl EdgeFitter {
         None
     }
 
-    /// Goes over the pixels around the body.
-    fn sum_up(&mut self, frame: &RawFrame, map: &LocalMap) {
-        self.sums[..self.map.stretch_count * CHANNELS].fill(Sums::default());
-        let reach_px = map.most_px(self.map.reach_mm);
-        let (center_x, center_y) = (map.center.x_px, map.center.y_px);
-        // Conversion brings negative numbers to 0.
-        let rows = (center_y - reach_px).ceil() as usize
-            ..(((center_y + reach_px).floor() + 1.0) as usize).min(frame.height);
-        for row_index in rows {
-            let v = row_index as f64 - center_y;
-            let half = (reach_px * reach_px - v * v).max(0.0).sqrt();
-            let columns = (center_x - half).ceil() as usize
-                ..(((center_x + half).floor() + 1.0) as usize).min(frame.width);
-            let row = frame.row(row_index);
-            let row_map = map.row(v as f32);
-            let mut begin = columns.start;
-            while begin < columns.end {
-                let end = columns.end.min(begin + PIXELS_AT_ONCE);
-                self.sum_up_stretch_of_row(&row, begin..end, center_x, &row_map, map.mm_per_px());
-                begin = end;
-            }
-        }
+    fn local_map(&self, camera: &CameraModel, pose: &Pose) -> Option<LocalMap> {
+        let EdgeMap { reach_mm, mm_per_px, .. } = self.map;
+        LocalMap::new(camera, pose, self.height_mm, reach_mm, mm_per_px)
     }
 
-    /// First finds out which pixels are at edges, then adds those: what is done for each pixel is
-    /// without branches, which a processor could not foretell.
-    #[inline(always)]
-    fn sum_up_stretch_of_row(
-        &mut self,
-        row: &RawRow,
-        columns: Range<usize>,
-        center_x: f64,
-        &[[x0, x1, x2], [y0, y1, y2]]: &RowMap,
-        mm_per_px: f32,
-    ) {
-        let place = |column: u32| {
-            let u = (f64::from(column) - center_x) as f32;
-            [x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2)]
-        };
-        let mut found = [EdgePixel::default(); PIXELS_AT_ONCE];
-        let mut count = 0;
-        for column in columns.start as u32..columns.end as u32 {
-            let [x, y] = place(column);
-            let edge = self.map.index_at(x, y);
-            found[count] = EdgePixel { column, edge: u32::from(edge) };
-            count += usize::from(edge != NO_EDGE);
-        }
-        let per_sigma = 1.0 / (SPOT_PX * mm_per_px);
-        let per_lever = 1.0 / self.lever_mm as f32;
-        for pixel in &found[..count] {
-            let edge = self.map.edge(pixel.edge);
-            let [x, y] = place(pixel.column);
-            let [nx, ny] = edge.normal;
-            let (w, density) = self.spot.at((nx * x + ny * y - edge.offset_mm) * per_sigma);
-            // The body moves on by the step, so the pixel moves back within it.
-            let slope = -density * per_sigma;
-            let j = [slope * nx, slope * ny, slope * (ny * x - nx * y) * per_lever];
-            let sums = &mut self.sums[edge.stretch as usize * CHANNELS..][..CHANNELS];
-            row.samples(pixel.column as usize, |channel, value| {
-                sums[channel].add(w, j, value - MIDDLE_LEVEL);
-            });
-        }
-    }
-
-    /// From sums to what each stretch says.
-    fn weigh_samples(&mut self, mm_per_px: f64) {
+    /// What each stretch says, from the pixels at it.
+    fn weigh_samples(&mut self, frame: &RawFrame, map: &LocalMap, mm_per_px: f64) {
         let count = self.map.stretch_count;
-        let by_stretch = self.sums.chunks_exact(CHANNELS);
+        let by_stretch = self.pixels.sum_up(&self.map, frame, map).chunks_exact(CHANNELS);
         for (stretch, channels) in self.stretches[..count].iter_mut().zip(by_stretch) {
             *stretch = Stretch::default();
             for sums in channels {
-                sums.add_to(stretch);
+                stretch.add(sums);
             }
             // However many samples: an edge as a whole may be off.
             let [xx, _, _, yy, _, _] = stretch.information;
@@ -343,29 +249,14 @@ impl EdgeFitter {
     }
 }
 
-impl Sums {
-    #[inline(always)]
-    fn add(&mut self, w: f32, [j0, j1, j2]: [f32; 3], i: f32) {
-        let sample = [j0, j1, j2, w];
-        let (first, rest) =
-            ([[j0, j0, j0, i], [j0, j1, j2, 1.0]], [[j1, j1, j2, i], [j1, j2, j2, i]]);
-        for lane in 0..4 {
-            self.plain[lane] += sample[lane];
-            self.by_w[lane] += w * sample[lane];
-            self.by_i[lane] += i * sample[lane];
-            self.first[lane] += first[0][lane] * first[1][lane];
-            self.rest[lane] += rest[0][lane] * rest[1][lane];
-        }
-        self.n += 1.0;
-    }
-
-    /// Eliminates the levels and adds what is left to the stretch.
-    fn add_to(&self, stretch: &mut Stretch) {
-        if self.n < MIN_SAMPLES {
+impl Stretch {
+    /// Eliminates the levels and adds what is left.
+    fn add(&mut self, sums: &Sums) {
+        if sums.n < MIN_SAMPLES {
             return;
         }
         let f = f64::from;
-        let Self { plain, by_w, by_i, first, rest, n } = *self;
+        let Sums { plain, by_w, by_i, first, rest, n } = *sums;
         let (n, w, ww) = (f(n), f(plain[3]), f(by_w[3]));
         let determinant = n * ww - w * w;
         // All on one side: the levels cannot be told apart.
@@ -392,17 +283,15 @@ impl Sums {
         let left = ii - a * i - b * wi - by_place;
         let least = SAMPLE_NOISE.powi(2) + (MODEL_NOISE * b).powi(2);
         let variance = (left / (n - 3.0)).max(least);
-        for (sum, term) in stretch.information.iter_mut().zip(information) {
+        for (sum, term) in self.information.iter_mut().zip(information) {
             *sum += term / variance;
         }
-        for (sum, term) in stretch.pull.iter_mut().zip(pull) {
+        for (sum, term) in self.pull.iter_mut().zip(pull) {
             *sum += term / variance;
         }
-        stretch.samples += self.n;
+        self.samples += sums.n;
     }
-}
 
-impl Stretch {
     fn scale(&mut self, factor: f64) {
         self.information.iter_mut().chain(&mut self.pull).for_each(|term| *term *= factor);
     }
@@ -454,47 +343,6 @@ fn inverse(&[xx, xy, xz, yy, yz, zz]: &[f64; 6]) -> Option<[f64; 6]> {
     let is_positive = [0, 3, 5].iter().all(|&index| inverse[index] > 0.0);
     (determinant > 0.0 && is_positive && inverse.iter().all(|term| term.is_finite()))
         .then_some(inverse)
-}
-
-/// The normal distribution, tabulated: function and density.
-#[derive(Debug, Clone)]
-struct SpotTable(Box<[[f32; 2]; SpotTable::ENTRIES]>);
-
-impl SpotTable {
-    const REACH: f32 = 4.0;
-    const PER_SIGMA: f32 = 32.0;
-    const ENTRIES: usize = 2 * (Self::REACH * Self::PER_SIGMA) as usize + 1;
-
-    fn new() -> Self {
-        let mut entries = Box::new([[0.0; 2]; Self::ENTRIES]);
-        for (index, entry) in entries.iter_mut().enumerate() {
-            let z = index as f64 / f64::from(Self::PER_SIGMA) - f64::from(Self::REACH);
-            let density = (-z * z / 2.0).exp() / std::f64::consts::TAU.sqrt();
-            // Its power series.
-            let (mut term, mut sum) = (z, z);
-            for k in 1..80 {
-                term *= z * z / f64::from(2 * k + 1);
-                sum += term;
-            }
-            *entry = [(0.5 + density * sum) as f32, density as f32];
-        }
-        Self(entries)
-    }
-
-    #[inline(always)]
-    fn at(&self, z: f32) -> (f32, f32) {
-        let place = (z + Self::REACH) * Self::PER_SIGMA + 0.5;
-        // Conversion brings negative numbers and NaN to 0.
-        let index = (place as usize).min(Self::ENTRIES - 1);
-        let [w, density] = self.0[index];
-        let off = z - (index as f32 / Self::PER_SIGMA - Self::REACH);
-        // This way round it is false for NaN.
-        if off.abs() < 1.0 / Self::PER_SIGMA {
-            (w + density * off, density * (1.0 - z * off))
-        } else {
-            (w, density)
-        }
-    }
 }
 
 #[cfg(test)]

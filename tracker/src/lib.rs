@@ -26,6 +26,7 @@ mod assignment;
 mod ball;
 mod candidates;
 mod edge_fit;
+mod edge_pixels;
 mod edges;
 mod footprint;
 mod local_map;

@@ -15,13 +15,18 @@ pub(crate) struct LocalMap {
 pub(crate) type RowMap = [[f32; 3]; 2];
 
 impl LocalMap {
-    /// For a body at `pose` on a plane `height_mm` above the floor that reaches so far around.
-    /// `None` where the camera model has no answer.
-    pub fn new(camera: &CameraModel, pose: &Pose, height_mm: f64, reach_mm: f64) -> Option<Self> {
+    /// For a body at `pose` on a plane `height_mm` above the floor that reaches so far around, where
+    /// pixels are about so large. `None` where the camera model has no answer.
+    pub fn new(
+        camera: &CameraModel,
+        pose: &Pose,
+        height_mm: f64,
+        reach_mm: f64,
+        mm_per_px: f64,
+    ) -> Option<Self> {
         let center = camera.image_from_field(pose.position, height_mm);
-        let scale = camera.pixel_area_mm2(center, height_mm).sqrt();
         // Fitted through points about as far away as the body reaches.
-        let step = (reach_mm / scale).clamp(1.0, 1000.0);
+        let step = (reach_mm / mm_per_px).clamp(1.0, 1000.0);
         let (sin, cos) = pose.orientation.sin_cos();
         let look = |u: f64, v: f64| {
             let point = ImagePoint::new(center.x_px + u * step, center.y_px + v * step);
@@ -80,7 +85,9 @@ mod tests {
             let top = config.robots.height_mm;
             let (x, y) = (0.47 * config.field.length_mm, 0.47 * config.field.width_mm);
             let pose = Pose { position: FieldPoint::new(x, -y), orientation: 0.7 };
-            let map = LocalMap::new(&camera, &pose, top, 50.0).unwrap();
+            let middle = camera.image_from_field(FieldPoint::default(), top);
+            let scale = camera.pixel_area_mm2(middle, top).sqrt();
+            let map = LocalMap::new(&camera, &pose, top, 50.0, scale).unwrap();
             for (du, dv) in [(0.0, 0.0), (9.0, -7.0), (-11.0, 2.0), (4.0, 10.0)] {
                 let point = ImagePoint::new(map.center.x_px + du, map.center.y_px + dv);
                 let exact = robot_from_field(&pose, camera.field_from_image(point, top));

@@ -1,4 +1,5 @@
 use super::*;
+use crate::edges::NO_EDGE;
 use common::config::{Config, Pair, Preset};
 use common::geometry::ImagePoint;
 use common::layout::topmost_patch;
@@ -256,25 +257,15 @@ fn where_there_are_no_edges_there_is_no_pose() {
 }
 
 #[test]
-fn the_normal_distribution_is_the_known_one() {
-    let table = SpotTable::new();
-    for (z, expected) in [(0.0, 0.5), (1.0, 0.841_344_8), (-1.96, 0.024_997_9), (9.0, 1.0)] {
-        let (w, _) = table.at(z);
-        assert!((w - expected).abs() < 5e-4, "{z}: {w}");
-    }
-    assert!(table.at(f32::NAN).0 < 1.0);
-}
-
-#[test]
 fn edges_are_only_where_they_can_be_seen() {
     let config = Config::default();
     let camera = Scene::new(Preset::Mirosot5v5).camera;
     let map = fitter(&config, &camera).map;
     // Two squares, from 1 to 35 and from −35 to −1.
     assert_eq!(map.stretch_count, 8);
-    let at = |x, y| match map.index_at(x, y) {
+    let at = |x, y| match map.in_cell(map.cell_at(x, y)) {
         NO_EDGE => None,
-        index => Some(*map.edge(index.into())),
+        index => Some(*map.edge(index)),
     };
     let edge = at(18.0, 34.0).unwrap();
     assert_eq!((edge.normal, edge.offset_mm), ([0.0, -1.0], -35.0));

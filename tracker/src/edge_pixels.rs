@@ -1,0 +1,327 @@
+//! The pixels around a body, summed up by the edges at which they lie: what the [edge
+//! fit](crate::edge_fit) needs to know of a picture.
+//!
+//! Each step is a plain loop over arrays without branches, which a compiler makes into vector
+//! instructions; [`EdgePixels::sum_up`] picks the widest that the machine has. Sums are added in the
+//! same order whatever these are, so a picture gives the same on every machine.
+
+use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
+use crate::local_map::{LocalMap, RowMap};
+use crate::raw::{CHANNELS, RawFrame, RawRow};
+use fearless_simd::{Level, dispatch};
+use std::ops::Range;
+
+/// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
+/// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
+const SPOT_PX: f32 = 0.62;
+/// Grey levels are counted from here, so that sums of squares stay small.
+const MIDDLE_LEVEL: f32 = 96.0;
+/// Of a row, so many pixels are looked at before those at edges are added up.
+const ROW_PIXELS: usize = 256;
+/// Pixels at edges are worked on in groups of so many: a register full.
+const LANES: usize = 8;
+
+/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once.
+/// w is how much of a pixel's light comes from inside of the edge, j its derivatives by the step, i
+/// the level, counted from [`MIDDLE_LEVEL`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(16))]
+pub(crate) struct Sums {
+    /// j₀, j₁, j₂, w.
+    pub plain: [f32; 4],
+    /// The same, times w.
+    pub by_w: [f32; 4],
+    /// The same, times i.
+    pub by_i: [f32; 4],
+    /// j₀j₀, j₀j₁, j₀j₂, i.
+    pub first: [f32; 4],
+    /// j₁j₁, j₁j₂, j₂j₂, ii.
+    pub rest: [f32; 4],
+    pub n: f32,
+}
+
+/// Sums up.
+#[derive(Debug, Clone)]
+pub(crate) struct EdgePixels {
+    level: Level,
+    /// Headings are counted in millimetres at this distance from the centre.
+    per_lever: f32,
+    /// By stretch, then by channel.
+    sums: Box<[Sums; MAX_STRETCHES * CHANNELS]>,
+    row: Box<Row>,
+}
+
+/// A stretch of a row.
+#[derive(Debug, Clone)]
+struct Row {
+    /// Place in the body's frame, in millimetres.
+    x: [f32; ROW_PIXELS],
+    y: [f32; ROW_PIXELS],
+    /// Cell of the edge map.
+    cell: [u32; ROW_PIXELS],
+    /// Pixels at edges, counted from the first, and at which.
+    found: [u16; ROW_PIXELS + LANES],
+    edge: [u16; ROW_PIXELS + LANES],
+}
+
+impl EdgePixels {
+    pub fn new(lever_mm: f64) -> Self {
+        Self {
+            level: Level::new(),
+            per_lever: 1.0 / lever_mm as f32,
+            sums: Box::new([Sums::default(); MAX_STRETCHES * CHANNELS]),
+            row: Box::new(Row {
+                x: [0.0; ROW_PIXELS],
+                y: [0.0; ROW_PIXELS],
+                cell: [0; ROW_PIXELS],
+                found: [0; ROW_PIXELS + LANES],
+                edge: [0; ROW_PIXELS + LANES],
+            }),
+        }
+    }
+
+    /// The sums for each stretch of `edges`, by channel, for a body that lies where `map` has it.
+    pub fn sum_up(&mut self, edges: &EdgeMap, frame: &RawFrame, map: &LocalMap) -> &[Sums] {
+        let count = edges.stretch_count * CHANNELS;
+        self.sums[..count].fill(Sums::default());
+        dispatch!(self.level, _simd => self.add_picture(edges, frame, map));
+        &self.sums[..count]
+    }
+
+    #[inline(always)]
+    fn add_picture(&mut self, edges: &EdgeMap, frame: &RawFrame, map: &LocalMap) {
+        let reach_px = map.most_px(edges.reach_mm);
+        let (center_x, center_y) = (map.center.x_px, map.center.y_px);
+        // Conversion brings negative numbers to 0.
+        let rows = (center_y - reach_px).ceil() as usize
+            ..(((center_y + reach_px).floor() + 1.0) as usize).min(frame.height);
+        let per_spot = 1.0 / (SPOT_PX * SPLINE_DEVIATIONS * map.mm_per_px());
+        for row_index in rows {
+            let v = row_index as f64 - center_y;
+            let half = (reach_px * reach_px - v * v).max(0.0).sqrt();
+            let columns = (center_x - half).ceil() as usize
+                ..(((center_x + half).floor() + 1.0) as usize).min(frame.width);
+            let row = frame.row(row_index);
+            let row_map = map.row(v as f32);
+            let mut begin = columns.start;
+            while begin < columns.end {
+                let end = columns.end.min(begin + ROW_PIXELS);
+                let first_u = (begin as f64 - center_x) as f32;
+                let count = self.find(edges, &row_map, first_u, end - begin);
+                self.add(edges, &row, begin, count, per_spot);
+                begin = end;
+            }
+        }
+    }
+
+    /// Which of so many pixels are at edges; returns how many are.
+    #[inline(always)]
+    fn find(
+        &mut self,
+        edges: &EdgeMap,
+        &[[x0, x1, x2], [y0, y1, y2]]: &RowMap,
+        first_u: f32,
+        count: usize,
+    ) -> usize {
+        let Row { x, y, cell, found, edge } = &mut *self.row;
+        // Whole registers; nobody looks at what is too much.
+        let whole = count.next_multiple_of(2 * LANES);
+        let places = x[..whole].iter_mut().zip(&mut y[..whole]).zip(&mut cell[..whole]);
+        for (index, ((x, y), cell)) in (0i32..).zip(places) {
+            let u = first_u + index as f32;
+            (*x, *y) = (x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2));
+            *cell = edges.cell_at(*x, *y);
+        }
+        let mut found_count = 0;
+        for (index, &cell) in (0u16..).zip(&cell[..count]) {
+            let at = edges.in_cell(cell);
+            // Not more of them than pixels; said so that it is not checked each time.
+            let place = found_count % ROW_PIXELS;
+            (found[place], edge[place]) = (index, at);
+            found_count += usize::from(at != NO_EDGE);
+        }
+        // Something that exists, to fill up the last register.
+        found[found_count..found_count + LANES].fill(0);
+        edge[found_count..found_count + LANES].fill(0);
+        found_count
+    }
+
+    /// Adds the pixels that were found, the first of the row being in this column.
+    #[inline(always)]
+    fn add(&mut self, edges: &EdgeMap, row: &RawRow, begin: usize, count: usize, per_spot: f32) {
+        let Row { x, y, found, edge, .. } = &*self.row;
+        for group in (0..count).step_by(LANES) {
+            let lanes: Range<usize> = group..group + LANES;
+            let (found, edge) = (&found[lanes.clone()], &edge[lanes]);
+            let [mut nx, mut ny, mut px, mut py, mut inside_mm] = [[0.0; LANES]; 5];
+            let mut stretch = [0; LANES];
+            for lane in 0..LANES {
+                let at = edges.edge(edge[lane]);
+                [nx[lane], ny[lane]] = at.normal;
+                inside_mm[lane] = -at.offset_mm;
+                stretch[lane] = at.stretch as usize;
+                (px[lane], py[lane]) = (x[found[lane] as usize], y[found[lane] as usize]);
+            }
+            let [mut w, mut j0, mut j1, mut j2] = [[0.0; LANES]; 4];
+            for lane in 0..LANES {
+                let (nx, ny, x, y) = (nx[lane], ny[lane], px[lane], py[lane]);
+                let (share, density) = spread((nx * x + ny * y + inside_mm[lane]) * per_spot);
+                // The body moves on by the step, so the pixel moves back within it.
+                let slope = -density * per_spot;
+                w[lane] = share;
+                j0[lane] = slope * nx;
+                j1[lane] = slope * ny;
+                j2[lane] = slope * (ny * x - nx * y) * self.per_lever;
+            }
+            for lane in 0..LANES.min(count - group) {
+                let sums = &mut self.sums[stretch[lane] * CHANNELS..][..CHANNELS];
+                let j = [j0[lane], j1[lane], j2[lane]];
+                row.samples(begin + found[lane] as usize, |channel, value| {
+                    sums[channel].add(w[lane], j, value - MIDDLE_LEVEL);
+                });
+            }
+        }
+    }
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, w: f32, [j0, j1, j2]: [f32; 3], i: f32) {
+        let sample = [j0, j1, j2, w];
+        let first = [[j0, j0, j0, i], [j0, j1, j2, 1.0]];
+        let rest = [[j1, j1, j2, i], [j1, j2, j2, i]];
+        for lane in 0..4 {
+            self.plain[lane] += sample[lane];
+            self.by_w[lane] += w * sample[lane];
+            self.by_i[lane] += i * sample[lane];
+            self.first[lane] += first[0][lane] * first[1][lane];
+            self.rest[lane] += rest[0][lane] * rest[1][lane];
+        }
+        self.n += 1.0;
+    }
+}
+
+/// The spot is a cubic B-spline: four boxes (the pixel, the filter's blur, the lens's) folded into
+/// each other. It is hardly to be told from a normal distribution, ends somewhere and takes no
+/// exponential function. Its unit is half of what a box of it is wide: so many of its deviations.
+const SPLINE_DEVIATIONS: f32 = 1.732_050_8;
+
+/// How much of the spot around a point that far inside an edge lies inside, and its density there, in
+/// units of [`SPLINE_DEVIATIONS`].
+#[inline(always)]
+fn spread(inside: f32) -> (f32, f32) {
+    let t = inside.abs();
+    let (outer, inner) = ((2.0 - t).max(0.0), (1.0 - t).max(0.0));
+    let (outer_3, inner_3) = (outer * outer * outer, inner * inner * inner);
+    let density = (outer_3 - 4.0 * inner_3) * (1.0 / 6.0);
+    let beyond = (outer_3 * outer - 4.0 * inner_3 * inner) * (1.0 / 24.0);
+    (if inside < 0.0 { beyond } else { 1.0 - beyond }, density)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::config::Pair;
+    use common::geometry::{CameraModel, FieldPoint, Pose};
+    use common::messages::{FrameHeader, PixelFormat};
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_spot_is_nearly_a_normal_distribution() {
+        let sigma = |z: f32| spread(z / SPLINE_DEVIATIONS);
+        for (z, expected) in [(0.0, 0.5), (1.0, 0.841_345), (-1.96, 0.024_998), (9.0, 1.0)] {
+            assert!((sigma(z).0 - expected).abs() < 0.008, "{z}: {:?}", sigma(z));
+        }
+        // The density is the derivative.
+        for step in -50..50 {
+            let t = step as f32 * 0.043;
+            let slope = (spread(t + 0.01).0 - spread(t - 0.01).0) / 0.02;
+            assert!((slope - spread(t).1).abs() < 1e-3, "{t}");
+        }
+        // Its deviation is what it is said to be.
+        let (mut variance, step) = (0.0, 0.001);
+        for index in -4000..4000 {
+            let z = index as f32 * step;
+            variance += z * z * spread(z / SPLINE_DEVIATIONS).1 / SPLINE_DEVIATIONS * step;
+        }
+        assert!((variance - 1.0).abs() < 0.01, "{variance}");
+    }
+
+    const SQUARE: [Pair; 4] = [[-17.0, -17.0], [17.0, -17.0], [17.0, 17.0], [-17.0, 17.0]];
+
+    proptest! {
+        /// Whatever the instructions, the sums are the same; and the plainest way of adding agrees.
+        #[test]
+        fn all_machines_get_the_same(
+            seed in any::<u64>(),
+            x in -1200.0..1200.0f64,
+            y in -900.0..900.0f64,
+            orientation in -3.0..3.0f64,
+            rgb in any::<bool>(),
+        ) {
+            let config = common::config::Config::default();
+            let (width, height) = (config.camera.width, config.camera.height);
+            let format = if rgb { PixelFormat::Rgb24 } else { PixelFormat::Bayer8 };
+            let stride = format.row_bytes(width) as usize;
+            let mut state = seed | 1;
+            let pixels: Vec<u8> = (0..stride * height as usize)
+                .map(|_| {
+                    state ^= state << 13;
+                    state ^= state >> 7;
+                    state ^= state << 17;
+                    (state >> 24) as u8
+                })
+                .collect();
+            let header = FrameHeader {
+                width,
+                height,
+                stride: stride as u32,
+                pixel_format: format as u32,
+                ..FrameHeader::default()
+            };
+            let frame = RawFrame::new(&header, &pixels, width, height).unwrap();
+            let camera = CameraModel::new(&config.geometry, width, height).unwrap();
+            let inside = |[x, y]: Pair| (x.abs().max(y.abs()) < 17.0).then_some(0);
+            let edges = EdgeMap::new(&[&SQUARE], inside, 3.5);
+            let pose = Pose { position: FieldPoint::new(x, y), orientation };
+            let map = LocalMap::new(&camera, &pose, 50.0, edges.reach_mm, 3.5).unwrap();
+            let mut pixels = EdgePixels::new(20.0);
+            let best = pixels.sum_up(&edges, &frame, &map).to_vec();
+            let mut plain = EdgePixels { level: Level::baseline(), ..EdgePixels::new(20.0) };
+            prop_assert_eq!(&best, &plain.sum_up(&edges, &frame, &map).to_vec());
+
+            let mut expected = vec![[0.0; 4]; best.len()];
+            for row in 0..frame.height {
+                let v = (row as f64 - map.center.y_px) as f32;
+                let [[x0, x1, x2], [y0, y1, y2]] = map.row(v);
+                for column in 0..frame.width {
+                    let u = (column as f64 - map.center.x_px) as f32;
+                    let (x, y) = (x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2));
+                    let edge = edges.in_cell(edges.cell_at(x, y));
+                    if edge == NO_EDGE {
+                        continue;
+                    }
+                    let edge = edges.edge(edge);
+                    let off = edge.normal[0] * x + edge.normal[1] * y - edge.offset_mm;
+                    let (w, _) = spread(off / (SPOT_PX * SPLINE_DEVIATIONS * map.mm_per_px()));
+                    frame.row(row).samples(column, |channel, value| {
+                        let i = f64::from(value - MIDDLE_LEVEL);
+                        let sums = &mut expected[edge.stretch as usize * CHANNELS + channel];
+                        let terms = [1.0, f64::from(w), i, i * i];
+                        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                    });
+                }
+            }
+            for (sums, [n, w, i, ii]) in best.iter().zip(expected) {
+                // Rounding may put a pixel into the next cell of the map.
+                let is_near = |sum: f32, exact: f64, part: f64| {
+                    (f64::from(sum) - exact).abs() <= part * (1.0 + n)
+                };
+                prop_assert!(is_near(sums.n, n, 0.02), "{n} {sums:?}");
+                prop_assert!(is_near(sums.plain[3], w, 0.02), "{w} {sums:?}");
+                prop_assert!(is_near(sums.first[3], i, 4.0), "{i} {sums:?}");
+                prop_assert!(is_near(sums.rest[3], ii, 600.0), "{ii} {sums:?}");
+            }
+        }
+    }
+}
