@@ -9,7 +9,8 @@ use common::topics;
 use grabber::synthetic::SyntheticMatch;
 use rustix::process::Signal;
 use serde_json::Value;
-use support::{Group, Scratch, output_of};
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE, Scratch, output_of};
 
 const STAGES: [&str; 4] = ["grabber", "classifier", "tracker", "filter"];
 
@@ -184,6 +185,36 @@ fn a_new_supervisor_takes_over_what_the_old_one_has_left() {
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
     group.assert_nothing_left();
+}
+
+/// The new supervisor has seen nothing of a stage whose processes died together with the old one.
+#[test]
+fn a_stage_that_dies_with_the_supervisor_repeats_nothing() {
+    let mut group = Group::start("dies-along", "", &[]);
+    let before = group.wait_for("spares", |status| {
+        has_spares(status) && status["frames"]["world"].as_u64() > Some(40)
+    });
+    let bus = Bus::join(&group.instance, "test").unwrap();
+    let world = bus.subscriber(&topics::WORLD).unwrap();
+    let mut numbers = Vec::new();
+    group.kill_supervisor();
+    for process in before["stages"]["filter"]["processes"].as_array().unwrap() {
+        group.signal(process["pid"].as_u64().unwrap() as u32, Signal::KILL);
+    }
+    group.replace_supervisor();
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline && numbers.len() < 200 {
+        while let Some(received) = world.receive().unwrap() {
+            numbers.extend(received.message().map(|world| world.frame.seq));
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    assert!(numbers.len() >= 200, "no world any more\n{}", group.stderr());
+    let first = numbers[0];
+    let expected: Vec<u64> = (first..first + numbers.len() as u64).collect();
+    assert_eq!(numbers, expected, "one after the other");
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
 }
 
 #[test]

@@ -124,12 +124,17 @@ impl Group {
         self.replace_supervisor_by(&arguments);
     }
 
-    /// Kills the supervisor if it lives, and nobody else, and starts the program with these
-    /// arguments.
-    pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
+    /// Kills the supervisor if it lives, and nobody else.
+    pub fn kill_supervisor(&mut self) {
         // It may be dead already.
         let _ = self.supervisor.kill();
         self.supervisor.wait().unwrap();
+    }
+
+    /// Kills the supervisor if it lives, and nobody else, and starts the program with these
+    /// arguments.
+    pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
+        self.kill_supervisor();
         let arguments: Vec<String> = arguments.iter().map(|text| text.to_string()).collect();
         self.supervisor = Self::spawn(&self.scratch, &arguments, &[]);
     }

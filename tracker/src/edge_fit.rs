@@ -11,10 +11,10 @@
 //!
 //! I = a + b·w(d / σ),
 //!
-//! with w the share of light from inside: nearly the normal distribution function, σ the spot that
-//! lens, filter and pixel make of a point, a the level outside, a + b that inside. Levels are taken from what is there, for each stretch of
-//! edge and each channel: nothing needs to be known of colours and light. Nothing is demosaiced:
-//! each sample counts for its own colour at its own place.
+//! with w the share of light from inside (nearly the normal distribution function), σ the spot that
+//! lens, filter and pixel make of a point, a the level outside, a + b that inside. Levels are taken
+//! from what is there, for each stretch of edge and each channel: nothing needs to be known of
+//! colours and light. Nothing is demosaiced: each sample counts for its own colour at its own place.
 //!
 //! # The fit
 //!
@@ -55,6 +55,7 @@ const WEIGHINGS: usize = 3;
 const FARTHEST_PX: f64 = 1.6;
 /// An expected pose so far from the one found is not where it went.
 const EXPECTED_PX: f64 = 1.0;
+
 /// A pose with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fitted {

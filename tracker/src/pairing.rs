@@ -90,6 +90,8 @@ pub(crate) struct Pairing {
     fates: [Vec<Fate>; 2],
     choices: Vec<Choice>,
     believed: Vec<usize>,
+    /// Those believed before the ambiguous among them were dropped.
+    named: Vec<usize>,
     solver: Solver,
     surroundings: Surroundings,
     opinions: Vec<Opinion>,
@@ -261,14 +263,15 @@ impl Pairing {
         let is_named = |identity: usize, believed: &[usize]| {
             believed.iter().any(|&index| hypotheses[index].identity == identity)
         };
-        let believed = self.believed.clone();
+        self.named.clone_from(&self.believed);
+        let believed = &self.named;
         self.believed.retain(|&index| {
             let robot = &hypotheses[index];
             let is_rival = |&(other, rival): &(usize, &Hypothesis)| {
                 choices[other].group == choices[index].group
                     && rival.identity != robot.identity
                     && rival.cost < robot.cost + f64::from(AMBIGUITY)
-                    && !is_named(rival.identity, &believed)
+                    && !is_named(rival.identity, believed)
             };
             robot.candidates.iter().filter(|&&candidate| candidate != NO_CANDIDATE).count() > 1
                 || !hypotheses.iter().enumerate().any(|entry| is_rival(&entry))
