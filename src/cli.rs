@@ -95,7 +95,7 @@ pub enum Command {
     Interface,
     /// Disturbs a match of its own at random, and checks that nothing is lost.
     ///
-    /// Starts a synthetic match that no other group notices, kills, freezes and otherwise troubles
+    /// Starts a match that no other group notices, kills, freezes and otherwise troubles
     /// its processes, and watches with subscribers of its own: does every captured frame reach
     /// `world`, once and in order? How long is each disturbance felt? Do shared memory, files,
     /// processes or memory pile up? Run it on the match computer before a tournament, with nothing
@@ -383,6 +383,9 @@ pub struct ChaosArgs {
     /// Frames a second [default: as configured]
     #[arg(long, value_name = "N", value_parser = parse_fps)]
     pub fps: Option<f64>,
+    /// Where frames come from, as for `run`; `synthetic-loop` costs an injector little at high rates
+    #[arg(long, default_value = "synthetic")]
+    pub source: Source,
     /// Repeat the sequence of an earlier run, which prints its seed [default: a new one]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -405,7 +408,8 @@ Examples:
   touchline chaos --signals double --every 3000      stage and spare at once: losses are counted
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
   touchline chaos --bystanders                       besides, programs that attach and behave badly
-  touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON";
+  touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON
+  touchline chaos --source v4l2:/dev/video0          with your own camera";
 
 /// Arguments of `bench`.
 #[derive(Debug, Args)]

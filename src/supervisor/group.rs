@@ -29,6 +29,8 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(10);
 /// A stall is noticed late by at most this part of its deadline.
 const TICKS_PER_STALL: u32 = 4;
+/// A stall that is due but excused does not keep the supervisor from sleeping.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// How long the last results may take when the group is told to end.
 const DRAIN: Duration = Duration::from_millis(100);
 /// How long after the camera's last frame results are waited for.
@@ -207,7 +209,9 @@ impl Group {
         fds.extend(
             self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)),
         );
-        let timeout = Timespec { tv_sec: 0, tv_nsec: self.tick.as_nanos() as _ };
+        let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
+        let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
+        let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
         match poll(&mut fds, Some(&timeout)) {
             Ok(_) | Err(rustix::io::Errno::INTR) => Ok(!fds[0].revents().is_empty()),
             Err(error) => Err(SupervisorError::System {

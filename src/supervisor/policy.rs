@@ -261,6 +261,16 @@ impl Policy {
         stage.active.as_ref().filter(|_| self.has_input(kind)).map(|active| active.id)
     }
 
+    /// When a stage that is behind will have stalled, from now on in nanoseconds; `None` while none is
+    /// behind. Looking just then, rather than some time after, makes outages shorter.
+    pub fn stall_due_in_ns(&self, now_ns: u64) -> Option<u64> {
+        let stages = ProcessKind::ALL[1..].iter().map(|&kind| (kind, &self.stages[kind as usize]));
+        let due_ns = stages
+            .filter(|&(kind, stage)| stage.is_working() && self.has_input(kind))
+            .map(|(kind, stage)| stage.progress_ns + self.stall_deadline_ns(kind) + 1);
+        due_ns.min().map(|due_ns| due_ns.saturating_sub(now_ns))
+    }
+
     /// Everything that is to be done now. Call after events, and every few milliseconds.
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
         let away_ns = now_ns.saturating_sub(self.last_tick_ns);
@@ -424,18 +434,24 @@ impl Policy {
     /// stall, and counts as progress so that the deadline starts when input comes.
     fn has_stalled(&mut self, kind: ProcessKind, now_ns: u64) -> bool {
         let has_input = self.has_input(kind);
-        let deadline_ns = match kind {
-            ProcessKind::Grabber => self.settings.grabber_stall_ns,
-            _ => self.settings.stall_ns,
-        };
+        let deadline_ns = self.stall_deadline_ns(kind);
         let stage = &mut self.stages[kind as usize];
         if !has_input || !stage.is_working() {
             stage.progress_ns = now_ns;
         }
-        // A process that has just begun has a backlog to go through, and its memory to touch.
-        let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
-        let deadline_ns = if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns };
         now_ns - stage.progress_ns > deadline_ns
+    }
+
+    /// How long the active process of a stage may be behind.
+    fn stall_deadline_ns(&self, kind: ProcessKind) -> u64 {
+        let deadline_ns = match kind {
+            ProcessKind::Grabber => self.settings.grabber_stall_ns,
+            _ => self.settings.stall_ns,
+        };
+        // A process that has just begun has a backlog to go through, and its memory to touch.
+        let stage = &self.stages[kind as usize];
+        let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
+        if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns }
     }
 
     /// Newest number on the topic a stage reads; the grabber reads none.

@@ -7,6 +7,7 @@ use crate::monitor::{Report, read_status};
 use crate::supervisor::{self, Request};
 use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use common::messages::ProcessKind;
+use grabber::source::Source;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::DirBuilderExt;
@@ -34,8 +35,13 @@ pub struct Group {
 }
 
 impl Group {
-    /// Starts a synthetic match.
-    pub fn start(config: Option<&Path>, fps: f64, seconds: f64) -> Result<Self, CommandError> {
+    /// Starts a match.
+    pub fn start(
+        config: Option<&Path>,
+        source: &Source,
+        fps: f64,
+        seconds: f64,
+    ) -> Result<Self, CommandError> {
         let name = format!("chaos-{}", std::process::id());
         let place = std::env::temp_dir().join(format!("tl-{name}"));
         DirBuilder::new()
@@ -46,6 +52,7 @@ impl Group {
         let instance = Instance::below(&place.join("run"), &name)?;
         let mut args: Vec<String> = ["run", "--quiet", "--instance"].map(Into::into).into();
         args.extend([name, "--fps".into(), fps.to_string()]);
+        args.extend(["--source".into(), source.to_string()]);
         args.extend(["--seconds".into(), (seconds + SPARE_TIME_S).to_string()]);
         if let Some(config) = config {
             let config =

@@ -87,7 +87,7 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
         settings.fps,
         settings.seed
     ));
-    let group = Group::start(args.config.as_deref(), settings.fps, settings.seconds)?;
+    let group = Group::start(args.config.as_deref(), &args.source, settings.fps, settings.seconds)?;
     let mut session = Session::new(group, settings, stop)?;
     session.warm_up()?;
     session.disturb()?;

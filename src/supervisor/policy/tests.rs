@@ -304,3 +304,24 @@ fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
     assert!(!play.run(50).contains(&Action::CleanUp));
     assert!(play.run(100).contains(&Action::CleanUp));
 }
+
+#[test]
+fn it_is_known_when_a_stage_will_have_stalled() {
+    let mut play = Play::new(&[]);
+    assert_eq!(play.policy.stall_due_in_ns(play.now_ns), None);
+    for kind in ProcessKind::ALL {
+        play.output(kind, 1);
+    }
+    play.run(5);
+    assert_eq!(play.policy.stall_due_in_ns(play.now_ns), None, "all is dealt with");
+    play.output(ProcessKind::Grabber, 2);
+    let due_ns = play.policy.stall_due_in_ns(play.now_ns).unwrap();
+    assert!((1..=40 * MS + 1).contains(&due_ns), "{due_ns}");
+    // Not before, but then.
+    let at_ns = play.now_ns + due_ns;
+    let is_kill = |action: &Action| matches!(action, Action::Kill { cause: Cause::Stalled, .. });
+    while play.now_ns + 5 * MS < at_ns {
+        assert!(!play.run(5).iter().any(is_kill));
+    }
+    assert!(play.policy.tick(at_ns).iter().any(is_kill));
+}
