@@ -630,6 +630,23 @@ typedef struct TouchlineHeartbeat {
 TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 128);
 #define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/2"
 
+/* Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same. */
+typedef struct TouchlineGroupEvent {
+    /* When it happened, nanoseconds since 1970. */
+    uint64_t t_wall_ns;
+    /* Operating system's number of the process concerned; 0 when it concerns the whole stage. */
+    uint32_t pid;
+    /* Its kind, a ProcessKind number. */
+    uint32_t process;
+    /* What happened: UTF-8, ended by a zero. */
+    uint8_t what[240];
+    /* The last lines that the process wrote, if it has ended, likewise; the end of them where they are too long. */
+    uint8_t evidence[768];
+} TouchlineGroupEvent;
+
+TOUCHLINE_CHECK(sizeof(TouchlineGroupEvent) == 1024);
+#define TOUCHLINE_GROUP_EVENT_TYPE_NAME "touchline/GroupEvent/1"
+
 /* Travels with the group's status, which is JSON text in the first bytes of the payload. */
 typedef struct TouchlineStatusHeader {
     /* When it was published. */
@@ -650,6 +667,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
  * health       touchline/Heartbeat/2        ()
+ * events       touchline/GroupEvent/1       ()
  * status       u8                           touchline/StatusHeader/1
  */
 

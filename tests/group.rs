@@ -4,7 +4,7 @@ mod support;
 
 use common::bus::Bus;
 use common::config::Config;
-use common::messages::{FrameHeader, Team};
+use common::messages::{FrameHeader, Team, read_text};
 use common::topics;
 use grabber::synthetic::SyntheticMatch;
 use rustix::process::Signal;
@@ -62,8 +62,12 @@ fn a_bounded_run_loses_nothing_and_finds_everything() {
 fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     let mut group = Group::start("killed", "", &[]);
     let mut status = group.wait_until_working();
+    let bus = Bus::join(&group.instance, "logger").unwrap();
+    let events = bus.subscriber(&topics::EVENTS).unwrap();
+    let mut killed = Vec::new();
     for stage in ["filter", "tracker", "classifier"] {
         let pid = Group::pid_of(&status, stage);
+        killed.push(pid);
         group.signal(pid, Signal::KILL);
         let world = status["frames"]["world"].as_u64().unwrap();
         status = group.wait_for("a replacement", |status| {
@@ -87,6 +91,17 @@ fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     );
     assert_eq!(status["frames"]["duplicates_in_world"], 0, "numbers continue: {status:#}");
     assert!(status["events"].as_array().unwrap().len() >= 4, "{status:#}");
+    // A logger has seen them too.
+    let mut told = Vec::new();
+    while let Some(received) = events.receive().unwrap() {
+        let event = received.message().unwrap();
+        told.push((event.pid, read_text(&event.what)));
+    }
+    for pid in killed {
+        let is_it = |(told, what): &(u32, String)| *told == pid && what.contains("SIGKILL");
+        assert!(told.iter().any(is_it), "{pid}: {told:?}");
+    }
+    drop((events, bus));
 
     let output = output_of(&group.scratch, &["stop", "--instance", "test"]);
     assert!(output.status.success(), "{output:?}");

@@ -13,8 +13,8 @@ use crate::wake_up::WakeUp;
 use bytemuck::Pod;
 use iceoryx2::node::NodeView;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher as IpcPublisher;
-use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
+use iceoryx2::port::publisher::{Publisher as IpcPublisher, PublisherCreateError};
+use iceoryx2::port::subscriber::{Subscriber as IpcSubscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
@@ -27,7 +27,7 @@ use std::fs::Permissions;
 use std::mem::MaybeUninit;
 use std::os::unix::fs::PermissionsExt;
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// What may travel: plain data of fixed layout with a versioned type name.
 pub trait Message: Pod + Debug + ZeroCopySend {}
@@ -53,6 +53,16 @@ pub enum BusError {
         topic: &'static str,
         /// Bytes that are free.
         free: u64,
+    },
+    /// All places are taken, by the living or by dead ones that nobody has cleared.
+    #[error(
+        "topic {topic}: {action}: all places are taken; `touchline topics` shows how many there are"
+    )]
+    Full {
+        /// Topic.
+        topic: &'static str,
+        /// What was tried.
+        action: &'static str,
     },
     /// iceoryx2 refused; the text says what was tried and its answer.
     #[error("topic {topic}: {action}: {reason}")]
@@ -112,6 +122,37 @@ fn fill_in<E: Message, H: Header>(
 fn failed<E: Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> BusError {
     move |error| BusError::Ipc { topic, action, reason: format!("{error:?}") }
 }
+
+fn refused<E: Debug>(
+    topic: &'static str,
+    action: &'static str,
+    is_full: impl FnOnce(&E) -> bool,
+) -> impl FnOnce(E) -> BusError {
+    move |error| match is_full(&error) {
+        true => BusError::Full { topic, action },
+        false => failed(topic, action)(error),
+    }
+}
+
+/// Tries again for a while where all places are taken: the supervisor clears those of dead processes
+/// several times a second.
+fn when_there_is_a_place<T>(
+    mut connect: impl FnMut() -> Result<T, BusError>,
+) -> Result<T, BusError> {
+    let begun = Instant::now();
+    loop {
+        match connect() {
+            Err(BusError::Full { .. }) if begun.elapsed() < PLACE_PATIENCE => {
+                std::thread::sleep(PLACE_RETRY);
+            }
+            outcome => return outcome,
+        }
+    }
+}
+
+/// How long a place on a topic is waited for.
+const PLACE_PATIENCE: Duration = Duration::from_secs(2);
+const PLACE_RETRY: Duration = Duration::from_millis(20);
 
 /// A process's membership in an instance.
 pub struct Bus {
@@ -219,15 +260,20 @@ impl Bus {
         capacity: usize,
     ) -> Result<Publisher<E, H>, BusError> {
         check_memory(topic.name)?;
-        let port = self
-            .open(topic)?
-            .publisher_builder()
-            .initial_max_slice_len(capacity)
-            .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(topic.loaned)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(failed(topic.name, "create a publisher"))?;
+        let action = "create a publisher";
+        let is_full = |error: &PublisherCreateError| {
+            *error == PublisherCreateError::ExceedsMaxSupportedPublishers
+        };
+        let port = when_there_is_a_place(|| {
+            self.open(topic)?
+                .publisher_builder()
+                .initial_max_slice_len(capacity)
+                .allocation_strategy(AllocationStrategy::Static)
+                .max_loaned_samples(topic.loaned)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(refused(topic.name, action, is_full))
+        })?;
         fill_in(&port, topic, capacity)?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
@@ -265,18 +311,22 @@ impl Bus {
         history: usize,
     ) -> Result<Subscriber<E, H>, BusError> {
         check_memory(topic.name)?;
-        let service = self.open(topic)?;
-        // Where the topic was made with less, less is what there is.
-        let made = service.static_config();
-        let buffer = buffer.min(made.subscriber_max_buffer_size());
-        let history = history.min(made.history_size());
-        let borrowed = made.subscriber_max_borrowed_samples();
-        let port = service
-            .subscriber_builder()
-            .buffer_size(buffer)
-            .history_request(history)
-            .create()
-            .map_err(failed(topic.name, "create a subscriber"))?;
+        let action = "create a subscriber";
+        let is_full = |error: &SubscriberCreateError| {
+            *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
+        };
+        let (port, borrowed) = when_there_is_a_place(|| {
+            let service = self.open(topic)?;
+            // Where the topic was made with less, less is what there is.
+            let made = service.static_config();
+            let port = service
+                .subscriber_builder()
+                .buffer_size(buffer.min(made.subscriber_max_buffer_size()))
+                .history_request(history.min(made.history_size()))
+                .create()
+                .map_err(refused(topic.name, action, is_full))?;
+            Ok((port, made.subscriber_max_borrowed_samples()))
+        })?;
         // One message is with the caller, and one may be kept by it.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
         let queue = RefCell::new(VecDeque::with_capacity(capacity));
@@ -327,7 +377,12 @@ impl Bus {
         // group's own processes know.
         match builder()?.open() {
             Err(PublishSubscribeOpenError::DoesNotExist) => {}
-            opened => return opened.map_err(failed(topic.name, "open the topic")),
+            opened => {
+                let is_full = |error: &PublishSubscribeOpenError| {
+                    *error == PublishSubscribeOpenError::ExceedsMaxNumberOfNodes
+                };
+                return opened.map_err(refused(topic.name, "open the topic", is_full));
+            }
         }
         builder()?
             .history_size(topic.history)

@@ -180,6 +180,9 @@ pub const HEALTH: Topic<Heartbeat> =
 pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
 /// How the grabber's real camera is.
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
+/// What the supervisor has noticed and done; late readers get the last events too.
+pub const EVENTS: Topic<GroupEvent> =
+    Topic { history: 16, ..topic("events", "monitor", "loggers", 64) };
 /// The report of the running group, as JSON text.
 pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);
 
@@ -202,6 +205,7 @@ pub fn visit_all(visitor: &mut impl Visitor) {
     visitor.visit(&TRUTH);
     visitor.visit(&CAMERA);
     visitor.visit(&HEALTH);
+    visitor.visit(&EVENTS);
     visitor.visit(&STATUS);
 }
 

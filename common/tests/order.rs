@@ -1,4 +1,5 @@
-//! Messages of a dead process and of its successor reach a late reader in the order of their numbers.
+//! Messages of a dead process and of its successor reach a late reader in the order of their numbers;
+//! and who finds all places taken waits for one.
 
 use std::path::PathBuf;
 use touchline_common::bus::{Bus, Publisher};
@@ -75,4 +76,28 @@ fn a_late_starter_gets_what_was_published_before_it_came() {
     };
     assert_eq!(seqs(&stage), (0..=10).collect::<Vec<u64>>());
     assert_eq!(seqs(&consumer), [10]);
+}
+
+#[test]
+fn a_place_that_is_taken_is_waited_for() {
+    let place = Place::new("places");
+    let instance = place.instance.clone();
+    let bus = Bus::join(&place.instance, "test").unwrap();
+    let subscribe = || bus.subscriber(&topics::TRUTH);
+    let mut readers: Vec<_> =
+        (0..topics::TRUTH.subscribers).map(|_| subscribe().unwrap()).collect();
+    let (full, is_full) = std::sync::mpsc::channel();
+    let late = std::thread::spawn(move || {
+        let bus = Bus::join(&instance, "late").unwrap();
+        full.send(()).unwrap();
+        bus.subscriber(&topics::TRUTH).map(drop)
+    });
+    is_full.recv().unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(50));
+    drop(readers.pop());
+    late.join().unwrap().unwrap();
+    // Where none gets free, that is said in the end.
+    readers.push(subscribe().unwrap());
+    let error = subscribe().err().unwrap().to_string();
+    assert!(error.contains("truth") && error.contains("all places are taken"), "{error}");
 }

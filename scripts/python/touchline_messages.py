@@ -552,6 +552,25 @@ class Heartbeat(ctypes.Structure):
 assert ctypes.sizeof(Heartbeat) == 128
 
 
+class GroupEvent(ctypes.Structure):
+    """Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same."""
+
+    _fields_ = [
+        ("t_wall_ns", ctypes.c_uint64),
+        ("pid", ctypes.c_uint32),
+        ("process", ctypes.c_uint32),
+        ("what", ctypes.c_uint8 * 240),
+        ("evidence", ctypes.c_uint8 * 768),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/GroupEvent/1"
+
+
+assert ctypes.sizeof(GroupEvent) == 1024
+
+
 class StatusHeader(ctypes.Structure):
     """Travels with the group's status, which is JSON text in the first bytes of the payload."""
 
@@ -592,5 +611,6 @@ TOPICS = {
     "truth": Topic("truth", TruthFrame, None, 0, False),
     "camera": Topic("camera", CameraReport, None, 0, False),
     "health": Topic("health", Heartbeat, None, 0, False),
+    "events": Topic("events", GroupEvent, None, 16, False),
     "status": Topic("status", ctypes.c_uint8, StatusHeader, 0, False),
 }

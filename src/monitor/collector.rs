@@ -1,5 +1,6 @@
 //! Emptying the topics and putting the report together.
 
+use super::Outlets;
 use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
 use super::flow::Flow;
@@ -7,7 +8,7 @@ use super::latency::LatencyMeter;
 use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Resources, Stage};
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
-use common::bus::{Bus, BusError, Publisher, Subscriber};
+use common::bus::{Bus, BusError, Subscriber};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
@@ -72,15 +73,18 @@ struct RateMeter {
 }
 
 impl Collector {
-    /// Connects; also returns the port on which the report is to be published.
+    /// Connects; also returns the ports on which the report and the events are to be published.
     pub fn new(
         instance: &Instance,
         source: String,
         config: &Config,
         view: Arc<GroupView>,
-    ) -> Result<(Self, Publisher<u8, StatusHeader>), BusError> {
+    ) -> Result<(Self, Outlets), BusError> {
         let bus = Bus::join(instance, "monitor")?;
-        let status = bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?;
+        let outlets = Outlets {
+            status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
+            events: bus.publisher(&topics::EVENTS, 1)?,
+        };
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),
             instance: instance.name().into(),
@@ -124,7 +128,7 @@ impl Collector {
             memory_due_ns: monotonic_ns() + MEMORY_FIRST_NS,
             _bus: bus,
         };
-        Ok((collector, status))
+        Ok((collector, outlets))
     }
 
     /// Takes in everything published since the last call.

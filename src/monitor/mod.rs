@@ -3,7 +3,7 @@
 //! It believes no stage's counters where it can see for itself: frames are counted on `frames`,
 //! results on `world`, errors against `truth`. It runs on a thread of the supervisor's process,
 //! polls without wake-ups (so it costs the writers next to nothing), publishes the report on
-//! `status` and draws the console.
+//! `status` and the supervisor's events on `events`, and draws the console.
 
 pub mod accuracy;
 mod camera;
@@ -24,7 +24,7 @@ use common::bus::{BusError, Publisher};
 use common::clock::monotonic_ns;
 use common::config::{CameraConfig, Config};
 use common::instance::Instance;
-use common::messages::{MAX_STATUS_BYTES, StatusHeader};
+use common::messages::{GroupEvent, MAX_STATUS_BYTES, StatusHeader};
 use common::topics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -37,6 +37,12 @@ const LONGEST_POLL: Duration = Duration::from_millis(50);
 const POLLS_PER_BUFFER: f64 = 4.0;
 /// How often the status is published.
 const STATUS_PERIOD: Duration = Duration::from_millis(250);
+
+/// What the monitor publishes on.
+struct Outlets {
+    status: Publisher<u8, StatusHeader>,
+    events: Publisher<GroupEvent, ()>,
+}
 
 /// The running monitor.
 pub struct Monitor {
@@ -60,11 +66,11 @@ impl Monitor {
         // Ports belong to the thread that made them, so they are made there.
         let thread =
             std::thread::spawn(move || match Collector::new(&instance, source, &config, view) {
-                Ok((mut collector, status)) => {
+                Ok((mut collector, outlets)) => {
                     let _ = connected.send(Ok(()));
                     watch(
                         &mut collector,
-                        status,
+                        outlets,
                         output,
                         poll_period(&config.camera),
                         &stop_requested,
@@ -89,7 +95,7 @@ impl Monitor {
 
 fn watch(
     collector: &mut Collector,
-    mut status: Publisher<u8, StatusHeader>,
+    mut outlets: Outlets,
     output: Output,
     poll: Duration,
     stop: &AtomicBool,
@@ -102,11 +108,16 @@ fn watch(
         if let Err(error) = collector.collect() {
             eprintln!("touchline: monitor: {error}");
         }
-        display.events(&collector.take_new_events());
+        let events = collector.take_new_events();
+        for event in &events {
+            // Nobody may be listening, and the log has it.
+            let _ = outlets.events.publish(&event.message());
+        }
+        display.events(&events);
         if published.elapsed() >= STATUS_PERIOD || last_round {
             published = Instant::now();
             let report = collector.report(last_round);
-            publish(&mut status, &report);
+            publish(&mut outlets.status, &report);
             if last_round {
                 display.clear();
                 return report;

@@ -1,6 +1,7 @@
 //! What the supervisor knows and the monitor shows: who runs, and what has happened.
 
-use common::messages::{ProcessKind, ProcessState};
+use bytemuck::Zeroable;
+use common::messages::{GroupEvent, ProcessKind, ProcessState, write_text};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -36,6 +37,24 @@ impl Event {
             what: what.into(),
             evidence: evidence.into(),
         }
+    }
+
+    /// As a message. Of long evidence the end is kept, where the cause stands.
+    pub fn message(&self) -> GroupEvent {
+        let mut message = GroupEvent {
+            t_wall_ns: (self.time_s * 1e9) as u64,
+            pid: self.pid,
+            // Events are made of kinds, so there is one.
+            process: ProcessKind::from_name(&self.stage).map_or(u32::MAX, |kind| kind as u32),
+            ..Zeroable::zeroed()
+        };
+        write_text(&mut message.what, &self.what);
+        let mut begin = self.evidence.len().saturating_sub(message.evidence.len() - 1);
+        while !self.evidence.is_char_boundary(begin) {
+            begin += 1;
+        }
+        write_text(&mut message.evidence, &self.evidence[begin..]);
+        message
     }
 }
 
@@ -112,5 +131,22 @@ impl GroupView {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // Every update leaves the data whole, so a panic elsewhere does not make it unusable.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::messages::read_text;
+
+    #[test]
+    fn an_event_is_a_message_with_the_end_of_its_evidence() {
+        let evidence = format!("{}the cause", "é".repeat(1000));
+        let message = Event::new(ProcessKind::Tracker, 7, "killed", &evidence).message();
+        assert_eq!((message.pid, message.process), (7, ProcessKind::Tracker as u32));
+        assert_eq!(read_text(&message.what), "killed");
+        let said = read_text(&message.evidence);
+        assert!(said.len() > 700 && said.starts_with('é') && said.ends_with("the cause"), "{said}");
+        assert!(message.t_wall_ns > 1_600_000_000_000_000_000);
     }
 }

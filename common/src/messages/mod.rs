@@ -16,6 +16,7 @@
 mod camera;
 mod command;
 mod detection;
+mod event;
 mod frame;
 mod health;
 mod pixel_format;
@@ -31,6 +32,7 @@ pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
     Region, RejectReason, Rejected,
 };
+pub use event::GroupEvent;
 pub use frame::{BayerOrder, FrameFault, FrameHeader, MOST_AGE_NS, PixelLayout, reachable_frames};
 pub use health::{
     DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
