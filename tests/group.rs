@@ -472,6 +472,43 @@ fn a_group_survives_nothing_but_leaves_no_trouble_for_the_next() {
     group.assert_nothing_left();
 }
 
+/// A strategy that stays connected from one match to the next.
+#[test]
+fn a_consumer_that_stays_does_not_keep_an_ended_group_alive() {
+    let mut group = Group::start("stays", "", &[]);
+    group.wait_until_working();
+    let bus = Bus::join(&group.instance, "strategy").unwrap();
+    let world = bus.subscriber(&topics::WORLD).unwrap();
+    group.wait_until_working();
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+
+    let status = output_of(&group.scratch, &["status", "--instance", "test"]);
+    let said = String::from_utf8_lossy(&status.stderr).into_owned();
+    assert!(!status.status.success() && !said.contains("--adopt"), "{said}");
+    let adopted = output_of(&group.scratch, &["run", "--adopt", "--instance", "test", "--quiet"]);
+    assert!(!adopted.status.success(), "an ended group was started again: {adopted:?}");
+
+    // The next match begins at the beginning.
+    while world.receive().unwrap().is_some() {}
+    let args = ["run", "--instance", "test", "--frames", "120", "--quiet"];
+    let mut next = support::touchline(&group.scratch, &args).spawn().unwrap();
+    let mut first = None;
+    let deadline = Instant::now() + PATIENCE;
+    while first.is_none() && Instant::now() < deadline {
+        let received = world.receive().unwrap();
+        first = received.and_then(|received| received.message().map(|world| world.frame.seq));
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(next.wait().unwrap().success());
+    assert_eq!(first, Some(0));
+    drop((world, bus));
+    let output =
+        output_of(&group.scratch, &["run", "--instance", "test", "--frames", "4", "--quiet"]);
+    assert!(output.status.success(), "{output:?}");
+    group.assert_nothing_left();
+}
+
 #[test]
 fn stages_end_by_themselves_when_nobody_supervises_them_any_more() {
     let mut group = Group::start("orphans", "[supervisor]\norphan_timeout_s = 1\n", &[]);

@@ -66,14 +66,15 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
     }
     clean_slate(instance)?;
     instance.forget_progress()?;
-    check_memory(config)?;
+    check_memory(launch, config)?;
     write(&instance.config_path(), &commented_toml(config))?;
     Ok(Inheritance::default())
 }
 
 /// Whether there is shared memory for a new group. Where it runs out, processes die of touching it.
-fn check_memory(config: &Config) -> Result<(), SupervisorError> {
-    let group = GroupMemory::new(config);
+fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError> {
+    let frame_bytes = launch.source.frame_capacity(&config.camera);
+    let group = GroupMemory::with_frames_of(config, frame_bytes);
     let (needed, ample) = (group.least_bytes(), group.ample_bytes());
     let free = memory::free_bytes().map_err(|source| SupervisorError::System {
         action: format!("look at {}", memory::SHARED_MEMORY),
@@ -117,6 +118,10 @@ pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
     clean_slate(instance)?;
     if Bus::living_processes(instance)?.is_empty() {
         instance.remove_directory()?;
+    } else {
+        // It is for who takes a group over, and this one has ended.
+        let _ = std::fs::remove_file(instance.record_path());
+        instance.forget_progress()?;
     }
     Ok(())
 }
