@@ -238,7 +238,7 @@ fn stages_are_restarted_on_request_without_losing_a_frame() {
     let before = group.wait_for("spares", has_spares);
     let stages = ["classifier", "tracker", "filter"];
     let output = group.touchline(&[&["restart"], &stages[..]].concat());
-    assert!(output.status.success(), "{output:?}");
+    assert!(output.status.success(), "{output:?}\n{:#?}\n{}", group.try_status(), group.stderr());
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     let world = before["frames"]["world"].as_u64().unwrap();
     let after = group.wait_for("further frames", |status| {

@@ -160,6 +160,11 @@ pub struct Bus {
     instance: Instance,
 }
 
+/// A topic that will not go as long as this is there.
+pub struct Kept<E: Message, H: Header> {
+    _service: PublishSubscribeFactory<ipc::Service, [E], H>,
+}
+
 /// Who is connected to a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Population {
@@ -331,6 +336,12 @@ impl Bus {
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
         let queue = RefCell::new(VecDeque::with_capacity(capacity));
         Ok(Subscriber { port, topic: topic.name, seq: topic.seq, capacity, queue })
+    }
+
+    /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;
+    /// if the next one that makes it is killed while it does, nobody can.
+    pub fn keep<E: Message, H: Header>(&self, topic: &Topic<E, H>) -> Result<Kept<E, H>, BusError> {
+        when_there_is_a_place(|| Ok(Kept { _service: self.open(topic)? }))
     }
 
     /// How many processes are connected to a topic, spares included.

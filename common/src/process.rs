@@ -7,14 +7,15 @@
 //! configured time, so that a match outlives a crash of the supervisor, and then ends by itself, so
 //! that nothing is left running for ever.
 
-use crate::bus::{Bus, BusError, Publisher};
+use crate::bus::{Bus, BusError, Kept, Publisher};
 use crate::clock::monotonic_ns;
 use crate::config::{Config, WakeUpStrategy};
 use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
 use crate::mark::Mark;
 use crate::messages::{
-    DropReason, FrameFault, Heartbeat, ProcessKind, ProcessState, reachable_frames,
+    DropReason, FrameFault, GroupEvent, Heartbeat, ProcessKind, ProcessState, StatusHeader,
+    reachable_frames,
 };
 use crate::scheduling;
 use crate::topics::{self, Topic};
@@ -77,6 +78,8 @@ pub struct Process {
     /// What it has done so far; goes out with every heartbeat.
     pub counters: Heartbeat,
     instance: Instance,
+    /// What only the supervisor knows besides; it may be killed and started again at any moment.
+    _kept: (Kept<u8, StatusHeader>, Kept<GroupEvent, ()>),
     mark: Mark,
     health: Publisher<Heartbeat, ()>,
     kind: ProcessKind,
@@ -122,6 +125,7 @@ impl Process {
         }
         let bus = Bus::join(&options.instance, kind.name())?;
         let health = bus.publisher(&topics::HEALTH, 1)?;
+        let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
         let counters = Heartbeat {
             t_sent_ns: 0,
             pid: std::process::id(),
@@ -139,6 +143,7 @@ impl Process {
             bus,
             counters,
             instance: options.instance.clone(),
+            _kept: kept,
             mark: Mark::open(&options.instance, kind)
                 .map_err(system("map the mark of the stage"))?,
             health,
