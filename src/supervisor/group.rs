@@ -180,12 +180,14 @@ impl Group {
             self.reap()?;
             self.look()?;
             self.excuse_the_starved();
-            for action in self.policy.tick(monotonic_ns()) {
-                self.act(action)?;
-            }
+            // Before anything is done about it: who is asked to end at once, to be replaced, has not
+            // failed to start.
             if self.policy.is_complete() {
                 self.ever_complete = true;
                 self.notifier.ready();
+            }
+            for action in self.policy.tick(monotonic_ns()) {
+                self.act(action)?;
             }
             self.notifier.alive(Instant::now());
             let upgrade = self.serve_requests();
