@@ -1,14 +1,14 @@
 //! `touchline config`: write a commented configuration file, check one, print the schema.
 
 use super::CommandError;
+use super::output::{self, OutputError};
 use crate::cli::ConfigCommand;
 use common::config::{self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset};
 use common::geometry::{CameraModel, FieldPoint};
 use common::messages::Team;
 use std::fmt::Write as _;
-use std::fs::OpenOptions;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Carries out a `touchline config` command; what it has to say goes to the standard output.
@@ -32,47 +32,23 @@ pub enum ConfigCommandError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A file is in the way.
-    #[error("{} exists; --force overwrites it", .0.display())]
-    Exists(PathBuf),
-    /// The file cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
+    /// The file is not written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
-/// Writes the preset's configuration, every key commented, to `output`; without one it is returned
+/// Writes the preset's configuration, every key commented, to `path`; without one it is returned
 /// for the standard output. An existing file is overwritten only with `force`.
 pub fn init(
     preset: Preset,
-    output: Option<&Path>,
+    path: Option<&Path>,
     force: bool,
 ) -> Result<String, ConfigCommandError> {
     let text = config::commented_toml(&preset.config());
-    let Some(path) = output else { return Ok(text) };
-    let mut options = OpenOptions::new();
-    options.write(true).create(true);
-    if force {
-        options.truncate(true);
-    } else {
-        options.create_new(true);
-    }
-    let written = options.open(path).and_then(|mut file| file.write_all(text.as_bytes()));
-    match written {
-        Ok(()) => {
-            let path = path.display();
-            let name = preset.name();
-            Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
-        }
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-            Err(ConfigCommandError::Exists(path.into()))
-        }
-        Err(source) => Err(ConfigCommandError::Write { path: path.into(), source }),
-    }
+    let Some(path) = path else { return Ok(text) };
+    output::write(path, &text, force)?;
+    let (path, name) = (path.display(), preset.name());
+    Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
 }
 
 /// Checks a file; for a usable one a summary of what it says, and what in it looks unintended.
@@ -191,6 +167,7 @@ fn identification_patches(config: &Config) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::PathBuf;
 
     /// A directory of its own for each test, removed at the end.
     struct Scratch(PathBuf);
@@ -240,7 +217,7 @@ mod tests {
         let filler = "# mine, and longer than nothing\n".repeat(2000);
         std::fs::write(&file, &filler).unwrap();
         let error = init(Preset::default(), Some(&file), false).unwrap_err();
-        assert!(matches!(error, ConfigCommandError::Exists(_)), "{error}");
+        assert!(matches!(error, ConfigCommandError::Output(OutputError::Exists(_))), "{error}");
         assert_eq!(std::fs::read_to_string(&file).unwrap(), filler);
         init(Preset::default(), Some(&file), true).unwrap();
         assert_eq!(Config::load(&file).unwrap(), Config::default());

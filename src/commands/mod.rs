@@ -10,6 +10,7 @@ mod doctor;
 mod group;
 mod learn;
 mod operate;
+mod output;
 mod painted_light;
 mod pipeline;
 mod recordings;

@@ -3,15 +3,13 @@
 mod overlay;
 mod points;
 
-use super::{CommandError, load_config};
+use super::{CommandError, load_config, output};
 use crate::cli::CalibrateArgs;
 use common::calibration::{Calibration, KnownLens, LensSource, calibrate as fit, calibrated};
 use common::config::{Config, GeometryConfig, Problem, commented_toml};
 use image::RgbImage;
 use points::{NamedMark, PointsFile};
 use std::fmt::Write as _;
-use std::fs::OpenOptions;
-use std::io::{self, Write as _};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -19,9 +17,7 @@ use std::process::ExitCode;
 /// go together are an error, and nothing is written.
 pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
-    if let Some(path) = args.output.as_ref().filter(|path| path.exists() && !args.force) {
-        return Err(format!("{} exists; --force overwrites it", path.display()).into());
-    }
+    output::check_free(args.output.as_deref(), args.force)?;
     let mut file = args.points.as_deref().map_or(Ok(PointsFile::default()), PointsFile::load)?;
     for argument in &args.at {
         file.add_argument(argument)?;
@@ -59,7 +55,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
             print!("{}", section(&calibration.geometry));
         }
         Some(path) => {
-            write(path, &commented_toml(&config), args.force)?;
+            output::write(path, &commented_toml(&config), args.force)?;
             let path = path.display();
             print!("{report}");
             println!("{path}: written; `touchline config check {path}` checks it");
@@ -207,13 +203,4 @@ fn section(geometry: &GeometryConfig) -> String {
         );
     }
     text + "]\n"
-}
-
-fn write(path: &Path, text: &str, force: bool) -> Result<(), CommandError> {
-    let mut options = OpenOptions::new();
-    options.write(true).create(true).truncate(force).create_new(!force);
-    options
-        .open(path)
-        .and_then(|mut file| file.write_all(text.as_bytes()))
-        .map_err(|error: io::Error| format!("cannot write {}: {error}", path.display()).into())
 }

@@ -2,7 +2,7 @@
 
 mod auto;
 
-use super::{CommandError, load_config};
+use super::{CommandError, load_config, output};
 use crate::cli::LearnArgs;
 use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
 use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
@@ -13,8 +13,6 @@ use learning::labels::{ImageLabels, Labels};
 use learning::picture::Picture;
 use learning::samples::{Gatherer, Samples};
 use learning::separate::{self, Wishes};
-use std::fs::OpenOptions;
-use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -27,9 +25,7 @@ struct Lesson {
 /// Learns, prints how well colours can be told apart, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
-    if let Some(path) = args.output.as_ref().filter(|path| path.exists() && !args.force) {
-        return Err(format!("{} exists; --force overwrites it", path.display()).into());
-    }
+    output::check_free(args.output.as_deref(), args.force)?;
     let mut lessons = match &args.samples {
         Some(samples) => labelled(&Labels::load(samples)?, &args.pictures, &config)?,
         None => unlabelled(&args.pictures, &config)?,
@@ -47,7 +43,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     match &args.output {
         None => print!("{}", fragment(&config)),
         Some(path) => {
-            write(path, &commented_toml(&config), args.force)?;
+            output::write(path, &commented_toml(&config), args.force)?;
             println!("{path}: written", path = path.display());
         }
     }
@@ -223,13 +219,4 @@ fn fragment(config: &Config) -> String {
         text += &format!("looks = {looks:?}\n\n");
     }
     text
-}
-
-fn write(path: &Path, text: &str, force: bool) -> Result<(), CommandError> {
-    let mut options = OpenOptions::new();
-    options.write(true).create(true).truncate(force).create_new(!force);
-    options
-        .open(path)
-        .and_then(|mut file| file.write_all(text.as_bytes()))
-        .map_err(|error: io::Error| format!("cannot write {}: {error}", path.display()).into())
 }
