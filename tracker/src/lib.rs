@@ -29,6 +29,7 @@ mod edge_fit;
 mod edge_pixels;
 mod edges;
 mod footprint;
+mod hypotheses;
 mod local_map;
 mod measure;
 mod pairing;

@@ -1,7 +1,8 @@
 //! Why candidates became nothing: what a person needs to see to set up colours and lamps.
 
 use crate::candidates::Spot;
-use crate::pairing::{Fate, Pairing, TEAM_PATCH_DISTANCE};
+use crate::hypotheses::Fate;
+use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::Pattern;
 use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
