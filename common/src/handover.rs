@@ -1,8 +1,8 @@
 //! What the supervisor tells the next process of a stage before it lets it work.
 //!
 //! The supervisor watches every stage's output and confirms a process dead before its successor
-//! starts to work, so it knows exactly how far the stage has come, also when nobody else does any
-//! more.
+//! starts to work, so it knows exactly how far the stage has come. Only what a dead process has
+//! published before this supervisor came it does not know; that is what [marks](crate::mark) are for.
 
 use crate::instance::{Instance, create_private};
 use crate::messages::ProcessKind;
