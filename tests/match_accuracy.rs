@@ -6,8 +6,7 @@ use classifier::Classifier;
 use common::config::Config;
 use common::geometry::wrap_angle;
 use common::messages::{
-    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, RobotHypothesis, Run, RunsHeader,
-    TruthRobot, WorldFrame,
+    DetectionFrame, FrameHeader, MAX_RUNS, RobotHypothesis, Run, RunsHeader, TruthRobot, WorldFrame,
 };
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
@@ -112,17 +111,8 @@ fn play_one(config: &Config, frames: u64, outcome: &mut Outcome) {
     // What was predicted for frames to come.
     let mut predicted: VecDeque<(u64, Box<WorldFrame>)> = VecDeque::new();
     for seq in 0..frames {
-        let header = FrameHeader {
-            seq,
-            t_capture_ns: START_NS + seq * period_ns,
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            exposure_us: camera.exposure_us,
-            ..FrameHeader::default()
-        };
+        let header =
+            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
         game.render(&mut pixels, camera.width as usize);
         classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
         let prior = (seq > 0).then_some(&*world);
@@ -276,17 +266,8 @@ fn innovations(config: &Config, frames: u64) -> Vec<f64> {
     let mut innovations = Vec::new();
     let mut commands = None;
     for seq in 0..frames {
-        let header = FrameHeader {
-            seq,
-            t_capture_ns: START_NS + seq * period_ns,
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            exposure_us: camera.exposure_us,
-            ..FrameHeader::default()
-        };
+        let header =
+            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
         game.render(&mut pixels, camera.width as usize);
         classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
         tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), None, &mut seen);

@@ -6,7 +6,7 @@ use classifier::lamp::PitchProbe;
 use classifier::{BayerImage, Classifier, Picture};
 use common::config::{Config, LightConfig};
 use common::messages::{
-    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader, TrackStatus, WorldFrame,
+    DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame,
 };
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
@@ -73,17 +73,8 @@ fn play(config: &Config, seconds: f64, light: impl Fn(f64) -> f64) -> Outcome {
     let mut world = Box::new(WorldFrame::zeroed());
     let mut outcome = Outcome::default();
     for seq in 0..(seconds * camera.fps) as u64 {
-        let header = FrameHeader {
-            seq,
-            t_capture_ns: START_NS + seq * period_ns,
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            exposure_us: camera.exposure_us,
-            ..FrameHeader::default()
-        };
+        let header =
+            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
         game.render(&mut pixels, camera.width as usize);
         let light = light(seq as f64 / camera.fps);
         for pixel in &mut pixels {

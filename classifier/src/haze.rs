@@ -244,7 +244,7 @@ mod tests {
     use super::*;
     use crate::Classifier;
     use common::config::LightConfig;
-    use common::messages::{FrameHeader, PixelFormat, RunsHeader};
+    use common::messages::RunsHeader;
 
     const FLOOR: [u8; 3] = [34, 38, 32];
     const PATCHES: [[u8; 3]; 3] = [[180, 164, 32], [36, 152, 168], [28, 56, 172]];
@@ -276,14 +276,7 @@ mod tests {
 
     fn runs(config: &Config, pixels: &[u8]) -> Vec<Run> {
         let camera = &config.camera;
-        let header = FrameHeader {
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            ..FrameHeader::default()
-        };
+        let header = camera.frame_header();
         let mut out_header = RunsHeader::default();
         let mut out = vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; MAX_RUNS];
         let mut classifier = Classifier::new(config).unwrap();

@@ -20,7 +20,7 @@ pub enum OutputError {
     },
 }
 
-/// Says before long work whether [`write`] will refuse because a file is in the way.
+/// Says before long work whether [`write()`] will refuse because a file is in the way.
 pub fn check_free(path: Option<&Path>, force: bool) -> Result<(), OutputError> {
     match path {
         Some(path) if path.exists() && !force => Err(OutputError::Exists(path.into())),

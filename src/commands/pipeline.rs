@@ -5,9 +5,7 @@ use super::CommandError;
 use bytemuck::Zeroable;
 use classifier::Classifier;
 use common::config::{CameraConfig, Config};
-use common::messages::{
-    DetectionFrame, FrameFault, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader,
-};
+use common::messages::{DetectionFrame, FrameFault, MAX_RUNS, Run, RunsHeader};
 use tracker::Tracker;
 
 /// The stages between a frame and what is seen in it, and the memory they work in.
@@ -35,16 +33,7 @@ impl Pipeline {
 
     /// Looks at a picture, which stands alone: nothing is known of what was before.
     pub fn step(&mut self, bayer: &[u8]) -> Result<&DetectionFrame, FrameFault> {
-        let &CameraConfig { width, height, bayer_order, exposure_us, .. } = &self.camera;
-        let header = FrameHeader {
-            width,
-            height,
-            stride: width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: bayer_order as u32,
-            exposure_us,
-            ..FrameHeader::default()
-        };
+        let header = self.camera.frame_header();
         self.classifier.step(&header, bayer, &mut self.runs_header, &mut self.runs)?;
         let runs = self.runs_header.valid(&self.runs);
         self.tracker.step(&self.runs_header, runs, Some(bayer), None, &mut self.seen);

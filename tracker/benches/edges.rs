@@ -8,7 +8,7 @@ mod support;
 use bytemuck::Zeroable;
 use common::config::Config;
 use common::geometry::FieldPoint;
-use common::messages::{FrameHeader, PixelFormat, RobotState, RunsHeader, TrackStatus, WorldFrame};
+use common::messages::{RobotState, RunsHeader, TrackStatus, WorldFrame};
 use std::hint::black_box;
 use std::time::Instant;
 use support::{Picture, robot};
@@ -41,14 +41,7 @@ fn main() {
         .collect();
     let runs = picture.runs();
     let header = RunsHeader {
-        frame: FrameHeader {
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            ..FrameHeader::default()
-        },
+        frame: camera.frame_header(),
         run_count: runs.len() as u32,
         ..RunsHeader::default()
     };

@@ -15,7 +15,9 @@ mod problem;
 mod schema;
 mod validate;
 
-use crate::messages::{BayerOrder, MAX_PATCHES, MAX_ROBOTS, ProcessKind, Team};
+use crate::messages::{
+    BayerOrder, FrameHeader, MAX_PATCHES, MAX_ROBOTS, PixelFormat, ProcessKind, Team,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -130,6 +132,20 @@ impl CameraConfig {
     /// Bytes of a frame, rows without padding.
     pub fn frame_bytes(&self) -> usize {
         self.width as usize * self.height as usize
+    }
+
+    /// Header of a raw Bayer frame as configured, of a byte a pixel and rows without padding; number and
+    /// times are left to the caller.
+    pub fn frame_header(&self) -> FrameHeader {
+        FrameHeader {
+            width: self.width,
+            height: self.height,
+            stride: self.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: self.bayer_order as u32,
+            exposure_us: self.exposure_us,
+            ..FrameHeader::default()
+        }
     }
 }
 

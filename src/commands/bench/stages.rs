@@ -4,9 +4,7 @@
 use super::{COLD_BYTES, CommandError, FEWEST_ROUNDS, median, timed};
 use classifier::Classifier;
 use common::config::Config;
-use common::messages::{
-    DetectionFrame, FrameHeader, MAX_RUNS, PixelFormat, Run, RunsHeader, WorldFrame,
-};
+use common::messages::{DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, WorldFrame};
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
@@ -99,12 +97,7 @@ pub fn measure(budget: Duration) -> Result<Stages, CommandError> {
         let header = FrameHeader {
             seq,
             t_capture_ns: (1_000_000_000.0 * (1.0 + seq as f64 / config.camera.fps)) as u64,
-            width: config.camera.width,
-            height: config.camera.height,
-            stride: config.camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: config.camera.bayer_order as u32,
-            ..FrameHeader::default()
+            ..config.camera.frame_header()
         };
         times[0].push(timed(|| black_box(&mut copy).copy_from_slice(black_box(frame))));
         let mut fault = None;

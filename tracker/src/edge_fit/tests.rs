@@ -3,7 +3,7 @@ use crate::edges::NO_EDGE;
 use common::config::{Config, Pair, Preset};
 use common::geometry::ImagePoint;
 use common::layout::topmost_patch;
-use common::messages::{BayerOrder, FrameHeader, PixelFormat};
+use common::messages::BayerOrder;
 use proptest::prelude::*;
 
 /// Red, green, blue.
@@ -90,14 +90,7 @@ impl Scene {
         expected: Option<&Pose>,
     ) -> Option<Fitted> {
         let camera = &self.config.camera;
-        let header = FrameHeader {
-            width: camera.width,
-            height: camera.height,
-            stride: camera.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: camera.bayer_order as u32,
-            ..FrameHeader::default()
-        };
+        let header = camera.frame_header();
         let frame = RawFrame::new(&header, &self.pixels, camera.width, camera.height).unwrap();
         fitter(&self.config, &self.camera).fit(&self.camera, &frame, start, deviations, expected)
     }
