@@ -17,6 +17,7 @@ pub mod calibration;
 pub mod clock;
 pub mod config;
 pub mod consumer;
+pub mod descriptors;
 pub mod eventcount;
 pub mod geometry;
 pub mod handover;

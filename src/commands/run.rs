@@ -6,6 +6,7 @@ use crate::cli::RunArgs;
 use crate::monitor::{Monitor, Output, summary};
 use crate::supervisor::{self, Launch, Outcome, Record, Until};
 use common::config::Config;
+use common::descriptors;
 use common::instance::Instance;
 use grabber::playback::Playlist;
 use grabber::source::Source;
@@ -95,6 +96,7 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
         if let Some(report) = &args.report {
             command.arg("--report").arg(report);
         }
+        descriptors::keep_from_programs_run_now();
         command.exec()
     };
     let error = run(program);

@@ -3,6 +3,7 @@
 use super::notify;
 use super::policy::MemberId;
 use super::starvation::{ProcessorWait, SchedulerTimes};
+use common::descriptors;
 use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
@@ -101,6 +102,7 @@ impl Process {
                 command.args(["--resume-after", &format!("{}@{}", last.seq, last.t_capture_ns)]);
             }
         }
+        descriptors::keep_from_programs_run_now();
         let child = command.spawn()?;
         let pid = child.id();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;

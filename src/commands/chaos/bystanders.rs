@@ -4,6 +4,7 @@
 use super::population::has_ended;
 use crate::commands::CommandError;
 use common::bus::Bus;
+use common::descriptors;
 use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use common::topics;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -107,6 +108,7 @@ struct Bystander {
 impl Bystander {
     fn start(instance: &Instance) -> Result<Self, CommandError> {
         let places = instance.directory().parent().unwrap_or(instance.directory());
+        descriptors::keep_from_programs_run_now();
         let child = Command::new("/proc/self/exe")
             .arg0("touchline")
             .args(["bystander", "--instance", instance.name()])

@@ -5,6 +5,7 @@ use super::population;
 use crate::commands::CommandError;
 use crate::monitor::{Report, read_status};
 use crate::supervisor::{self, Request};
+use common::descriptors;
 use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use common::messages::ProcessKind;
 use grabber::source::Source;
@@ -181,6 +182,7 @@ impl Drop for Group {
 /// for this program alone, which ends the group in order.
 fn spawn(place: &Path, args: &[String]) -> Result<Child, CommandError> {
     let log = File::options().create(true).append(true).open(place.join("log"))?;
+    descriptors::keep_from_programs_run_now();
     Ok(Command::new("/proc/self/exe")
         .arg0("touchline")
         .args(args)
