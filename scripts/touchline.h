@@ -67,6 +67,11 @@ enum TouchlineProcessKind {
     TOUCHLINE_PROCESS_KIND_FILTER = 3,
 };
 
+enum TouchlineAttendant {
+    TOUCHLINE_ATTENDANT_SUPERVISOR = 4,
+    TOUCHLINE_ATTENDANT_GATEWAY = 5,
+};
+
 enum TouchlineProcessState {
     TOUCHLINE_PROCESS_STATE_SPARE = 1,
     TOUCHLINE_PROCESS_STATE_ACTIVE = 2,
@@ -83,6 +88,19 @@ enum TouchlineDropReason {
     TOUCHLINE_DROP_REASON_NOT_PUBLISHED = 5,
     TOUCHLINE_DROP_REASON_POISONOUS = 6,
     TOUCHLINE_DROP_REASON_INCOMPLETE = 7,
+};
+
+enum TouchlineEventKind {
+    TOUCHLINE_EVENT_KIND_OTHER = 0,
+    TOUCHLINE_EVENT_KIND_ENDED = 1,
+    TOUCHLINE_EVENT_KIND_PROMOTED = 2,
+    TOUCHLINE_EVENT_KIND_STALLED = 3,
+    TOUCHLINE_EVENT_KIND_KILLED = 4,
+    TOUCHLINE_EVENT_KIND_RETIRED = 5,
+    TOUCHLINE_EVENT_KIND_DROPPED = 6,
+    TOUCHLINE_EVENT_KIND_POISONOUS = 7,
+    TOUCHLINE_EVENT_KIND_TAKEN_OVER = 8,
+    TOUCHLINE_EVENT_KIND_CAMERA = 9,
 };
 
 enum TouchlineCameraState {
@@ -601,18 +619,18 @@ typedef struct TouchlineCameraReport {
 TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
 #define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
 
-/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. */
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. */
 typedef struct TouchlineHeartbeat {
     /* When it was published. */
     uint64_t t_sent_ns;
     /* Operating system's number of the process. */
     uint32_t pid;
-    /* A ProcessKind number. */
+    /* A ProcessKind or Attendant number. */
     uint32_t process;
     /* A ProcessState number. */
     uint32_t state;
-    /* Reserved, 0. */
-    uint32_t reserved;
+    /* Of the gateway: programs that are attached. Of others 0. */
+    uint32_t clients;
     /* Newest frame number taken in; u64::MAX before the first. */
     uint64_t seq_in;
     /* Newest frame number given out; u64::MAX before the first. */
@@ -621,31 +639,45 @@ typedef struct TouchlineHeartbeat {
     uint64_t frames_in;
     /* Outputs given. */
     uint64_t frames_out;
-    /* Frame numbers that never reached this process (gaps in its input). */
+    /* Frame numbers that never reached this process (gaps in its input); of the gateway, outputs that did not reach a client because it was too slow. */
     uint64_t frames_missed;
-    /* Inputs not worked on, by DropReason. */
+    /* Inputs not worked on, by DropReason; of the gateway, what clients have sent. */
     uint64_t dropped[8];
+    /* Of the supervisor: events in the group so far, the number of the newest. Of others 0, as are the following. */
+    uint64_t events;
+    /* When the newest event happened, nanoseconds since 1970. */
+    uint64_t t_event_wall_ns;
+    /* What it was, an EventKind number. */
+    uint32_t event_kind;
+    /* Whom it concerns, a ProcessKind or Attendant number. */
+    uint32_t event_process;
 } TouchlineHeartbeat;
 
-TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 128);
-#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/2"
+TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 152);
+#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/3"
 
 /* Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same. */
 typedef struct TouchlineGroupEvent {
     /* When it happened, nanoseconds since 1970. */
     uint64_t t_wall_ns;
+    /* Counts the events of this supervisor: 1 is its first. */
+    uint64_t number;
     /* Operating system's number of the process concerned; 0 when it concerns the whole stage. */
     uint32_t pid;
-    /* Its kind, a ProcessKind number. */
+    /* Its kind, a ProcessKind or Attendant number. */
     uint32_t process;
+    /* An EventKind number. */
+    uint32_t kind;
+    /* Reserved, 0. */
+    uint32_t reserved;
     /* What happened: UTF-8, ended by a zero. */
-    uint8_t what[240];
+    uint8_t what[224];
     /* The last lines that the process wrote, if it has ended, likewise; the end of them where they are too long. */
     uint8_t evidence[768];
 } TouchlineGroupEvent;
 
 TOUCHLINE_CHECK(sizeof(TouchlineGroupEvent) == 1024);
-#define TOUCHLINE_GROUP_EVENT_TYPE_NAME "touchline/GroupEvent/1"
+#define TOUCHLINE_GROUP_EVENT_TYPE_NAME "touchline/GroupEvent/2"
 
 /* Travels with the group's status, which is JSON text in the first bytes of the payload. */
 typedef struct TouchlineStatusHeader {
@@ -666,8 +698,8 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * commands     touchline/Commands/1         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
- * health       touchline/Heartbeat/2        ()
- * events       touchline/GroupEvent/1       ()
+ * health       touchline/Heartbeat/3        ()
+ * events       touchline/GroupEvent/2       ()
  * status       u8                           touchline/StatusHeader/1
  */
 

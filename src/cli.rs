@@ -1,11 +1,15 @@
 //! The command line.
 
 mod calibrate;
+mod pictures;
 mod recordings;
+mod stages;
 mod topics;
 
 pub use calibrate::CalibrateArgs;
+pub use pictures::{DetectArgs, LearnArgs, ScoreArgs};
 pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
+pub use stages::{GatewayArgs, GrabberArgs, StageArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
 use crate::commands::chaos::Disturbance;
@@ -14,7 +18,6 @@ use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
 use common::messages::ProcessKind;
-use grabber::camera::LastFrame;
 use grabber::source::Source;
 use std::path::PathBuf;
 
@@ -57,14 +60,14 @@ pub enum Command {
     /// the background, with the widest margins. Prints what is taken for what, and warns of colours
     /// too alike. With the pitch's own colour, which is written down too, colours learned under some
     /// lamps hold under others. docs/labels.md describes the file of labels.
-    #[command(after_long_help = LEARN_EXAMPLES)]
+    #[command(after_long_help = pictures::LEARN_EXAMPLES)]
     Learn(LearnArgs),
     /// Tells how well robots and ball are found on pictures of which is known what they show.
     ///
     /// Looks at every labelled picture as `detect` does and compares: robots under their right names
     /// within the tolerances, wrong identities, misses with their reason and the colours seen there,
     /// robots where nobody is, the ball. docs/labels.md describes the file of labels.
-    #[command(after_long_help = SCORE_EXAMPLES)]
+    #[command(after_long_help = pictures::SCORE_EXAMPLES)]
     Score(ScoreArgs),
     /// Lists the cameras of this machine, with formats, sizes, rates and controls.
     Cameras(CamerasArgs),
@@ -156,6 +159,8 @@ pub enum Command {
     Tracker(StageArgs),
     /// The filter stage alone: detections → world.
     Filter(StageArgs),
+    /// The gateway alone: `world` and `commands` for users of the group `access.group`.
+    Gateway(GatewayArgs),
 }
 
 /// Arguments of `run`.
@@ -192,97 +197,6 @@ pub struct RunArgs {
     #[arg(long, conflicts_with_all = ["config", "source", "fps", "frames", "seconds"])]
     pub adopt: bool,
 }
-
-/// Arguments of `detect`.
-#[derive(Debug, Args)]
-pub struct DetectArgs {
-    /// PNG or JPEG pictures, or folders of them
-    #[arg(required = true, value_name = "IMAGE")]
-    pub images: Vec<PathBuf>,
-    /// Configuration file
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Print JSON lines instead of text
-    #[arg(long)]
-    pub json: bool,
-    /// Write the pictures, with what was found drawn over them, to this folder
-    #[arg(long, value_name = "DIR")]
-    pub overlay: Option<PathBuf>,
-}
-
-/// Arguments of `learn`.
-#[derive(Debug, Args)]
-pub struct LearnArgs {
-    /// Pictures to learn from; folders stand for all pictures in them [default: all labelled ones]
-    #[arg(value_name = "PICTURE")]
-    pub pictures: Vec<PathBuf>,
-    /// File of labels (JSON): robots, balls, or marked places
-    #[arg(long, value_name = "FILE", required_unless_present = "auto")]
-    pub samples: Option<PathBuf>,
-    /// Find the colours without labels, from robots on the pitch: what colours look like
-    /// (`looks` in the configuration) is where it begins, robots that fit the layout is where it goes
-    #[arg(long, conflicts_with = "samples", requires = "pictures")]
-    pub auto: bool,
-    /// Configuration with geometry, layout, and the colours' names
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Where to write the configuration with the colours learned [default: print the colours alone]
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-    /// Overwrite an existing file
-    #[arg(long)]
-    pub force: bool,
-    /// Take pictures as they are: every lamp there will be is among them
-    #[arg(long)]
-    pub fixed_light: bool,
-}
-
-const LEARN_EXAMPLES: &str = "\
-Examples:
-  touchline learn --samples labels.json --config match.toml -o learned.toml
-  touchline learn a.png b.png --samples labels.json --config match.toml -o learned.toml
-      from two of the labelled pictures; `touchline score` then tells how it does on the others
-  touchline learn --auto pictures/ --config match.toml -o learned.toml
-      without labels, from pictures of robots that stand about; the more the better";
-
-/// Arguments of `score`.
-#[derive(Debug, Args)]
-pub struct ScoreArgs {
-    /// Files of labels (JSON); the pictures are looked for beside them
-    #[arg(required_unless_present = "synthetic", value_name = "LABELS")]
-    pub labels: Vec<PathBuf>,
-    /// Play the list of synthetic scenes instead: light, lamps, glare, noise, blur, crowds
-    #[arg(long, conflicts_with = "labels")]
-    pub synthetic: bool,
-    /// Only synthetic scenes whose names contain one of these, separated by commas
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "synthetic")]
-    pub scenes: Vec<String>,
-    /// Frames to look at in each synthetic scene, a quarter of a second apart
-    #[arg(long, value_name = "N", default_value = "40", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    pub frames: u32,
-    /// Configuration file
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Print one JSON document instead of text
-    #[arg(long)]
-    pub json: bool,
-    /// A robot may be this far from its label
-    #[arg(long, value_name = "PX", default_value = "3", value_parser = parse_tolerance)]
-    pub within_px: f64,
-    /// A robot's heading may be this far from its label
-    #[arg(long, value_name = "DEG", default_value = "6", value_parser = parse_tolerance)]
-    pub within_deg: f64,
-    /// The ball may be this far from its label
-    #[arg(long, value_name = "PX", default_value = "2", value_parser = parse_tolerance)]
-    pub ball_within_px: f64,
-}
-
-const SCORE_EXAMPLES: &str = "\
-Examples:
-  touchline score labels.json --config match.toml          what was found and what not, and why
-  touchline score a.json b.json --config match.toml --json  all figures as one JSON document
-  touchline score --synthetic                               scenes of the synthetic match
-  touchline score --synthetic --scenes light,lamp --json    some of them, one JSON line each";
 
 /// Arguments of `cameras`.
 #[derive(Debug, Args)]
@@ -473,41 +387,6 @@ pub enum ConfigCommand {
     Schema,
 }
 
-/// Arguments of a stage.
-#[derive(Debug, Args)]
-pub struct StageArgs {
-    /// Which group.
-    #[command(flatten)]
-    pub instance: InstanceArgs,
-    /// Configuration file
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Connect, then wait for SIGUSR1 before working
-    #[arg(long)]
-    pub spare: bool,
-    /// End some time (`supervisor.orphan_timeout_s`) after the group's supervisor is gone
-    #[arg(long)]
-    pub supervised: bool,
-}
-
-/// Arguments of the grabber stage.
-#[derive(Debug, Args)]
-pub struct GrabberArgs {
-    /// As for every stage.
-    #[command(flatten)]
-    pub stage: StageArgs,
-    /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH`, `recording:FILE`,
-    /// `v4l2:/dev/videoN` or `genicam`
-    #[arg(long, default_value = "synthetic")]
-    pub source: Source,
-    /// Capture so many frames, then wait to be ended
-    #[arg(long, value_name = "N")]
-    pub frames: Option<u64>,
-    /// Continue after a predecessor's frame of this number and capture time (nanoseconds)
-    #[arg(long, value_name = "SEQ@TIME", value_parser = parse_last_frame)]
-    pub resume_after: Option<LastFrame>,
-}
-
 /// `touchline run` without arguments.
 pub fn default_run() -> RunArgs {
     match Cli::parse_from(["touchline", "run"]).command {
@@ -558,14 +437,6 @@ fn parse_stage(text: &str) -> Result<ProcessKind, String> {
         .ok_or_else(|| format!("use {}", ProcessKind::ALL.map(ProcessKind::name).join(", ")))
 }
 
-fn parse_last_frame(text: &str) -> Result<LastFrame, String> {
-    let parse = || {
-        let (seq, time) = text.split_once('@')?;
-        Some(LastFrame { seq: seq.parse().ok()?, t_capture_ns: time.parse().ok()? })
-    };
-    parse().ok_or_else(|| "use NUMBER@NANOSECONDS".into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -574,12 +445,5 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn a_predecessors_frame_is_read_as_written() {
-        let last = parse_last_frame("12@345").unwrap();
-        assert_eq!((last.seq, last.t_capture_ns), (12, 345));
-        assert!(parse_last_frame("12").is_err() && parse_last_frame("@").is_err());
     }
 }

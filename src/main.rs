@@ -6,6 +6,7 @@
 mod cli;
 mod commands;
 mod drawing;
+mod gateway;
 mod monitor;
 mod recorder;
 mod replay;

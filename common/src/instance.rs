@@ -57,6 +57,8 @@ pub enum InstanceError {
 pub struct Instance {
     name: String,
     directory: PathBuf,
+    /// Where other users can get at what is meant for them.
+    gateway_base: PathBuf,
 }
 
 impl Instance {
@@ -75,7 +77,9 @@ impl Instance {
         }
         let directory = base.join(name);
         match directory.to_str() {
-            Some(text) if text.len() <= MAX_DIRECTORY => Ok(Self { name: name.into(), directory }),
+            Some(text) if text.len() <= MAX_DIRECTORY => {
+                Ok(Self { name: name.into(), directory, gateway_base: gateway_base(base) })
+            }
             _ => Err(InstanceError::Path(directory)),
         }
     }
@@ -125,6 +129,54 @@ impl Instance {
         self.directory.join("step")
     }
 
+    /// The directory of the socket for other users: not in the runtime directory, which is closed to
+    /// them, but beside it; or, where all of that place is closed to them, in /tmp.
+    pub fn gateway_directory(&self) -> PathBuf {
+        self.gateway_base.join(format!("{}.gateway", self.name))
+    }
+
+    /// The socket for other users.
+    pub fn gateway_path(&self) -> PathBuf {
+        self.gateway_directory().join("socket")
+    }
+
+    /// Makes the directory of the socket for other users, so that a group of users (its number in the
+    /// system) can get at what is in it, but not list it, and everybody else not even that. The place
+    /// it is in can be passed through by everybody, but neither listed nor written.
+    pub fn create_gateway_directory(&self, group: u32) -> Result<(), InstanceError> {
+        let directory = self.gateway_directory();
+        let places = [self.gateway_base.as_path(), &directory];
+        for path in places {
+            // Nobody else's until it has its group.
+            let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
+            match made {
+                Err(error) if fs::symlink_metadata(path).is_err() => {
+                    return Err(io_error(path)(error));
+                }
+                _ => check_places(places)?,
+            }
+        }
+        let mode = fs::symlink_metadata(&self.gateway_base).map_err(io_error(places[0]))?.mode();
+        if mode & 0o001 == 0 {
+            set_mode(&self.gateway_base, mode & 0o7777 | 0o011)?;
+        }
+        set_mode(&directory, 0o700)?;
+        std::os::unix::fs::chown(&directory, None, Some(group)).map_err(io_error(&directory))?;
+        set_mode(&directory, 0o710)
+    }
+
+    /// Removes that directory.
+    pub fn remove_gateway_directory(&self) -> Result<(), InstanceError> {
+        let directory = self.gateway_directory();
+        if !is_ours(&directory) {
+            return Ok(());
+        }
+        remove(fs::remove_dir_all(&directory), &directory)?;
+        // Goes only when there is nothing else in it.
+        let _ = fs::remove_dir(&self.gateway_base);
+        Ok(())
+    }
+
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {
@@ -150,28 +202,7 @@ impl Instance {
 
     /// Whether the runtime directory and the one it is in, as far as they exist, are ours alone.
     pub fn check_directory(&self) -> Result<(), InstanceError> {
-        for path in self.places() {
-            let data = match fs::symlink_metadata(path) {
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-                data => data.map_err(io_error(path))?,
-            };
-            let can_be_written = data.mode() & 0o022 != 0;
-            // In a directory like /tmp others can add theirs, but not take ours away.
-            let is_safe_base = path != self.directory && data.mode() & 0o1000 != 0;
-            let problem = if data.is_symlink() {
-                "is a symbolic link"
-            } else if !data.is_dir() {
-                "is not a directory"
-            } else if data.uid() != rustix::process::getuid().as_raw() {
-                "belongs to another user"
-            } else if can_be_written && !is_safe_base {
-                "can be written by other users"
-            } else {
-                continue;
-            };
-            return Err(InstanceError::Directory { path: path.into(), problem });
-        }
-        Ok(())
+        check_places(self.places())
     }
 
     /// The directory of all instances, and this one's.
@@ -295,6 +326,41 @@ impl Instance {
     }
 }
 
+/// Whether two directories, of which the second is in the first, are ours alone, as far as they exist.
+fn check_places(places: [&Path; 2]) -> Result<(), InstanceError> {
+    for path in places {
+        let data = match fs::symlink_metadata(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            data => data.map_err(io_error(path))?,
+        };
+        let can_be_written = data.mode() & 0o022 != 0;
+        // In a directory like /tmp others can add theirs, but not take ours away.
+        let is_safe_base = path != places[1] && data.mode() & 0o1000 != 0;
+        let problem = if data.is_symlink() {
+            "is a symbolic link"
+        } else if !data.is_dir() {
+            "is not a directory"
+        } else if data.uid() != rustix::process::getuid().as_raw() {
+            "belongs to another user"
+        } else if can_be_written && !is_safe_base {
+            "can be written by other users"
+        } else {
+            continue;
+        };
+        return Err(InstanceError::Directory { path: path.into(), problem });
+    }
+    Ok(())
+}
+
+fn is_ours(path: &Path) -> bool {
+    let uid = rustix::process::getuid().as_raw();
+    fs::symlink_metadata(path).is_ok_and(|data| data.is_dir() && data.uid() == uid)
+}
+
+fn set_mode(path: &Path, mode: u32) -> Result<(), InstanceError> {
+    fs::set_permissions(path, fs::Permissions::from_mode(mode)).map_err(io_error(path))
+}
+
 /// Makes a file, or empties it, readable by nobody else.
 pub fn create_private(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(path)
@@ -326,7 +392,23 @@ pub fn runtime_base() -> PathBuf {
     }
     match from("XDG_RUNTIME_DIR") {
         Some(directory) => PathBuf::from(directory).join("touchline"),
-        None => PathBuf::from(format!("/tmp/touchline-{}", rustix::process::getuid().as_raw())),
+        None => base_in_tmp(),
+    }
+}
+
+fn base_in_tmp() -> PathBuf {
+    format!("/tmp/touchline-{}", rustix::process::getuid().as_raw()).into()
+}
+
+/// Where the directories are that other users are let into. What is in XDG_RUNTIME_DIR is closed to
+/// everybody but its owner.
+fn gateway_base(base: &Path) -> PathBuf {
+    let closed = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    match closed {
+        Some(closed) if !closed.as_os_str().is_empty() && base.starts_with(&closed) => {
+            base_in_tmp()
+        }
+        _ => base.into(),
     }
 }
 
@@ -338,106 +420,4 @@ pub fn fnv1a(bytes: &[u8]) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_place_too_deep_for_sockets_is_refused_before_it_is_used() {
-        let base = PathBuf::from("/").join("x".repeat(MAX_DIRECTORY - 6));
-        assert!(Instance::below(&base, "four").is_ok());
-        let error = Instance::below(&base, "fiver").unwrap_err().to_string();
-        assert!(error.contains(RUNTIME_DIR_VARIABLE), "{error}");
-        let longest =
-            Instance::below(Path::new("/run/user/4294967/touchline"), &"x".repeat(MAX_NAME));
-        assert!(longest.is_ok(), "the longest name must fit into the usual place: {longest:?}");
-    }
-
-    /// A directory of its own for each test, removed at the end.
-    struct Scratch(PathBuf);
-
-    impl Scratch {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("tl-{name}-{}", std::process::id()));
-            fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-    }
-
-    impl Drop for Scratch {
-        fn drop(&mut self) {
-            let _ = fs::remove_dir_all(&self.0);
-        }
-    }
-
-    fn mode(path: &Path) -> u32 {
-        fs::symlink_metadata(path).unwrap().mode() & 0o7777
-    }
-
-    fn refusal(instance: &Instance) -> String {
-        instance.create_directory().unwrap_err().to_string()
-    }
-
-    #[test]
-    fn the_runtime_directory_is_for_nobody_else() {
-        let scratch = Scratch::new("instance-private");
-        let base = scratch.0.join("base");
-        let instance = Instance::below(&base, "match").unwrap();
-        instance.create_directory().unwrap();
-        assert_eq!((mode(&base), mode(instance.directory())), (0o700, 0o700));
-        // A service manager has made it, and let everybody look.
-        fs::set_permissions(instance.directory(), fs::Permissions::from_mode(0o755)).unwrap();
-        instance.create_directory().unwrap();
-        assert_eq!(mode(instance.directory()), 0o700);
-        drop(create_private(&instance.config_path()).unwrap());
-        assert_eq!(mode(&instance.config_path()), 0o600);
-        assert_eq!(Instance::all_below(&base), [instance]);
-    }
-
-    #[test]
-    fn a_place_where_others_can_write_is_refused() {
-        let scratch = Scratch::new("instance-open");
-        let base = scratch.0.join("base");
-        let instance = Instance::below(&base, "match").unwrap();
-        instance.create_directory().unwrap();
-        for path in [instance.directory(), &base] {
-            fs::set_permissions(path, fs::Permissions::from_mode(0o777)).unwrap();
-            let refusal = refusal(&instance);
-            assert!(refusal.contains("can be written by other users"), "{refusal}");
-            assert!(refusal.starts_with(&format!("{} ", path.display())), "{refusal}");
-            fs::set_permissions(path, fs::Permissions::from_mode(0o700)).unwrap();
-        }
-        // As /tmp.
-        fs::set_permissions(&base, fs::Permissions::from_mode(0o1777)).unwrap();
-        instance.create_directory().unwrap();
-    }
-
-    #[test]
-    fn links_and_files_in_the_place_of_the_directory_are_refused_and_not_followed() {
-        let scratch = Scratch::new("instance-link");
-        let victim = scratch.0.join("victim");
-        fs::create_dir(&victim).unwrap();
-        let base = scratch.0.join("base");
-        std::os::unix::fs::symlink(&victim, &base).unwrap();
-        let instance = Instance::below(&base, "match").unwrap();
-        assert!(refusal(&instance).contains("is a symbolic link"));
-        assert_eq!(fs::read_dir(&victim).unwrap().count(), 0, "the link was followed");
-
-        fs::remove_file(&base).unwrap();
-        fs::create_dir(&base).unwrap();
-        for target in [&victim, &scratch.0.join("nothing")] {
-            std::os::unix::fs::symlink(target, instance.directory()).unwrap();
-            assert!(refusal(&instance).contains("is a symbolic link"));
-            fs::remove_file(instance.directory()).unwrap();
-        }
-        fs::write(instance.directory(), "").unwrap();
-        assert!(refusal(&instance).contains("is not a directory"));
-    }
-
-    #[test]
-    fn names_that_do_not_fit_into_file_names_are_refused() {
-        for name in ["", "../x", "a b", "A", "äh", "x".repeat(MAX_NAME + 1).as_str()] {
-            assert!(Instance::new(name).is_err(), "{name:?} was accepted");
-        }
-        assert!(Instance::new("match-2").is_ok());
-    }
-}
+mod tests;

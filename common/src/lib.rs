@@ -19,6 +19,7 @@ pub mod config;
 pub mod consumer;
 pub mod descriptors;
 pub mod eventcount;
+pub mod gateway;
 pub mod geometry;
 pub mod handover;
 pub mod instance;

@@ -126,19 +126,7 @@ impl Process {
         let bus = Bus::join(&options.instance, kind.name())?;
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
-        let counters = Heartbeat {
-            t_sent_ns: 0,
-            pid: std::process::id(),
-            process: kind as u32,
-            state: ProcessState::Spare as u32,
-            reserved: 0,
-            seq_in: NO_SEQ,
-            seq_out: NO_SEQ,
-            frames_in: 0,
-            frames_out: 0,
-            frames_missed: 0,
-            dropped: [0; DropReason::ALL.len()],
-        };
+        let counters = Heartbeat::new(kind as u32, ProcessState::Spare);
         Ok(Self {
             bus,
             counters,

@@ -166,12 +166,12 @@ pub const WORLD: Topic<WorldFrame> = Topic {
     subscribers: 24,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
     t_capture_ns: |elements, _| elements.first().map_or(0, |world| world.frame.t_capture_ns),
-    ..topic("world", "filter", "tracker, monitor, strategies", 64)
+    ..topic("world", "filter", "tracker, monitor, gateway, strategies", 64)
 };
 /// Wheel speeds that strategies have sent to the robots.
 pub const COMMANDS: Topic<Commands> = Topic {
     publishers: 8,
-    ..topic("commands", "strategies, synthetic match", "filter, synthetic match", 64)
+    ..topic("commands", "strategies, gateway, synthetic match", "filter, synthetic match", 64)
 };
 /// Signs of life of every process.
 pub const HEALTH: Topic<Heartbeat> =

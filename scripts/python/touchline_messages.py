@@ -59,6 +59,11 @@ class ProcessKind(enum.IntEnum):
     FILTER = 3
 
 
+class Attendant(enum.IntEnum):
+    SUPERVISOR = 4
+    GATEWAY = 5
+
+
 class ProcessState(enum.IntEnum):
     SPARE = 1
     ACTIVE = 2
@@ -75,6 +80,19 @@ class DropReason(enum.IntEnum):
     NOT_PUBLISHED = 5
     POISONOUS = 6
     INCOMPLETE = 7
+
+
+class EventKind(enum.IntEnum):
+    OTHER = 0
+    ENDED = 1
+    PROMOTED = 2
+    STALLED = 3
+    KILLED = 4
+    RETIRED = 5
+    DROPPED = 6
+    POISONOUS = 7
+    TAKEN_OVER = 8
+    CAMERA = 9
 
 
 class CameraState(enum.IntEnum):
@@ -528,28 +546,32 @@ assert ctypes.sizeof(CameraReport) == 688
 
 
 class Heartbeat(ctypes.Structure):
-    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process."""
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
         ("pid", ctypes.c_uint32),
         ("process", ctypes.c_uint32),
         ("state", ctypes.c_uint32),
-        ("reserved", ctypes.c_uint32),
+        ("clients", ctypes.c_uint32),
         ("seq_in", ctypes.c_uint64),
         ("seq_out", ctypes.c_uint64),
         ("frames_in", ctypes.c_uint64),
         ("frames_out", ctypes.c_uint64),
         ("frames_missed", ctypes.c_uint64),
         ("dropped", ctypes.c_uint64 * 8),
+        ("events", ctypes.c_uint64),
+        ("t_event_wall_ns", ctypes.c_uint64),
+        ("event_kind", ctypes.c_uint32),
+        ("event_process", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/Heartbeat/2"
+        return "touchline/Heartbeat/3"
 
 
-assert ctypes.sizeof(Heartbeat) == 128
+assert ctypes.sizeof(Heartbeat) == 152
 
 
 class GroupEvent(ctypes.Structure):
@@ -557,15 +579,18 @@ class GroupEvent(ctypes.Structure):
 
     _fields_ = [
         ("t_wall_ns", ctypes.c_uint64),
+        ("number", ctypes.c_uint64),
         ("pid", ctypes.c_uint32),
         ("process", ctypes.c_uint32),
-        ("what", ctypes.c_uint8 * 240),
+        ("kind", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("what", ctypes.c_uint8 * 224),
         ("evidence", ctypes.c_uint8 * 768),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/GroupEvent/1"
+        return "touchline/GroupEvent/2"
 
 
 assert ctypes.sizeof(GroupEvent) == 1024

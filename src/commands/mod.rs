@@ -20,7 +20,7 @@ mod step;
 mod stress;
 mod topics;
 
-use crate::cli::{Cli, Command, GrabberArgs, StageArgs};
+use crate::cli::{Cli, Command, GatewayArgs, GrabberArgs, StageArgs};
 use common::config::Config;
 use common::instance::Instance;
 use common::process::{ProcessError, ProcessOptions};
@@ -64,6 +64,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),
         Some(Command::Tracker(args)) => stage("tracker", args, tracker::process::run),
         Some(Command::Filter(args)) => stage("filter", args, filter::process::run),
+        Some(Command::Gateway(args)) => gateway(args),
     }
 }
 
@@ -98,6 +99,16 @@ fn grabber_stage(args: GrabberArgs) -> Result<ExitCode, CommandError> {
         resume_after: args.resume_after,
     };
     stage("grabber", args.stage, |process, config| grabber::process::run(process, &options, config))
+}
+
+fn gateway(args: GatewayArgs) -> Result<ExitCode, CommandError> {
+    let instance = Instance::new(&args.instance.instance)?;
+    instance.check_directory()?;
+    let config = Config::load(&args.config.unwrap_or_else(|| instance.config_path()))?;
+    name_process(crate::gateway::NAME);
+    crate::gateway::run(&instance, &config, args.supervised)
+        .map_err(|error| format!("{}: {error}", crate::gateway::NAME))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// What `ps` and `top` show; the file's name would be the same for every stage.

@@ -3,7 +3,7 @@
 use super::report::CameraDevice;
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Subscriber};
-use common::messages::{CameraReport, CameraState, ProcessKind, read_text};
+use common::messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
 use common::topics;
 
 /// Listens to what the grabber says about its camera.
@@ -31,7 +31,7 @@ impl CameraWatch {
                 };
                 let what = format!("the camera is {}: {about}", device.state.replace('_', " "));
                 let what = what.trim_end_matches([' ', ':']);
-                view.log(Event::new(ProcessKind::Grabber, 0, what, ""));
+                view.log(Event::new(EventKind::Camera, ProcessKind::Grabber.name(), 0, what, ""));
             }
             self.device = Some(device);
         }

@@ -5,7 +5,7 @@ use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
 use super::flow::Flow;
 use super::latency::LatencyMeter;
-use super::report::{Accuracy, Camera, Found, Process, Rate, Report, Resources, Stage};
+use super::report::{Accuracy, Camera, Found, Gateway, Process, Rate, Report, Resources, Stage};
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Subscriber};
@@ -46,6 +46,7 @@ pub struct Collector {
     latency: LatencyMeter,
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
+    gateway: Option<Heartbeat>,
     rate: RateMeter,
     /// What this process had used when the run began.
     supervisor_cpu_before: f64,
@@ -84,6 +85,7 @@ impl Collector {
         let outlets = Outlets {
             status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
             events: bus.publisher(&topics::EVENTS, 1)?,
+            health: bus.publisher(&topics::HEALTH, 1)?,
         };
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -122,6 +124,7 @@ impl Collector {
             latency: LatencyMeter::default(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
+            gateway: None,
             rate: RateMeter::default(),
             supervisor_cpu_before: own_cpu_seconds(),
             memory_bytes: 0,
@@ -159,6 +162,9 @@ impl Collector {
         self.camera.collect(&self.view)?;
         while let Some(received) = self.health.receive()? {
             if let Some(beat) = received.message() {
+                if beat.process == Attendant::Gateway as u32 {
+                    self.gateway = Some(*beat);
+                }
                 // Of processes of the group only: numbers of others would pile up.
                 let is_of_group = self.processes.contains_key(&beat.pid)
                     || self.view.processes().0.iter().any(|process| process.pid == beat.pid);
@@ -173,6 +179,28 @@ impl Collector {
     /// Events that were not returned before.
     pub fn take_new_events(&self) -> Vec<Event> {
         self.view.take_new_events()
+    }
+
+    /// The supervisor's sign of life, if it has given one itself just now.
+    pub fn heartbeat(&self) -> Option<Heartbeat> {
+        let now_ns = monotonic_ns();
+        self.view.is_watched(now_ns).then(|| self.view.heartbeat(now_ns))
+    }
+
+    /// The gateway, as the supervisor and it itself see it.
+    fn gateway(&self) -> Option<Gateway> {
+        let view = self.view.gateway()?;
+        let own = self.gateway.filter(|beat| Some(beat.pid) == view.pid);
+        Some(Gateway {
+            group: view.group,
+            socket: view.socket,
+            pid: view.pid,
+            restarts: view.restarts,
+            clients: own.map_or(0, |beat| beat.clients),
+            given: own.map_or(0, |beat| beat.frames_out),
+            lost: own.map_or(0, |beat| beat.frames_missed),
+            refused: own.map_or(0, |beat| beat.dropped.iter().fold(0, |a, b| b.saturating_add(a))),
+        })
     }
 
     fn take_detection(&mut self, detection: &DetectionFrame) -> Result<(), BusError> {
@@ -345,6 +373,7 @@ impl Collector {
             stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
             rejected: self.rejected.clone(),
             accuracy,
+            gateway: self.gateway(),
             events: self.view.events(),
             ..self.base.clone()
         }

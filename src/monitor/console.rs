@@ -1,7 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Breakdown, CameraDevice, Errors, Percentiles, Report};
+use super::report::{Breakdown, CameraDevice, Errors, Gateway, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
@@ -195,6 +195,9 @@ fn body(report: &Report) -> String {
         "  found        {} of {} robots, {ball}, {} regions",
         found.robots, found.robots_configured, found.regions
     );
+    if let Some(gateway) = &report.gateway {
+        gateway_line(&mut text, gateway);
+    }
     if !report.rejected.is_empty() {
         let reasons: Vec<String> =
             report.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
@@ -253,6 +256,17 @@ fn camera_lines(text: &mut String, device: &CameraDevice) {
     if !problem.is_empty() {
         let _ = writeln!(text, "               {problem}");
     }
+}
+
+/// Who else may attach, where, and how that goes.
+fn gateway_line(text: &mut String, gateway: &Gateway) {
+    let Gateway { group, socket, clients, given, lost, refused, restarts, .. } = gateway;
+    let state = if gateway.pid.is_some() { "" } else { ", not running" };
+    let _ = writeln!(
+        text,
+        "  gateway      for {group}{state}: {clients} attached, {given} messages given, {lost} lost by slow \
+         ones, {refused} refused, {restarts} restarts   {socket}"
+    );
 }
 
 fn errors_line(errors: &Errors) -> String {

@@ -3,7 +3,8 @@
 //! It believes no stage's counters where it can see for itself: frames are counted on `frames`,
 //! results on `world`, errors against `truth`. It runs on a thread of the supervisor's process,
 //! polls without wake-ups (so it costs the writers next to nothing), publishes the report on
-//! `status` and the supervisor's events on `events`, and draws the console.
+//! `status`, the supervisor's events on `events` and its sign of life on `health`, and draws the
+//! console.
 
 pub mod accuracy;
 mod camera;
@@ -17,14 +18,15 @@ mod view;
 
 pub use console::{Output, summary};
 pub use report::Report;
-pub use view::{Event, GroupView, ProcessView};
+pub use view::{Event, GatewayView, GroupView, ProcessView};
 
 use collector::Collector;
 use common::bus::{BusError, Publisher};
 use common::clock::monotonic_ns;
 use common::config::{CameraConfig, Config};
 use common::instance::Instance;
-use common::messages::{GroupEvent, MAX_STATUS_BYTES, StatusHeader};
+use common::messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
+use common::process::HEARTBEAT;
 use common::topics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,6 +44,7 @@ const STATUS_PERIOD: Duration = Duration::from_millis(250);
 struct Outlets {
     status: Publisher<u8, StatusHeader>,
     events: Publisher<GroupEvent, ()>,
+    health: Publisher<Heartbeat, ()>,
 }
 
 /// The running monitor.
@@ -102,6 +105,7 @@ fn watch(
 ) -> Report {
     let mut display = console::Display::new(output);
     let mut published = Instant::now();
+    let mut beat = Instant::now();
     loop {
         // Looked at first: what was published before the request is still collected.
         let last_round = stop.load(Ordering::Relaxed);
@@ -114,6 +118,11 @@ fn watch(
             let _ = outlets.events.publish(&event.message());
         }
         display.events(&events);
+        // After the events: whoever reads of one in a heartbeat finds it.
+        if beat.elapsed() >= HEARTBEAT || !events.is_empty() {
+            beat = Instant::now();
+            let _ = collector.heartbeat().map(|beat| outlets.health.publish(&beat));
+        }
         if published.elapsed() >= STATUS_PERIOD || last_round {
             published = Instant::now();
             let report = collector.report(last_round);

@@ -41,6 +41,9 @@ pub struct Report {
     /// Errors against the truth; absent where nobody knows it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<Accuracy>,
+    /// The gateway; absent where nobody but the owner may attach.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gateway: Option<Gateway>,
     /// What the supervisor noticed and did, oldest first; the last hundred.
     pub events: Vec<Event>,
 }
@@ -219,6 +222,28 @@ pub struct Process {
     pub pid: u32,
     /// `starting`, `spare`, `active`, `waiting` (for its camera) or `finished`.
     pub state: String,
+}
+
+/// What lets other users attach. Counters start with its process.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Gateway {
+    /// Whose users may attach.
+    pub group: String,
+    /// Where.
+    pub socket: String,
+    /// The system's number for its process; absent while there is none.
+    pub pid: Option<u32>,
+    /// How often it was started again.
+    pub restarts: u64,
+    /// Programs that are attached.
+    pub clients: u32,
+    /// Messages given to them.
+    pub given: u64,
+    /// Messages that one of them lost because it was too slow.
+    pub lost: u64,
+    /// Messages of theirs that were no commands, or impossible ones.
+    pub refused: u64,
 }
 
 /// What was found in the newest frame.

@@ -1,7 +1,11 @@
 //! What the supervisor knows and the monitor shows: who runs, and what has happened.
 
 use bytemuck::Zeroable;
-use common::messages::{GroupEvent, ProcessKind, ProcessState, write_text};
+use common::clock::monotonic_ns;
+use common::messages::{
+    Attendant, EventKind, GroupEvent, Heartbeat, ProcessKind, ProcessState, process_number,
+    write_text,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -10,12 +14,21 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Events kept for the status; the log on standard error has all of them.
 const KEPT_EVENTS: usize = 100;
 
+/// A supervisor looks after its group a hundred times a second; who has not for so long is stuck.
+const LATE_NS: u64 = 1_000_000_000;
+
 /// Something the supervisor noticed or did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// Seconds since 1970.
     pub time_s: f64,
-    /// The stage concerned.
+    /// Counts the events of this supervisor; 0 for those of an earlier one.
+    #[serde(skip)]
+    pub number: u64,
+    /// What kind of thing happened.
+    #[serde(default)]
+    pub kind: EventKind,
+    /// The stage concerned; or `gateway`.
     pub stage: String,
     /// The process concerned.
     pub pid: u32,
@@ -28,11 +41,13 @@ pub struct Event {
 
 impl Event {
     /// An event of this moment.
-    pub fn new(kind: ProcessKind, pid: u32, what: &str, evidence: &str) -> Self {
+    pub fn new(kind: EventKind, stage: &str, pid: u32, what: &str, evidence: &str) -> Self {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self {
             time_s: (since_1970.as_secs_f64() * 1000.0).round() / 1000.0,
-            stage: kind.name().into(),
+            number: 0,
+            kind,
+            stage: stage.into(),
             pid,
             what: what.into(),
             evidence: evidence.into(),
@@ -43,9 +58,10 @@ impl Event {
     pub fn message(&self) -> GroupEvent {
         let mut message = GroupEvent {
             t_wall_ns: (self.time_s * 1e9) as u64,
+            number: self.number,
             pid: self.pid,
-            // Events are made of kinds, so there is one.
-            process: ProcessKind::from_name(&self.stage).map_or(u32::MAX, |kind| kind as u32),
+            process: process_number(&self.stage),
+            kind: self.kind as u32,
             ..Zeroable::zeroed()
         };
         write_text(&mut message.what, &self.what);
@@ -69,6 +85,19 @@ pub struct ProcessView {
     pub state: Option<ProcessState>,
 }
 
+/// The gateway, in a group that other users may attach to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct GatewayView {
+    /// Who may attach.
+    pub group: String,
+    /// Where.
+    pub socket: String,
+    /// The system's number for it; `None` while it does not run.
+    pub pid: Option<u32>,
+    /// How often it was started again.
+    pub restarts: u64,
+}
+
 /// Shared between the supervisor, which writes, and the monitor, which reads.
 pub struct GroupView {
     /// The supervisor's own number.
@@ -80,7 +109,12 @@ pub struct GroupView {
 struct Inner {
     processes: Vec<ProcessView>,
     restarts: BTreeMap<ProcessKind, u64>,
+    gateway: Option<GatewayView>,
+    updated_ns: Option<u64>,
     events: VecDeque<Event>,
+    /// Events of this supervisor.
+    count: u64,
+    newest: Option<Event>,
     unseen_events: Vec<Event>,
 }
 
@@ -93,6 +127,9 @@ impl GroupView {
     /// Notes an event.
     pub fn log(&self, event: Event) {
         let mut inner = self.lock();
+        inner.count += 1;
+        let event = Event { number: inner.count, ..event };
+        inner.newest = Some(event.clone());
         inner.unseen_events.push(event.clone());
         inner.events.push_back(event);
         if inner.events.len() > KEPT_EVENTS {
@@ -109,6 +146,7 @@ impl GroupView {
     pub fn update(&self, processes: Vec<ProcessView>, restarts: BTreeMap<ProcessKind, u64>) {
         let mut inner = self.lock();
         inner.processes = processes;
+        inner.updated_ns = Some(monotonic_ns());
         inner.restarts = restarts;
     }
 
@@ -121,6 +159,38 @@ impl GroupView {
     /// The last events, oldest first.
     pub fn events(&self) -> Vec<Event> {
         self.lock().events.iter().cloned().collect()
+    }
+
+    /// Replaces what is known of the gateway.
+    pub fn update_gateway(&self, gateway: GatewayView) {
+        self.lock().gateway = Some(gateway);
+    }
+
+    /// The gateway, where there is one.
+    pub fn gateway(&self) -> Option<GatewayView> {
+        self.lock().gateway.clone()
+    }
+
+    /// Whether the supervisor has looked after its group just now.
+    pub fn is_watched(&self, now_ns: u64) -> bool {
+        self.lock().updated_ns.is_some_and(|at_ns| now_ns.saturating_sub(at_ns) < LATE_NS)
+    }
+
+    /// The supervisor's sign of life, with the newest event.
+    pub fn heartbeat(&self, now_ns: u64) -> Heartbeat {
+        let inner = self.lock();
+        let mut beat = Heartbeat {
+            t_sent_ns: now_ns,
+            pid: self.supervisor_pid,
+            events: inner.count,
+            ..Heartbeat::new(Attendant::Supervisor as u32, ProcessState::Active)
+        };
+        if let Some(newest) = inner.newest.as_ref().map(Event::message) {
+            beat.t_event_wall_ns = newest.t_wall_ns;
+            beat.event_kind = newest.kind;
+            beat.event_process = newest.process;
+        }
+        beat
     }
 
     /// Events that this call has not returned before.
@@ -142,11 +212,35 @@ mod tests {
     #[test]
     fn an_event_is_a_message_with_the_end_of_its_evidence() {
         let evidence = format!("{}the cause", "é".repeat(1000));
-        let message = Event::new(ProcessKind::Tracker, 7, "killed", &evidence).message();
+        let event = Event::new(EventKind::Ended, "tracker", 7, "killed", &evidence);
+        let message = event.message();
         assert_eq!((message.pid, message.process), (7, ProcessKind::Tracker as u32));
+        assert_eq!(message.kind, EventKind::Ended as u32);
         assert_eq!(read_text(&message.what), "killed");
         let said = read_text(&message.evidence);
         assert!(said.len() > 700 && said.starts_with('é') && said.ends_with("the cause"), "{said}");
         assert!(message.t_wall_ns > 1_600_000_000_000_000_000);
+    }
+
+    #[test]
+    fn the_heartbeat_tells_of_the_newest_event() {
+        let view = GroupView::new(77);
+        let before = view.heartbeat(5);
+        assert_eq!((before.pid, before.t_sent_ns, before.events), (77, 5, 0));
+        assert_eq!(before.process, Attendant::Supervisor as u32);
+        view.remember(vec![Event::new(EventKind::Stalled, "filter", 3, "killed", "")]);
+        assert_eq!(
+            view.heartbeat(6),
+            Heartbeat { t_sent_ns: 6, ..before },
+            "an earlier supervisor's"
+        );
+        view.log(Event::new(EventKind::Ended, "tracker", 7, "exit status 1", ""));
+        view.log(Event::new(EventKind::Killed, "gateway", 8, "killed: no sign of life", ""));
+        let beat = view.heartbeat(9);
+        assert_eq!((beat.events, beat.event_kind), (2, EventKind::Killed as u32));
+        assert_eq!(beat.event_process, Attendant::Gateway as u32);
+        let numbers: Vec<u64> = view.take_new_events().iter().map(|event| event.number).collect();
+        assert_eq!(numbers, [1, 2]);
+        assert!(beat.t_event_wall_ns > 1_600_000_000_000_000_000);
     }
 }

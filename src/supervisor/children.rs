@@ -72,24 +72,7 @@ impl Process {
         // With the supervisor's number: a later one counts its processes anew.
         let log = format!("{}-{}-{id}.log", kind.name(), std::process::id());
         let log = launch.instance.directory().join(log);
-        let mut command = Command::new("/proc/self/exe");
-        command
-            .arg0("touchline")
-            .arg(kind.name())
-            .arg("--supervised")
-            .args(["--instance", launch.instance.name()])
-            .arg("--config")
-            .arg(launch.instance.config_path())
-            // Looking up names for a back trace takes longer than a stall; message and place are kept.
-            .env("RUST_BACKTRACE", "0")
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(create_private(&log)?)
-            // Ctrl-C in the terminal is for the supervisor alone, which ends the group in order.
-            .process_group(0);
-        for variable in notify::VARIABLES {
-            command.env_remove(variable);
-        }
+        let mut command = command(&launch.instance, kind.name(), &log)?;
         if spare {
             command.arg("--spare");
         }
@@ -131,19 +114,50 @@ impl Process {
 
     /// How it ended, if it has.
     pub fn reap(&mut self) -> Option<End> {
-        let (how, crashed) = match &mut self.child {
-            Some(child) => {
-                let status = child.try_wait().ok().flatten()?;
-                describe(status.code(), status.signal())
-            }
-            None => end_of_adopted(&self.pidfd)?,
+        let Some(child) = &mut self.child else {
+            let (how, crashed) = end_of_adopted(&self.pidfd)?;
+            return Some(End { how, crashed, last_words: take_last_words(&self.log) });
         };
-        let text = fs::read(&self.log).unwrap_or_default();
-        let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
-        let last_words = String::from_utf8_lossy(tail).trim().to_string();
-        let _ = fs::remove_file(&self.log);
-        Some(End { how, crashed, last_words })
+        end_of(child, &self.log)
     }
+}
+
+/// The command that starts a process of the group from the very image this one runs.
+pub fn command(instance: &Instance, name: &str, log: &Path) -> io::Result<Command> {
+    let mut command = Command::new("/proc/self/exe");
+    command
+        .arg0("touchline")
+        .arg(name)
+        .arg("--supervised")
+        .args(["--instance", instance.name()])
+        .arg("--config")
+        .arg(instance.config_path())
+        // Looking up names for a back trace takes longer than a stall; message and place are kept.
+        .env("RUST_BACKTRACE", "0")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(create_private(log)?)
+        // Ctrl-C in the terminal is for the supervisor alone, which ends the group in order.
+        .process_group(0);
+    for variable in notify::VARIABLES {
+        command.env_remove(variable);
+    }
+    Ok(command)
+}
+
+/// How a child ended, if it has; its log goes with it.
+pub fn end_of(child: &mut Child, log: &Path) -> Option<End> {
+    let status = child.try_wait().ok().flatten()?;
+    let (how, crashed) = describe(status.code(), status.signal());
+    Some(End { how, crashed, last_words: take_last_words(log) })
+}
+
+fn take_last_words(log: &Path) -> String {
+    let text = fs::read(log).unwrap_or_default();
+    let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
+    let last_words = String::from_utf8_lossy(tail).trim().to_string();
+    let _ = fs::remove_file(log);
+    last_words
 }
 
 /// The file that a process runs, also when it has been replaced or removed since.

@@ -1,21 +1,24 @@
 //! A living group: carries events to the rules and the rules' decisions to the processes.
 
-use super::children::{self, Launch, Process, is_same_program};
+mod adoption;
+mod ending;
+
+use super::children::{self, Launch, Process};
 use super::control::{Answer, Control, Request};
 use super::drops::Drops;
 use super::evidence;
+use super::gateway::Gateway;
 use super::janitor::Janitor;
 use super::notify::Notifier;
 use super::policy::{Action, Cause, Event, MemberId, Policy, Settings};
-use super::progress::Progress;
+use super::progress::{Beat, Progress};
 use super::record::{Member, Record};
-use super::takeover::{self, Inherited};
-use super::{GRACE, SupervisorError, Until};
+use super::{SupervisorError, Until};
 use crate::monitor::{Event as LogEvent, GroupView, ProcessView};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::handover::Handover;
-use common::messages::{ProcessKind, ProcessState};
+use common::messages::{EventKind, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::cell::Cell;
@@ -31,12 +34,8 @@ const TICK: Duration = Duration::from_millis(10);
 const TICKS_PER_STALL: u32 = 4;
 /// A stall that is due but excused does not keep the supervisor from sleeping.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
-/// How long the last results may take when the group is told to end.
-const DRAIN: Duration = Duration::from_millis(100);
 /// How long after the camera's last frame results are waited for.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
-/// Processes give a sign of life ten times a second.
-const FIRST_WORD: Duration = Duration::from_millis(600);
 /// So many failures before anything ever worked mean that it never will.
 const HOPELESS_STARTS: u32 = 3;
 
@@ -63,6 +62,9 @@ pub struct Group {
     /// Something has changed that the record does not say yet.
     record_is_due: Cell<bool>,
     janitor: Janitor,
+    /// Lets other users in, where that is configured.
+    gateway: Option<Gateway>,
+    settings: Settings,
 }
 
 /// Why nobody watches a group any longer.
@@ -81,6 +83,7 @@ impl Group {
         view: Arc<GroupView>,
         stop: UnixStream,
         record: Record,
+        gateway: Option<Gateway>,
     ) -> Result<Self, SupervisorError> {
         let control = Control::open(&launch.instance).map_err(|source| {
             SupervisorError::System { action: "open the socket for requests".into(), source }
@@ -97,7 +100,7 @@ impl Group {
             progress: Progress::new(&launch.instance, config)?,
             launch,
             tick: tick(&settings),
-            policy: Policy::new(settings),
+            policy: Policy::new(settings.clone()),
             processes: HashMap::new(),
             outputs: [None; ProcessKind::ALL.len()],
             skip_after: HashMap::new(),
@@ -114,61 +117,9 @@ impl Group {
             control,
             record_is_due: Cell::new(true),
             janitor,
+            gateway,
+            settings,
         })
-    }
-
-    /// Takes over processes of an earlier supervisor. Its record says what they are; of those that
-    /// it does not know, or that were still starting, they say it themselves, several times a second.
-    /// One that says nothing is stuck.
-    pub fn adopt(&mut self, inherited: &[Inherited]) -> Result<(), SupervisorError> {
-        if inherited.is_empty() {
-            return Ok(());
-        }
-        // What is taken over has worked before.
-        self.ever_complete = true;
-        let mut silent = BTreeMap::new();
-        for stage in inherited {
-            match stage.spare {
-                Some(true) => self.take_in(stage, ProcessState::Spare),
-                Some(false) => self.take_in(stage, ProcessState::Active),
-                None => drop(silent.insert(stage.pid, *stage)),
-            }
-        }
-        let deadline = Instant::now() + FIRST_WORD;
-        while !silent.is_empty() && Instant::now() < deadline {
-            let mut signs = Vec::new();
-            self.progress.heartbeats(|sign| signs.push(sign))?;
-            for sign in signs {
-                if let Some(stage) = silent.remove(&sign.pid) {
-                    self.take_in(&stage, sign.state);
-                }
-            }
-            std::thread::sleep(TICK);
-        }
-        for stage in silent.values() {
-            self.log(stage.kind, stage.pid, "killed: it did not answer the new supervisor", "");
-            takeover::kill(stage.pid);
-        }
-        self.act(Action::CleanUp)
-    }
-
-    fn take_in(&mut self, stage: &Inherited, state: ProcessState) {
-        let &Inherited { kind, pid, .. } = stage;
-        // It may just have ended.
-        let Ok(process) = Process::adopt(kind, pid) else { return };
-        let outdated = !is_same_program(Path::new("/proc/self/exe"), &children::program_of(pid));
-        let spare = state == ProcessState::Spare;
-        match self.policy.adopt(kind, spare, outdated, monotonic_ns()) {
-            Some(id) => {
-                self.log(kind, pid, "taken over", "");
-                self.states.insert(pid, state);
-                self.processes.insert(id, process);
-            }
-            None => {
-                self.log(kind, pid, "killed: there is another one", "");
-                process.signal(Signal::KILL);
-            }
-        }
     }
 
     /// Looks after the group until it is to end.
@@ -189,6 +140,7 @@ impl Group {
             for action in self.policy.tick(monotonic_ns()) {
                 self.act(action)?;
             }
+            self.tend_gateway();
             self.notifier.alive(Instant::now());
             let upgrade = self.serve_requests();
             self.publish_view();
@@ -262,10 +214,10 @@ impl Group {
             self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
             self.states.remove(&process.pid);
             if let Some(tale) = self.drops.forget(process.pid) {
-                self.log(tale.kind, tale.pid, &tale.what, "");
+                self.log(EventKind::Dropped, tale.kind, tale.pid, &tale.what, "");
             }
             *self.restarts.entry(process.kind).or_default() += 1;
-            self.log(process.kind, process.pid, &end.how, &end.last_words);
+            self.log(EventKind::Ended, process.kind, process.pid, &end.how, &end.last_words);
             if !self.ever_complete {
                 self.start_failures += 1;
                 if self.start_failures >= HOPELESS_STARTS {
@@ -286,8 +238,15 @@ impl Group {
             *last_output = Instant::now();
             policy.note(Event::Output(kind, seq), now);
         })?;
-        let Self { progress, policy, processes, states, drops, finished, record_is_due, .. } = self;
-        progress.heartbeats(|sign| {
+        let Self { progress, policy, processes, states, drops, finished, .. } = self;
+        let (record_is_due, gateway) = (&self.record_is_due, &mut self.gateway);
+        progress.heartbeats(|beat| {
+            let sign = match beat {
+                Beat::Stage(sign) => sign,
+                Beat::Gateway { pid } => {
+                    return gateway.iter_mut().for_each(|it| it.heard(pid, now));
+                }
+            };
             // Heartbeats of processes that are not ours, or no longer alive, say nothing.
             let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
             else {
@@ -313,7 +272,7 @@ impl Group {
             }
         })?;
         for tale in self.drops.tell(now) {
-            self.log(tale.kind, tale.pid, &tale.what, "");
+            self.log(EventKind::Dropped, tale.kind, tale.pid, &tale.what, "");
         }
         Ok(())
     }
@@ -350,23 +309,30 @@ impl Group {
                 self.hand_over(kind)?;
                 if let Some(process) = self.processes.get(&id) {
                     process.signal(Signal::USR1);
-                    self.log(kind, process.pid, "promoted from spare", "");
+                    self.log(EventKind::Promoted, kind, process.pid, "promoted from spare", "");
                 }
             }
             Action::Kill { id, kind, cause } => {
                 if let Some(process) = self.processes.get(&id) {
-                    let what = match cause {
-                        Cause::Stalled => "killed: it has input but gives no output",
-                        Cause::NotReady => "killed: it did not get ready in time",
-                        Cause::DoesNotEnd => "killed: it did not end when asked to",
+                    let (event, what) = match cause {
+                        Cause::Stalled => {
+                            (EventKind::Stalled, "killed: it has input but gives no output")
+                        }
+                        Cause::NotReady => {
+                            (EventKind::Killed, "killed: it did not get ready in time")
+                        }
+                        Cause::DoesNotEnd => {
+                            (EventKind::Killed, "killed: it did not end when asked to")
+                        }
                     };
-                    self.log(kind, process.pid, what, "");
+                    self.log(event, kind, process.pid, what, "");
                     process.signal(Signal::KILL);
                 }
             }
             Action::Retire { id, kind } => {
                 if let Some(process) = self.processes.get(&id) {
-                    self.log(kind, process.pid, "asked to end: its successor is ready", "");
+                    let what = "asked to end: its successor is ready";
+                    self.log(EventKind::Retired, kind, process.pid, what, "");
                     process.signal(Signal::TERM);
                 }
             }
@@ -400,7 +366,7 @@ impl Group {
             }
             None => format!("the frame after {after} has killed two processes and is skipped"),
         };
-        self.log(kind, 0, &what, "");
+        self.log(EventKind::Poisonous, kind, 0, &what, "");
     }
 
     fn results_are_out(&self) -> bool {
@@ -409,52 +375,19 @@ impl Group {
             || self.last_output.elapsed() > LAST_RESULTS
     }
 
-    /// Leaves the group to whoever comes next, in a state that can be taken over.
-    pub fn leave(self) {
-        self.janitor.finish();
-    }
-
-    /// Ends the camera, lets the last frame's results come out, and ends everybody else.
-    pub fn end_all(mut self) {
-        self.notifier.stopping();
-        for process in
-            self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
-        {
-            process.signal(Signal::TERM);
-        }
-        let deadline = Instant::now() + DRAIN;
-        let is_capturing = |processes: &HashMap<MemberId, Process>| {
-            processes.values().any(|process| process.kind == ProcessKind::Grabber)
-        };
-        while Instant::now() < deadline
-            && (is_capturing(&self.processes) || !self.results_are_out())
-        {
-            std::thread::sleep(TICK);
-            let _ = self.look();
-            self.processes.retain(|_, process| process.reap().is_none());
-        }
-        let deadline = Instant::now() + GRACE;
-        for process in self.processes.values() {
-            // A stopped process cannot hear; a continued one that was not stopped does not care.
-            process.signal(Signal::TERM);
-            process.signal(Signal::CONT);
-        }
-        while !self.processes.is_empty() {
-            if Instant::now() > deadline {
-                for process in self.processes.values() {
-                    process.signal(Signal::KILL);
-                }
-            }
-            let _ = self.wait();
-            let _ = self.look();
-            self.processes.retain(|_, process| process.reap().is_none());
-        }
-        self.janitor.finish();
-    }
-
-    fn log(&self, kind: ProcessKind, pid: u32, what: &str, evidence: &str) {
+    fn log(&self, event: EventKind, kind: ProcessKind, pid: u32, what: &str, evidence: &str) {
         self.record_is_due.set(true);
-        self.view.log(LogEvent::new(kind, pid, what, evidence));
+        self.view.log(LogEvent::new(event, kind.name(), pid, what, evidence));
+    }
+
+    /// Begins when the group is complete: other users come after the match.
+    fn tend_gateway(&mut self) {
+        let Some(gateway) = self.gateway.as_mut().filter(|_| self.ever_complete) else { return };
+        if let Some(it) = gateway.tend(&self.settings, monotonic_ns()) {
+            self.record_is_due.set(true);
+            let stage = crate::gateway::NAME;
+            self.view.log(LogEvent::new(it.kind, stage, it.pid, &it.what, &it.evidence));
+        }
     }
 
     /// Writes down what a successor needs to know. Comes last in a round: whoever waits for a spare
@@ -495,6 +428,9 @@ impl Group {
             .collect();
         processes.sort_by_key(|process| (process.kind, process.pid));
         self.view.update(processes, self.restarts.clone());
+        if let Some(gateway) = &self.gateway {
+            self.view.update_gateway(gateway.view());
+        }
     }
 }
 

@@ -3,13 +3,15 @@
 //! [`policy`] decides, [`children`] does, [`progress`] looks, [`starvation`] sees who gets no
 //! processor, [`control`] listens to requests, [`takeover`] deals with what an earlier supervisor has
 //! left, of which [`record`] tells, [`evidence`] keeps what a bug report needs, [`drops`] tells which input
-//! was dropped and why, [`janitor`] removes what the dead leave; [`group`] ties them together while a group lives, and this file is its beginning and
+//! was dropped and why, [`janitor`] removes what the dead leave, [`gateway`] lets other users in;
+//! [`group`] ties them together while a group lives, and this file is its beginning and
 //! its end.
 
 mod children;
 mod control;
 mod drops;
 mod evidence;
+mod gateway;
 mod group;
 mod janitor;
 mod notify;
@@ -24,10 +26,12 @@ pub use control::{Request, ask};
 pub use evidence::directory as evidence_directory;
 pub use record::Record;
 
+use crate::gateway::place::PlaceError;
 use crate::monitor::{GroupView, Monitor, Report};
 use common::bus::BusError;
 use common::config::Config;
 use common::instance::InstanceError;
+use gateway::Gateway;
 use group::{Ending, Group};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
@@ -44,6 +48,9 @@ pub enum SupervisorError {
     /// Runtime directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
+    /// Other users cannot be let in.
+    #[error(transparent)]
+    Access(#[from] PlaceError),
     /// Somebody else supervises it.
     #[error(
         "the group {0:?} is running already; look at it with `touchline status --instance {0}`, end \
@@ -139,7 +146,9 @@ fn supervise(
     start_monitor: impl FnOnce(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
-    let mut group = Group::new(launch, config, Arc::clone(&view), stop, inheritance.record)?;
+    let gateway = Gateway::prepare(&launch.instance, config)?;
+    let mut group =
+        Group::new(launch, config, Arc::clone(&view), stop, inheritance.record, gateway)?;
     let monitor = start_monitor(view)?;
     let ending = group.adopt(&inheritance.stages).and_then(|()| group.watch(until));
     match ending {

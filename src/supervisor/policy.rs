@@ -520,7 +520,7 @@ impl Member {
 
 impl Settings {
     /// The pause after so many failures in a row; none after the first.
-    fn backoff(&self, failures: u32) -> u64 {
+    pub fn backoff(&self, failures: u32) -> u64 {
         match failures {
             0 | 1 => 0,
             _ => {

@@ -6,7 +6,8 @@ use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::{
-    DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader, WorldFrame,
+    Attendant, DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader,
+    WorldFrame,
 };
 use common::topics;
 use grabber::camera::LastFrame;
@@ -27,6 +28,18 @@ pub struct Progress {
     last_of: [Option<FrameHeader>; ProcessKind::ALL.len()],
     // Last, so that it outlives the ports.
     _bus: Bus,
+}
+
+/// A sign of life.
+#[derive(Debug, Clone, Copy)]
+pub enum Beat {
+    /// Of a stage's process.
+    Stage(Sign),
+    /// Of the gateway.
+    Gateway {
+        /// Who sent it.
+        pid: u32,
+    },
 }
 
 /// What a heartbeat tells the rules.
@@ -102,13 +115,15 @@ impl Progress {
     }
 
     /// Calls `report` with each heartbeat since the last call.
-    pub fn heartbeats(&self, mut report: impl FnMut(Sign)) -> Result<(), BusError> {
+    pub fn heartbeats(&self, mut report: impl FnMut(Beat)) -> Result<(), BusError> {
         while let Some(received) = self.health.receive()? {
             let Some(beat) = received.message() else { continue };
             let kind = ProcessKind::from_number(beat.process);
             let state = ProcessState::from_number(beat.state);
             if let (Some(kind), Some(state)) = (kind, state) {
-                report(Sign { pid: beat.pid, kind, state, dropped: beat.dropped });
+                report(Beat::Stage(Sign { pid: beat.pid, kind, state, dropped: beat.dropped }));
+            } else if beat.process == Attendant::Gateway as u32 {
+                report(Beat::Gateway { pid: beat.pid });
             }
         }
         Ok(())

@@ -73,6 +73,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use common::messages::EventKind;
 
     #[test]
     fn what_was_written_is_read_and_rubbish_is_not() {
@@ -85,7 +86,7 @@ mod tests {
             frames: Some(7),
             members: vec![Member { stage: "tracker".into(), pid: 12, spare: true }],
             restarts: [("tracker".to_string(), 3)].into(),
-            events: vec![Event::new(ProcessKind::Tracker, 12, "taken over", "")],
+            events: vec![Event::new(EventKind::TakenOver, "tracker", 12, "taken over", "")],
         };
         record.write(&instance).unwrap();
         assert_eq!(Record::read(&instance), Some(record.clone()));

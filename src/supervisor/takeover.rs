@@ -1,6 +1,6 @@
 //! What an earlier supervisor has left behind: a group to take over, processes to end, or rubbish.
 
-use super::{GRACE, Launch, Record, SupervisorError};
+use super::{GRACE, Launch, Record, SupervisorError, gateway};
 use common::bus::{Bus, BusError, LivingProcess};
 use common::config::{Config, commented_toml};
 use common::instance::{Instance, create_private};
@@ -37,6 +37,7 @@ pub struct Inheritance {
 /// others that have attached to the group are left alone.
 pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, SupervisorError> {
     let instance = &launch.instance;
+    gateway::end_earlier(instance)?;
     let stages = living_stages(instance)?;
     if !stages.is_empty() {
         let record = Record::read(instance).unwrap_or_default();
@@ -116,6 +117,7 @@ fn warn(cleaned: Result<usize, BusError>) {
 /// stays; the next start, or the end of the next group, removes it.
 pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
     clean_slate(instance)?;
+    instance.remove_gateway_directory()?;
     if Bus::living_processes(instance)?.is_empty() {
         instance.remove_directory()?;
     } else {
@@ -144,6 +146,13 @@ fn remove_logs_of_others(instance: &Instance, living: &[Inherited]) {
 /// Kills a process that is not our child. That it has ended in the meantime is no error.
 pub fn kill(pid: u32) {
     send(pid, Signal::KILL);
+}
+
+/// Asks a process to end.
+pub fn terminate(pid: u32) {
+    send(pid, Signal::TERM);
+    // A stopped one cannot hear.
+    send(pid, Signal::CONT);
 }
 
 /// Under which a supervisor's own process joins the group.

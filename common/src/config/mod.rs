@@ -6,6 +6,7 @@
 //! middle league preset on a synthetic pitch. So a new key needs a doc comment, bounds and a default,
 //! and nothing else; what involves more than one key is checked in `validate`.
 
+mod access;
 mod camera;
 mod document;
 mod layouts;
@@ -21,6 +22,7 @@ use crate::messages::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use access::AccessConfig;
 pub use camera::{GenicamConfig, SettingValue, V4l2Config};
 pub use document::{commented_toml, schema_json};
 pub use load::{Complaint, Complaints, ConfigError, Place, check, check_file};
@@ -63,6 +65,8 @@ pub struct Config {
     pub filter: FilterConfig,
     /// The process group.
     pub supervisor: SupervisorConfig,
+    /// Who may attach to the group besides its owner.
+    pub access: AccessConfig,
     /// How stages wait for their input, and what the system does for them.
     pub scheduling: SchedulingConfig,
     /// The synthetic match (`--source synthetic`).

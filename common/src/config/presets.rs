@@ -85,6 +85,7 @@ impl Preset {
             tracker: TrackerConfig::default(),
             filter: FilterConfig::default(),
             supervisor: SupervisorConfig::default(),
+            access: AccessConfig::default(),
             scheduling: SchedulingConfig::default(),
             synthetic: SyntheticConfig::default(),
         };

@@ -43,6 +43,36 @@ impl ProcessKind {
     }
 }
 
+/// Processes of a group that are no stages. Their numbers come after those of [`ProcessKind`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Attendant {
+    /// Starts, watches and replaces the others.
+    Supervisor = 4,
+    /// Lets other users attach.
+    Gateway = 5,
+}
+
+impl Attendant {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Supervisor, Self::Gateway];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Supervisor => "supervisor",
+            Self::Gateway => "gateway",
+        }
+    }
+}
+
+/// The number in messages of the process, stage or not, of this name; `u32::MAX` when there is none.
+pub fn process_number(name: &str) -> u32 {
+    let attendant = Attendant::ALL.into_iter().find(|attendant| attendant.name() == name);
+    let stage = ProcessKind::from_name(name).map(|kind| kind as u32);
+    stage.or(attendant.map(|attendant| attendant as u32)).unwrap_or(u32::MAX)
+}
+
 /// Where a process is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
@@ -118,20 +148,24 @@ impl DropReason {
 
 /// Published by every process about ten times a second and at every change of state. Counters
 /// start at zero with the process.
+///
+/// The supervisor's tells of the newest event, so whoever only follows `health` knows when there is
+/// something to be read on `events`; what it takes and gives is nothing. The gateway takes `world` and
+/// gives it to its clients: once to each of them.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/Heartbeat/2")]
+#[type_name("touchline/Heartbeat/3")]
 #[repr(C)]
 pub struct Heartbeat {
     /// When it was published.
     pub t_sent_ns: u64,
     /// Operating system's number of the process.
     pub pid: u32,
-    /// A [`ProcessKind`] number.
+    /// A [`ProcessKind`] or [`Attendant`] number.
     pub process: u32,
     /// A [`ProcessState`] number.
     pub state: u32,
-    /// Reserved, 0.
-    pub reserved: u32,
+    /// Of the gateway: programs that are attached. Of others 0.
+    pub clients: u32,
     /// Newest frame number taken in; `u64::MAX` before the first.
     pub seq_in: u64,
     /// Newest frame number given out; `u64::MAX` before the first.
@@ -140,13 +174,37 @@ pub struct Heartbeat {
     pub frames_in: u64,
     /// Outputs given.
     pub frames_out: u64,
-    /// Frame numbers that never reached this process (gaps in its input).
+    /// Frame numbers that never reached this process (gaps in its input); of the gateway, outputs that
+    /// did not reach a client because it was too slow.
     pub frames_missed: u64,
-    /// Inputs not worked on, by [`DropReason`].
+    /// Inputs not worked on, by [`DropReason`]; of the gateway, what clients have sent.
     pub dropped: [u64; DropReason::ALL.len()],
+    /// Of the supervisor: events in the group so far, the number of the newest. Of others 0, as are
+    /// the following.
+    pub events: u64,
+    /// When the newest event happened, nanoseconds since 1970.
+    pub t_event_wall_ns: u64,
+    /// What it was, an [`EventKind`](super::EventKind) number.
+    pub event_kind: u32,
+    /// Whom it concerns, a [`ProcessKind`] or [`Attendant`] number.
+    pub event_process: u32,
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 128);
+const _: () = assert!(size_of::<Heartbeat>() == 152);
+
+impl Heartbeat {
+    /// That of a process, of this number in messages, which has done nothing yet.
+    pub fn new(process: u32, state: ProcessState) -> Self {
+        Self {
+            pid: std::process::id(),
+            process,
+            state: state as u32,
+            seq_in: u64::MAX,
+            seq_out: u64::MAX,
+            ..Self::zeroed()
+        }
+    }
+}
 
 /// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]

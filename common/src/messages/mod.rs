@@ -32,10 +32,11 @@ pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
     Region, RejectReason, Rejected,
 };
-pub use event::GroupEvent;
+pub use event::{EventKind, GroupEvent};
 pub use frame::{BayerOrder, FrameFault, FrameHeader, MOST_AGE_NS, PixelLayout, reachable_frames};
 pub use health::{
-    DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
+    Attendant, DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
+    process_number,
 };
 pub use pixel_format::PixelFormat;
 pub use run::{MAX_RUNS, Run, RunsHeader};

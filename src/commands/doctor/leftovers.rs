@@ -65,6 +65,7 @@ impl Leftover {
         }
         self.remove_memory()?;
         instance.wipe().map_err(text)?;
+        instance.remove_gateway_directory().map_err(text)?;
         instance.remove_directory().map_err(text)
     }
 

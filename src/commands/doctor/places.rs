@@ -1,6 +1,7 @@
 //! Where a match puts things: shared memory, runtime directory, disk.
 
 use super::{Finding, bytes};
+use crate::gateway::place;
 use crate::supervisor::evidence_directory;
 use common::config::Config;
 use common::instance::Instance;
@@ -76,6 +77,35 @@ pub fn runtime_directory(instance: &Instance) -> Finding {
     }
     let state = if there == path { "" } else { " (made when needed)" };
     Finding::ok(ABOUT, format!("{}{state}", path.display()))
+}
+
+/// Whether the users that the configuration names can be let in.
+pub fn other_users(instance: &Instance, config: &Config) -> Finding {
+    const ABOUT: &str = "other users";
+    let Some(name) = config.access.group() else {
+        return Finding::ok(ABOUT, "only the owner of a group may attach (access.group is empty)");
+    };
+    let group = match place::group_number(name) {
+        Ok(group) => group,
+        Err(error) => return Finding::problem(ABOUT, error.to_string(), "see docs/deployment.md"),
+    };
+    // The place of all groups is opened when it is needed.
+    let directory = instance.gateway_directory();
+    let around = directory.parent().and_then(Path::parent).unwrap_or(Path::new("/"));
+    match place::closed(&existing(around), group) {
+        Some(closed) => Finding::warning(
+            ABOUT,
+            format!("users of the group {name:?} cannot get to the gateway's socket"),
+            place::advice(&closed, name),
+        ),
+        None => Finding::ok(
+            ABOUT,
+            format!(
+                "users of the group {name:?} may attach: {}",
+                instance.gateway_path().display()
+            ),
+        ),
+    }
 }
 
 /// Whether there is room for evidence and recordings.

@@ -323,8 +323,10 @@ fn enumerations() -> Vec<(&'static str, Vec<(String, u64)>)> {
         ("BayerOrder", list(BayerOrder::ALL, |item| item as u64)),
         ("RejectReason", list(RejectReason::ALL, |item| item as u64)),
         ("ProcessKind", list(ProcessKind::ALL, |item| item as u64)),
+        ("Attendant", list(Attendant::ALL, |item| item as u64)),
         ("ProcessState", list((0..16).filter_map(ProcessState::from_number), |item| item as u64)),
         ("DropReason", list(DropReason::ALL, |item| item as u64)),
+        ("EventKind", list(EventKind::ALL, |item| item as u64)),
         ("CameraState", list(CameraState::ALL, |item| item as u64)),
     ]
 }

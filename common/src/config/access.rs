@@ -1,0 +1,29 @@
+//! Who may attach.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Who may attach to a group besides its owner.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AccessConfig {
+    /// Users of this group of the system may read poses and send commands, through a socket that the
+    /// process `gateway` offers; docs/attaching.md says how. Empty: only the owner may attach.
+    pub group: String,
+    /// So many of their programs at the same time; one user has at most half of the places.
+    #[schemars(range(min = 2, max = 256))]
+    pub clients: u32,
+}
+
+impl Default for AccessConfig {
+    fn default() -> Self {
+        Self { group: String::new(), clients: 32 }
+    }
+}
+
+impl AccessConfig {
+    /// The group of users that may attach, if there is one.
+    pub fn group(&self) -> Option<&str> {
+        Some(self.group.as_str()).filter(|group| !group.is_empty())
+    }
+}

@@ -1,0 +1,190 @@
+//! The other end, for programs in Rust: the shape of [`Consumer`](crate::consumer::Consumer).
+
+use super::{Greeting, commands_type_name};
+use crate::consumer::{Order, Place};
+use crate::messages::{Commands, WorldFrame};
+use bytemuck::{bytes_of, bytes_of_mut};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::OwnedFd;
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, recv,
+    send, socket_with,
+};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How often a group that is not there yet is looked for.
+const LOOK: Duration = Duration::from_millis(100);
+/// How long the greeting may take.
+const GREETING_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Why a client cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// Not for this user.
+    #[error(
+        "{0}: no right to connect; the user of this program must be in the group that the \
+         configuration names in access.group (and have logged in again since)"
+    )]
+    Denied(PathBuf),
+    /// There is something else at the other end.
+    #[error("{0}: this is no gateway of a Touchline group: {1}")]
+    Stranger(PathBuf, String),
+    /// Another version at the other end.
+    #[error("{0}: the group's messages are of another version than this program's: {1:?}")]
+    Version(PathBuf, Box<Greeting>),
+    /// The gateway does not want this client.
+    #[error("{0}: refused: {1}")]
+    Refused(PathBuf, String),
+    /// The operating system.
+    #[error("{0}: {1}")]
+    System(PathBuf, std::io::Error),
+}
+
+/// What a client hears.
+#[derive(Debug)]
+pub enum Event {
+    /// The group is there, and messages will come.
+    Joined,
+    /// A message.
+    World(Box<WorldFrame>),
+    /// So many numbers were skipped before the next message: frames nobody captured, or messages that
+    /// this client did not read in time.
+    Missed(u64),
+    /// Numbers begin anew with the next message: another group has started.
+    Restarted,
+    /// The gateway has gone. The client waits for the next one.
+    Left,
+}
+
+/// Reads `world` and sends `commands`, whenever the group is there.
+pub struct Client {
+    path: PathBuf,
+    connection: Option<OwnedFd>,
+    drives: bool,
+    order: Order,
+    pending: Option<Box<WorldFrame>>,
+}
+
+impl Client {
+    /// A client of the gateway with this socket, which `touchline status` shows. Nothing is connected
+    /// yet.
+    pub fn new(path: &Path) -> Self {
+        Self {
+            path: path.into(),
+            connection: None,
+            drives: false,
+            order: Order::default(),
+            pending: None,
+        }
+    }
+
+    /// The next thing that happens; `None` when nothing does in time.
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Event>, ClientError> {
+        let deadline = Instant::now() + timeout;
+        if let Some(world) = self.pending.take() {
+            return Ok(Some(Event::World(world)));
+        }
+        loop {
+            let Some(connection) = &self.connection else {
+                if self.connect()? {
+                    return Ok(Some(Event::Joined));
+                }
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() {
+                    return Ok(None);
+                }
+                std::thread::sleep(left.min(LOOK));
+                continue;
+            };
+            let mut world: Box<WorldFrame> = bytemuck::allocation::zeroed_box();
+            let received = recv(connection, bytes_of_mut(&mut *world), RecvFlags::DONTWAIT);
+            match received.map(|(bytes, _)| bytes) {
+                Ok(bytes) if bytes == size_of::<WorldFrame>() => {
+                    match self.order.place(world.frame.seq, world.frame.t_capture_ns) {
+                        Place::Next => return Ok(Some(Event::World(world))),
+                        Place::After { missed } => {
+                            self.pending = Some(world);
+                            return Ok(Some(Event::Missed(missed)));
+                        }
+                        Place::Anew => {
+                            self.pending = Some(world);
+                            return Ok(Some(Event::Restarted));
+                        }
+                        // A gateway that was started again may repeat what the last one has given.
+                        Place::Repeated => {}
+                    }
+                }
+                Err(Errno::AGAIN) => {
+                    let left = deadline.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        return Ok(None);
+                    }
+                    wait(connection, PollFlags::IN, left);
+                }
+                Err(Errno::INTR) => {}
+                Ok(_) | Err(_) => {
+                    self.leave();
+                    return Ok(Some(Event::Left));
+                }
+            }
+        }
+    }
+
+    /// Sends commands; `false` when there is nobody to take them, or the gateway does not take more
+    /// just now. Clients are connected by [`next`](Self::next).
+    pub fn send(&mut self, commands: &Commands) -> bool {
+        let Some(connection) = &self.connection else { return false };
+        let flags = SendFlags::DONTWAIT | SendFlags::NOSIGNAL;
+        if !self.drives {
+            self.drives = send(connection, commands_type_name().as_bytes(), flags).is_ok();
+        }
+        self.drives && send(connection, bytes_of(commands), flags).is_ok()
+    }
+
+    fn leave(&mut self) {
+        self.connection = None;
+        self.drives = false;
+    }
+
+    /// Whether the gateway is there now.
+    fn connect(&mut self) -> Result<bool, ClientError> {
+        let system = |error: Errno| ClientError::System(self.path.clone(), error.into());
+        let address = SocketAddrUnix::new(&self.path).map_err(system)?;
+        let socket =
+            socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
+                .map_err(system)?;
+        match connect(&socket, &address) {
+            Ok(()) => {}
+            Err(Errno::NOENT | Errno::CONNREFUSED | Errno::AGAIN) => return Ok(false),
+            Err(Errno::ACCESS) => return Err(ClientError::Denied(self.path.clone())),
+            Err(error) => return Err(system(error)),
+        }
+        wait(&socket, PollFlags::IN, GREETING_PATIENCE);
+        let mut buffer = [0; 4096];
+        let bytes = match recv(&socket, &mut buffer[..], RecvFlags::DONTWAIT) {
+            // It went away meanwhile, or is too busy to greet.
+            Ok((0, _)) | Err(_) => return Ok(false),
+            Ok((bytes, _)) => &buffer[..bytes],
+        };
+        let greeting: Greeting = serde_json::from_slice(bytes)
+            .map_err(|error| ClientError::Stranger(self.path.clone(), error.to_string()))?;
+        if let Some(reason) = greeting.refused {
+            return Err(ClientError::Refused(self.path.clone(), reason));
+        }
+        if !greeting.fits() {
+            return Err(ClientError::Version(self.path.clone(), Box::new(greeting)));
+        }
+        self.connection = Some(socket);
+        Ok(true)
+    }
+}
+
+/// Waits until something can be done with a socket, or long enough.
+fn wait(socket: &OwnedFd, what: PollFlags, patience: Duration) {
+    let patience =
+        Timespec { tv_sec: patience.as_secs() as _, tv_nsec: patience.subsec_nanos().into() };
+    // Whatever it returns for: the caller looks for itself.
+    let _ = poll(&mut [PollFd::new(socket, what)], Some(&patience));
+}

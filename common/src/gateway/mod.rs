@@ -1,0 +1,222 @@
+//! What programs of other users say to a group, and it to them, over a socket.
+//!
+//! Shared memory is for the owner of a group alone. Where the configuration names a group of users
+//! (`access.group`), the process `gateway` offers them a Unix socket that keeps messages apart
+//! (`SOCK_SEQPACKET`):
+//!
+//! 1. The gateway greets with a [`Greeting`], JSON text in one message.
+//! 2. Then every `world` follows, one message each: the very bytes of a
+//!    [`WorldFrame`](crate::messages::WorldFrame).
+//! 3. A client that wants to drive robots first sends the type name of its commands
+//!    (`commands.type` of the greeting) as a message, and from then on the bytes of
+//!    [`Commands`], one message each.
+//!
+//! For a client that reads slowly [`KEPT`] messages are kept besides those in the socket, and then the
+//! oldest is lost, to it alone. One whose first message is not that name is cut off; commands
+//! that cannot be are dropped and counted. More than some hundred messages a second are not taken from
+//! a client: it has to wait.
+
+mod client;
+
+pub use client::{Client, ClientError, Event};
+
+use crate::messages::{Commands, MAX_COMMANDS, Team};
+use crate::topics;
+use serde::{Deserialize, Serialize};
+
+/// Version of all this; the messages have their own.
+pub const PROTOCOL: u32 = 1;
+/// Messages kept for each client.
+pub const KEPT: usize = 64;
+/// Longest message a client may send; longer than any it can have reason to send.
+pub const MOST_BYTES: usize = 1024;
+/// No wheel turns faster.
+const FASTEST_MM_S: f64 = 1e6;
+
+const _: () = assert!(size_of::<Commands>() <= MOST_BYTES);
+
+/// The gateway's first message.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Greeting {
+    /// [`PROTOCOL`].
+    pub touchline_gateway: u32,
+    /// Name of the group.
+    pub instance: String,
+    /// What it will send.
+    pub world: Layout,
+    /// What it takes.
+    pub commands: Layout,
+    /// Why it will do neither, and close; there are too many clients, say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// A message's layout.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Layout {
+    /// Versioned type name.
+    #[serde(rename = "type")]
+    pub type_name: String,
+    /// Size of the message.
+    pub bytes: usize,
+}
+
+impl Greeting {
+    /// Of a group of this program's version.
+    pub fn new(instance: &str) -> Self {
+        let world = topics::WORLD.type_names().element;
+        Self {
+            touchline_gateway: PROTOCOL,
+            instance: instance.into(),
+            world: Layout {
+                type_name: world.into(),
+                bytes: size_of::<crate::messages::WorldFrame>(),
+            },
+            commands: Layout {
+                type_name: commands_type_name().into(),
+                bytes: size_of::<Commands>(),
+            },
+            refused: None,
+        }
+    }
+
+    /// Whether this program understands what will come, and the gateway what this program sends.
+    pub fn fits(&self) -> bool {
+        let own = Self::new(&self.instance);
+        (self.touchline_gateway, &self.world, &self.commands)
+            == (own.touchline_gateway, &own.world, &own.commands)
+    }
+}
+
+/// What a client that wants to drive robots says first.
+pub fn commands_type_name() -> &'static str {
+    topics::COMMANDS.type_names().element
+}
+
+/// Why a client's message is no commands.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum CommandsFault {
+    /// Another size.
+    #[error("{0} bytes instead of {bytes}", bytes = size_of::<Commands>())]
+    Size(usize),
+    /// More robots than there is room for.
+    #[error("commands for {0} robots; at most {MAX_COMMANDS}")]
+    Count(u32),
+    /// There is no such team.
+    #[error("team {0}")]
+    Team(u32),
+    /// A speed that is none.
+    #[error("a wheel's speed of {0} mm/s")]
+    Speed(f64),
+}
+
+/// The commands in a client's message. Nothing behind the count is left of what it sent.
+pub fn parse_commands(bytes: &[u8]) -> Result<Commands, CommandsFault> {
+    use crate::messages::ClearStale;
+    if bytes.len() != size_of::<Commands>() {
+        return Err(CommandsFault::Size(bytes.len()));
+    }
+    let mut commands: Commands = bytemuck::pod_read_unaligned(bytes);
+    if commands.wheel_count as usize > MAX_COMMANDS {
+        return Err(CommandsFault::Count(commands.wheel_count));
+    }
+    for wheels in commands.wheels() {
+        if Team::from_number(wheels.team).is_none() {
+            return Err(CommandsFault::Team(wheels.team));
+        }
+        for speed in [wheels.left_mm_s, wheels.right_mm_s] {
+            // Not a number compares with nothing.
+            if !matches!(speed.abs().partial_cmp(&FASTEST_MM_S), Some(order) if order.is_le()) {
+                return Err(CommandsFault::Speed(speed));
+            }
+        }
+    }
+    commands.reserved = 0;
+    commands.clear_stale();
+    Ok(commands)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::messages::WheelCommand;
+    use bytemuck::{Zeroable, bytes_of};
+    use proptest::prelude::*;
+
+    fn commands() -> Commands {
+        let mut commands = Commands { seq: 7, t_sent_ns: 9, wheel_count: 2, ..Zeroable::zeroed() };
+        for (id, wheels) in commands.wheels.iter_mut().enumerate() {
+            let robot_id = id as u32;
+            *wheels = WheelCommand { team: 1, robot_id, left_mm_s: -500.0, right_mm_s: 300.0 };
+        }
+        commands
+    }
+
+    #[test]
+    fn commands_arrive_as_they_were_sent_and_nothing_else_with_them() {
+        let sent = commands();
+        let taken = parse_commands(bytes_of(&sent)).unwrap();
+        assert_eq!((taken.seq, taken.t_sent_ns), (7, 9));
+        assert_eq!(taken.wheels(), sent.wheels());
+        assert_eq!(taken.wheels[2..], [WheelCommand::default(); MAX_COMMANDS - 2]);
+    }
+
+    #[test]
+    fn what_cannot_be_is_told_apart() {
+        let fault = |change: &dyn Fn(&mut Commands)| {
+            let mut wrong = commands();
+            change(&mut wrong);
+            parse_commands(bytes_of(&wrong)).unwrap_err().to_string()
+        };
+        assert!(fault(&|it| it.wheel_count = 33).contains("33 robots"));
+        assert!(fault(&|it| it.wheels[1].team = 2).contains("team 2"));
+        for speed in [f64::NAN, f64::INFINITY, -f64::INFINITY, 1.1e6, -1e300] {
+            assert!(fault(&|it| it.wheels[1].left_mm_s = speed).contains("speed"), "{speed}");
+            assert!(fault(&|it| it.wheels[0].right_mm_s = speed).contains("speed"), "{speed}");
+        }
+        assert_eq!(parse_commands(&[]), Err(CommandsFault::Size(0)));
+        assert_eq!(parse_commands(&bytes_of(&commands())[1..]), Err(CommandsFault::Size(791)));
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_comes_is_refused_or_can_be(bytes in prop::collection::vec(any::<u8>(), 792)) {
+            if let Ok(commands) = parse_commands(&bytes) {
+                prop_assert!(commands.wheel_count as usize <= MAX_COMMANDS);
+                for wheels in commands.wheels() {
+                    prop_assert!(wheels.left_mm_s.abs() <= FASTEST_MM_S);
+                    prop_assert!(wheels.right_mm_s.abs() <= FASTEST_MM_S);
+                    prop_assert!(Team::from_number(wheels.team).is_some());
+                }
+            }
+        }
+
+        #[test]
+        fn one_wrong_byte_is_refused_or_can_be(place in 0usize..792, byte in any::<u8>()) {
+            let mut bytes = bytes_of(&commands()).to_vec();
+            bytes[place] = byte;
+            if let Ok(commands) = parse_commands(&bytes) {
+                let speeds = commands.wheels().iter().flat_map(|w| [w.left_mm_s, w.right_mm_s]);
+                prop_assert!(speeds.into_iter().all(|speed| speed.abs() <= FASTEST_MM_S));
+            }
+        }
+
+        #[test]
+        fn other_lengths_are_refused(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+            let outcome = parse_commands(&bytes);
+            prop_assert!(outcome.is_ok() <= (bytes.len() == size_of::<Commands>()));
+        }
+    }
+
+    #[test]
+    fn a_greeting_of_another_version_does_not_fit() {
+        let greeting = Greeting::new("match");
+        let text = serde_json::to_string(&greeting).unwrap();
+        assert!(text.contains("\"type\":\"touchline/WorldFrame/") && text.len() < 1000, "{text}");
+        let read: Greeting = serde_json::from_str(&text).unwrap();
+        assert!(read.fits() && read == greeting);
+        let mut other = greeting;
+        other.world.bytes += 8;
+        assert!(!other.fits());
+    }
+}

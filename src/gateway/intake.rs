@@ -1,0 +1,139 @@
+//! What a client says, and how often it may: pure, for it is the only thing in a group that other
+//! users decide.
+
+use common::gateway::{CommandsFault, MOST_BYTES, commands_type_name, parse_commands};
+use common::messages::Commands;
+
+/// Takes in what one client says.
+#[derive(Debug, Default)]
+pub struct Intake {
+    drives: bool,
+}
+
+/// What a client has said.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Said {
+    /// It wants to drive robots.
+    WillDrive,
+    /// Commands.
+    Drive(Box<Commands>),
+    /// Rubbish, to be counted.
+    Rubbish(CommandsFault),
+    /// Something that shows that it is of another version, or no client at all: it is cut off.
+    Nonsense,
+}
+
+impl Intake {
+    /// Takes in a message, of which `bytes` is the beginning and `length` the whole length.
+    pub fn take(&mut self, bytes: &[u8], length: usize) -> Said {
+        if !self.drives {
+            self.drives = bytes == commands_type_name().as_bytes() && length == bytes.len();
+            return if self.drives { Said::WillDrive } else { Said::Nonsense };
+        }
+        if length > bytes.len().min(MOST_BYTES) {
+            return Said::Rubbish(CommandsFault::Size(length));
+        }
+        match parse_commands(bytes) {
+            Ok(commands) => Said::Drive(Box::new(commands)),
+            Err(fault) => Said::Rubbish(fault),
+        }
+    }
+}
+
+/// So many messages a second, and a few more after a pause.
+#[derive(Debug, Clone)]
+pub struct Allowance {
+    per_s: f64,
+    most: f64,
+    left: f64,
+    at_ns: u64,
+}
+
+impl Allowance {
+    /// Begins full.
+    pub fn new(per_s: f64, most: f64, now_ns: u64) -> Self {
+        Self { per_s, most, left: most, at_ns: now_ns }
+    }
+
+    /// How many messages may be taken now.
+    pub fn left(&mut self, now_ns: u64) -> usize {
+        let seconds = now_ns.saturating_sub(self.at_ns) as f64 / 1e9;
+        self.left = (self.left + seconds * self.per_s).min(self.most);
+        self.at_ns = self.at_ns.max(now_ns);
+        self.left as usize
+    }
+
+    /// One has been taken.
+    pub fn take(&mut self) {
+        self.left = (self.left - 1.0).max(0.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::{Zeroable, bytes_of};
+
+    fn commands() -> Commands {
+        Commands { seq: 3, t_sent_ns: 5, ..Zeroable::zeroed() }
+    }
+
+    fn say(intake: &mut Intake, bytes: &[u8]) -> Said {
+        intake.take(bytes, bytes.len())
+    }
+
+    #[test]
+    fn only_who_says_what_it_will_send_is_listened_to() {
+        let mut intake = Intake::default();
+        assert_eq!(say(&mut intake, bytes_of(&commands())), Said::Nonsense);
+        assert_eq!(say(&mut intake, b"touchline/Commands/0"), Said::Nonsense);
+        assert_eq!(say(&mut intake, commands_type_name().as_bytes()), Said::WillDrive);
+        let Said::Drive(taken) = say(&mut intake, bytes_of(&commands())) else { panic!("refused") };
+        assert_eq!(*taken, commands());
+        assert_eq!(say(&mut intake, b"stop"), Said::Rubbish(CommandsFault::Size(4)));
+        // Longer than the buffer it was received in.
+        let long = intake.take(bytes_of(&commands()), 5000);
+        assert_eq!(long, Said::Rubbish(CommandsFault::Size(5000)));
+        assert!(matches!(say(&mut intake, bytes_of(&commands())), Said::Drive(_)));
+    }
+
+    #[test]
+    fn rubbish_of_every_length_is_counted_and_nothing_worse() {
+        let mut intake = Intake::default();
+        say(&mut intake, commands_type_name().as_bytes());
+        let mut state = 1u64;
+        for length in (0..2 * MOST_BYTES).chain([size_of::<Commands>(); 2000]) {
+            let bytes: Vec<u8> = (0..length)
+                .map(|_| {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    (state >> 56) as u8
+                })
+                .collect();
+            match say(&mut intake, &bytes) {
+                Said::Rubbish(_) => {}
+                Said::Drive(taken) => {
+                    assert_eq!(length, size_of::<Commands>());
+                    assert!(taken.wheels().iter().all(|w| w.left_mm_s.is_finite()));
+                }
+                other => panic!("{length} random bytes are {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn who_talks_too_much_has_to_wait() {
+        const S: u64 = 1_000_000_000;
+        let mut allowance = Allowance::new(100.0, 10.0, S);
+        let mut taken = 0;
+        for step in 0..1000 {
+            let now_ns = S + step * S / 1000;
+            while allowance.left(now_ns) > 0 {
+                allowance.take();
+                taken += 1;
+            }
+        }
+        assert!((105..=111).contains(&taken), "{taken}");
+        assert_eq!(allowance.left(S), 0, "a clock that goes back gives nothing");
+        assert_eq!(allowance.left(100 * S), 10, "a long pause does not make a flood");
+    }
+}

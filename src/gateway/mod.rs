@@ -1,0 +1,328 @@
+//! The gateway: lets users of a configured group read `world` and send `commands`, over a socket.
+//!
+//! Shared memory cannot do that: who reads it can also write it, and whoever attaches makes
+//! memory of its own that the writers must be able to open. So this process attaches, as any consumer
+//! of the owner does, and speaks with everybody else; what is said is in [`common::gateway`].
+//! It is a process of its own because the other ends are not trusted: what they can bring down is
+//! this, and the supervisor starts it again.
+//!
+//! [`users`] asks the system for groups, [`place`] makes the directory and the socket, [`intake`]
+//! judges what clients say, [`clients`] holds what they have not read, and this file is the process: a
+//! thread that sleeps on `world`, and one that sleeps on the sockets.
+
+mod clients;
+mod intake;
+pub mod place;
+mod users;
+
+use clients::{Arrival, Clients, Interest};
+use common::bus::{Bus, BusError, Publisher};
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::gateway::Greeting;
+use common::instance::Instance;
+use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat, ProcessState};
+use common::process::{HEARTBEAT, LOOK_AROUND};
+use common::topics;
+use intake::Said;
+use place::PlaceError;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::{SendFlags, SocketFlags, accept_with, send, sockopt};
+use std::fs;
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// As which it joins the group.
+pub const NAME: &str = "gateway";
+/// New clients are let in at most so many at a time.
+const ADMITTED_AT_A_TIME: usize = 4;
+/// When there is something to be said that may not be said yet.
+const SHORT_WAIT: Duration = Duration::from_millis(5);
+/// The thread that gives `world` looks around at least twenty times a second.
+const LONGEST_ROUND_NS: u64 = 2_000_000_000;
+/// Clients that come and go all the time do not fill a disk.
+const MOST_LINES: u32 = 200;
+
+/// Why it cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum GatewayError {
+    /// Nobody is to be let in.
+    #[error("access.group is empty: nobody but the owner may attach")]
+    NotConfigured,
+    /// Where it listens.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
+    /// Shared memory.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// Signals or waiting.
+    #[error("{0}: {1}")]
+    System(&'static str, std::io::Error),
+    /// The other thread has ended, or does not get on.
+    #[error("the thread that gives `world` to the clients {0}")]
+    Stuck(&'static str),
+}
+
+/// What the thread that gives `world` tells.
+#[derive(Default)]
+struct Given {
+    /// When it last looked around.
+    round_ns: AtomicU64,
+    frames: AtomicU64,
+    newest: AtomicU64,
+}
+
+/// Runs until it is told to end, or its group is gone.
+pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), GatewayError> {
+    let name = config.access.group().ok_or(GatewayError::NotConfigured)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| GatewayError::System("handle signals", error))?;
+    }
+    let clients = Arc::new(Clients::new().map_err(system("make an event"))?);
+    let given = Arc::new(Given::default());
+    let door = Door::open(instance, config, name, Arc::clone(&clients))?;
+    let thread = {
+        let (instance, stop) = (instance.clone(), Arc::clone(&stop));
+        let (clients, given) = (Arc::clone(&clients), Arc::clone(&given));
+        std::thread::spawn(move || give_world(&instance, &clients, &given, &stop))
+    };
+    let orphan_timeout = Duration::from_secs_f64(config.supervisor.orphan_timeout_s);
+    let begun_ns = monotonic_ns();
+    given.round_ns.store(begun_ns, Ordering::Relaxed);
+    let outcome = door.tend(&stop, &given, || thread.is_finished(), supervised, orphan_timeout);
+    stop.store(true, Ordering::Relaxed);
+    // One that is stuck cannot be waited for, and ends with the process.
+    match outcome {
+        Err(GatewayError::Stuck("does not get on")) => outcome,
+        outcome => match thread.join() {
+            Ok(given) => given.and(outcome),
+            Err(_) => Err(GatewayError::Stuck("has panicked")),
+        },
+    }
+}
+
+/// Gives every `world` to everybody who is attached.
+fn give_world(
+    instance: &Instance,
+    clients: &Clients,
+    given: &Given,
+    stop: &AtomicBool,
+) -> Result<(), GatewayError> {
+    let bus = Bus::join(instance, NAME)?;
+    let worlds = bus.subscriber(&topics::WORLD)?;
+    let mut wake_up = bus.wake_up(&topics::WORLD)?;
+    let mut last: Option<FrameHeader> = None;
+    while !stop.load(Ordering::Relaxed) {
+        while let Some(received) = worlds.receive()? {
+            let Some(world) = received.message() else { continue };
+            // Repeated by a stage that has been handed over, or rubbish.
+            if world.frame.follows(last.as_ref(), monotonic_ns()) {
+                last = Some(world.frame);
+                clients.give(bytemuck::bytes_of(world));
+                given.frames.fetch_add(1, Ordering::Relaxed);
+                given.newest.store(world.frame.seq, Ordering::Relaxed);
+            }
+        }
+        given.round_ns.store(monotonic_ns(), Ordering::Relaxed);
+        wake_up.wait(LOOK_AROUND);
+    }
+    Ok(())
+}
+
+/// The socket, and what is said there.
+struct Door {
+    instance: Instance,
+    socket: OwnedFd,
+    clients: Arc<Clients>,
+    most_clients: usize,
+    greeting: Vec<u8>,
+    commands: Publisher<Commands, ()>,
+    health: Publisher<Heartbeat, ()>,
+    next_id: u64,
+    /// Who is served first moves on.
+    turn: usize,
+    lines_left: u32,
+    // Last, so that it outlives the ports.
+    _bus: Bus,
+}
+
+impl Door {
+    fn open(
+        instance: &Instance,
+        config: &Config,
+        name: &str,
+        clients: Arc<Clients>,
+    ) -> Result<Self, GatewayError> {
+        let group = place::group_number(name)?;
+        place::prepare(instance, name)?;
+        let bus = Bus::join(instance, NAME)?;
+        let (commands, health) =
+            (bus.publisher(&topics::COMMANDS, 1)?, bus.publisher(&topics::HEALTH, 1)?);
+        Ok(Self {
+            socket: place::open(instance, group)?,
+            instance: instance.clone(),
+            clients,
+            most_clients: config.access.clients as usize,
+            greeting: serde_json::to_vec(&Greeting::new(instance.name())).unwrap_or_default(),
+            commands,
+            health,
+            next_id: 0,
+            turn: 0,
+            lines_left: MOST_LINES,
+            _bus: bus,
+        })
+    }
+
+    /// Lets clients in and listens to them.
+    fn tend(
+        mut self,
+        stop: &AtomicBool,
+        given: &Given,
+        is_finished: impl Fn() -> bool,
+        supervised: bool,
+        orphan_timeout: Duration,
+    ) -> Result<(), GatewayError> {
+        let (mut beat_ns, mut orphaned_since_ns) = (0, None);
+        while !stop.load(Ordering::Relaxed) {
+            let now_ns = monotonic_ns();
+            if now_ns.saturating_sub(beat_ns) >= HEARTBEAT.as_nanos() as u64 {
+                beat_ns = now_ns;
+                self.beat(given, now_ns)?;
+                let round_ns = given.round_ns.load(Ordering::Relaxed);
+                if is_finished() {
+                    return Err(GatewayError::Stuck("has ended"));
+                }
+                if now_ns.saturating_sub(round_ns) > LONGEST_ROUND_NS {
+                    return Err(GatewayError::Stuck("does not get on"));
+                }
+                if !supervised || self.instance.is_supervised() {
+                    orphaned_since_ns = None;
+                } else {
+                    let since_ns = *orphaned_since_ns.get_or_insert(now_ns);
+                    if now_ns - since_ns > orphan_timeout.as_nanos() as u64 {
+                        return Ok(());
+                    }
+                }
+            }
+            self.round()?;
+        }
+        let _ = fs::remove_file(self.instance.gateway_path());
+        Ok(())
+    }
+
+    /// Waits for something to happen, and does what there is to do.
+    fn round(&mut self) -> Result<(), GatewayError> {
+        let mut interests = self.clients.interests(monotonic_ns());
+        let clients = Arc::clone(&self.clients);
+        let mut fds = vec![
+            PollFd::new(&self.socket, PollFlags::IN),
+            PollFd::new(&clients.wake, PollFlags::IN),
+        ];
+        for Interest { socket, reads, writes, .. } in &interests {
+            let mut flags = PollFlags::empty();
+            flags.set(PollFlags::IN, *reads);
+            flags.set(PollFlags::OUT, *writes);
+            fds.push(PollFd::new(&**socket, flags));
+        }
+        let is_held_back = interests.iter().any(|interest| !interest.reads);
+        let patience = if is_held_back { SHORT_WAIT } else { LOOK_AROUND };
+        let patience = Timespec { tv_sec: 0, tv_nsec: patience.as_nanos() as _ };
+        match poll(&mut fds, Some(&patience)) {
+            Ok(_) => {}
+            Err(Errno::INTR) => return Ok(()),
+            Err(error) => return Err(system("wait for clients")(error)),
+        }
+        let happened: Vec<PollFlags> = fds.iter().map(PollFd::revents).collect();
+        drop(fds);
+        if !happened[1].is_empty() {
+            let _ = rustix::io::read(&clients.wake, &mut [0; 8]);
+        }
+        let mut ready: Vec<(Interest, PollFlags)> =
+            interests.drain(..).zip(happened[2..].iter().copied()).collect();
+        // Nobody is always first.
+        self.turn = (self.turn + 1) % ready.len().max(1);
+        ready.rotate_left(self.turn);
+        for (interest, happened) in ready {
+            self.serve(&interest, happened)?;
+        }
+        if !happened[0].is_empty() {
+            self.admit();
+        }
+        Ok(())
+    }
+
+    fn serve(&mut self, interest: &Interest, happened: PollFlags) -> Result<(), GatewayError> {
+        if happened.contains(PollFlags::OUT) {
+            self.clients.hand_on(interest.id);
+        }
+        if happened.contains(PollFlags::IN) {
+            for said in self.clients.listen_to(interest.id, monotonic_ns()) {
+                if let Said::Drive(commands) = said {
+                    self.commands.publish(&commands)?;
+                }
+            }
+        } else if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
+            self.clients.hung_up(interest.id);
+        }
+        Ok(())
+    }
+
+    fn admit(&mut self) {
+        for _ in 0..ADMITTED_AT_A_TIME {
+            let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+            // Nobody more; or no more files, which some client will give back.
+            let Ok(socket) = accept_with(&self.socket, flags) else { return };
+            // Whoever got as far as this has the right to; the system says who it is.
+            let Ok(who) = sockopt::socket_peercred(&socket) else { continue };
+            let uid = who.uid.as_raw();
+            self.next_id += 1;
+            let arrival = Arrival { id: self.next_id, uid, at_ns: monotonic_ns() };
+            match self.clients.admit(arrival, socket, self.most_clients, &self.greeting) {
+                Ok(()) => self.say(format!("user {uid} (pid {}) has attached", who.pid)),
+                Err((socket, reason)) => {
+                    self.say(format!("user {uid} (pid {}) is refused: {reason}", who.pid));
+                    let refusal =
+                        Greeting { refused: Some(reason), ..Greeting::new(self.instance.name()) };
+                    let text = serde_json::to_vec(&refusal).unwrap_or_default();
+                    let _ = send(&socket, &text, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+                }
+            }
+        }
+    }
+
+    fn say(&mut self, what: String) {
+        if self.lines_left > 0 {
+            self.lines_left -= 1;
+            eprintln!("{NAME}: {what}");
+        }
+    }
+
+    fn beat(&mut self, given: &Given, now_ns: u64) -> Result<(), GatewayError> {
+        let counters = self.clients.counters();
+        let frames = given.frames.load(Ordering::Relaxed);
+        let mut beat = Heartbeat {
+            t_sent_ns: now_ns,
+            clients: counters.clients,
+            frames_in: frames,
+            frames_out: counters.given,
+            frames_missed: counters.lost,
+            ..Heartbeat::new(Attendant::Gateway as u32, ProcessState::Active)
+        };
+        if frames > 0 {
+            beat.seq_in = given.newest.load(Ordering::Relaxed);
+            beat.seq_out = beat.seq_in;
+        }
+        beat.dropped[DropReason::WrongSize as usize] = counters.wrong_size;
+        beat.dropped[DropReason::BadHeader as usize] = counters.impossible;
+        Ok(self.health.publish(&beat)?)
+    }
+}
+
+fn system(action: &'static str) -> impl FnOnce(Errno) -> GatewayError {
+    move |error| GatewayError::System(action, error.into())
+}

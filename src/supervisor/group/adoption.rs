@@ -1,0 +1,78 @@
+//! The beginning of a group that has lived under another supervisor.
+
+use super::{Group, TICK};
+use crate::supervisor::SupervisorError;
+use crate::supervisor::children::{self, Process, is_same_program};
+use crate::supervisor::policy::Action;
+use crate::supervisor::progress::Beat;
+use crate::supervisor::takeover::{self, Inherited};
+use common::clock::monotonic_ns;
+use common::messages::{EventKind, ProcessState};
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Processes give a sign of life ten times a second.
+const FIRST_WORD: Duration = Duration::from_millis(600);
+
+impl Group {
+    /// Takes over processes of an earlier supervisor. Its record says what they are; of those that
+    /// it does not know, or that were still starting, they say it themselves, several times a second.
+    /// One that says nothing is stuck.
+    pub fn adopt(&mut self, inherited: &[Inherited]) -> Result<(), SupervisorError> {
+        if inherited.is_empty() {
+            return Ok(());
+        }
+        // What is taken over has worked before.
+        self.ever_complete = true;
+        let mut silent = BTreeMap::new();
+        for stage in inherited {
+            match stage.spare {
+                Some(true) => self.take_in(stage, ProcessState::Spare),
+                Some(false) => self.take_in(stage, ProcessState::Active),
+                None => drop(silent.insert(stage.pid, *stage)),
+            }
+        }
+        let deadline = Instant::now() + FIRST_WORD;
+        while !silent.is_empty() && Instant::now() < deadline {
+            let mut signs = Vec::new();
+            self.progress.heartbeats(|beat| {
+                if let Beat::Stage(sign) = beat {
+                    signs.push(sign);
+                }
+            })?;
+            for sign in signs {
+                if let Some(stage) = silent.remove(&sign.pid) {
+                    self.take_in(&stage, sign.state);
+                }
+            }
+            std::thread::sleep(TICK);
+        }
+        for stage in silent.values() {
+            let what = "killed: it did not answer the new supervisor";
+            self.log(EventKind::Killed, stage.kind, stage.pid, what, "");
+            takeover::kill(stage.pid);
+        }
+        self.act(Action::CleanUp)
+    }
+
+    fn take_in(&mut self, stage: &Inherited, state: ProcessState) {
+        let &Inherited { kind, pid, .. } = stage;
+        // It may just have ended.
+        let Ok(process) = Process::adopt(kind, pid) else { return };
+        let outdated = !is_same_program(Path::new("/proc/self/exe"), &children::program_of(pid));
+        let spare = state == ProcessState::Spare;
+        match self.policy.adopt(kind, spare, outdated, monotonic_ns()) {
+            Some(id) => {
+                self.log(EventKind::TakenOver, kind, pid, "taken over", "");
+                self.states.insert(pid, state);
+                self.processes.insert(id, process);
+            }
+            None => {
+                self.log(EventKind::Killed, kind, pid, "killed: there is another one", "");
+                process.signal(Signal::KILL);
+            }
+        }
+    }
+}

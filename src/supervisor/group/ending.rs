@@ -1,0 +1,65 @@
+//! The end of a group, or of its supervisor alone.
+
+use super::{Group, TICK};
+use crate::supervisor::GRACE;
+use crate::supervisor::children::Process;
+use crate::supervisor::policy::MemberId;
+use common::messages::ProcessKind;
+use rustix::process::Signal;
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+/// How long the last results may take when the group is told to end.
+const DRAIN: Duration = Duration::from_millis(100);
+
+impl Group {
+    /// Leaves the group to whoever comes next, in a state that can be taken over.
+    pub fn leave(mut self) {
+        // A process of the other program is to serve the clients, who come again.
+        if let Some(gateway) = self.gateway.take() {
+            gateway.end();
+        }
+        self.janitor.finish();
+    }
+
+    /// Ends the camera, lets the last frame's results come out, and ends everybody else.
+    pub fn end_all(mut self) {
+        self.notifier.stopping();
+        if let Some(gateway) = self.gateway.take() {
+            gateway.end();
+        }
+        for process in
+            self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
+        {
+            process.signal(Signal::TERM);
+        }
+        let deadline = Instant::now() + DRAIN;
+        let is_capturing = |processes: &HashMap<MemberId, Process>| {
+            processes.values().any(|process| process.kind == ProcessKind::Grabber)
+        };
+        while Instant::now() < deadline
+            && (is_capturing(&self.processes) || !self.results_are_out())
+        {
+            std::thread::sleep(TICK);
+            let _ = self.look();
+            self.processes.retain(|_, process| process.reap().is_none());
+        }
+        let deadline = Instant::now() + GRACE;
+        for process in self.processes.values() {
+            // A stopped process cannot hear; a continued one that was not stopped does not care.
+            process.signal(Signal::TERM);
+            process.signal(Signal::CONT);
+        }
+        while !self.processes.is_empty() {
+            if Instant::now() > deadline {
+                for process in self.processes.values() {
+                    process.signal(Signal::KILL);
+                }
+            }
+            let _ = self.wait();
+            let _ = self.look();
+            self.processes.retain(|_, process| process.reap().is_none());
+        }
+        self.janitor.finish();
+    }
+}

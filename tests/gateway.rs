@@ -1,0 +1,336 @@
+//! Programs of other users: what they get, and what they cannot do.
+
+mod support;
+
+use bytemuck::{Zeroable, bytes_of};
+use common::clock::monotonic_ns;
+use common::consumer::{Consumer, Event as ConsumerEvent};
+use common::gateway::{Client, Event, Greeting, commands_type_name};
+use common::messages::{
+    Attendant, Commands, EventKind, ProcessKind, Team, WheelCommand, WorldFrame,
+};
+use common::topics;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::{
+    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, recv,
+    send, socket_with,
+};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::fs;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE, Scratch, is_stage, output_of};
+
+/// A group of users that whoever runs the tests is in.
+fn own_group() -> String {
+    let output = Command::new("id").arg("-gn").output().unwrap();
+    String::from_utf8(output.stdout).unwrap().trim().to_string()
+}
+
+fn config(clients: u32) -> String {
+    format!("[access]\ngroup = \"{}\"\nclients = {clients}\n", own_group())
+}
+
+fn start(name: &str, clients: u32) -> (Group, Value) {
+    let mut group = Group::start(name, &config(clients), &[]);
+    let status = group.wait_for("a group with a gateway", |status| {
+        status["complete"] == true
+            && status["frames"]["world"].as_u64() > Some(5)
+            && status["gateway"]["pid"].is_u64()
+            && Path::new(status["gateway"]["socket"].as_str().unwrap()).exists()
+    });
+    (group, status)
+}
+
+/// The next `world`, with the frames that were missed before it.
+fn world(client: &mut Client) -> (u64, Box<WorldFrame>) {
+    let deadline = Instant::now() + PATIENCE;
+    let mut missed = 0;
+    while Instant::now() < deadline {
+        match client.next(Duration::from_secs(1)).unwrap() {
+            Some(Event::World(world)) => return (missed, world),
+            Some(Event::Missed(count)) => missed += count,
+            _ => {}
+        }
+    }
+    panic!("no world");
+}
+
+/// A client that keeps to no rules.
+struct Raw(OwnedFd);
+
+impl Raw {
+    fn connect(path: &Path) -> Self {
+        let socket =
+            socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
+                .unwrap();
+        connect(&socket, &SocketAddrUnix::new(path).unwrap()).unwrap();
+        Self(socket)
+    }
+
+    fn send(&self, bytes: &[u8]) -> bool {
+        send(&self.0, bytes, SendFlags::NOSIGNAL).is_ok()
+    }
+
+    /// The next message; `None` at the end of the connection.
+    fn receive(&self) -> Option<Vec<u8>> {
+        let patience = Timespec { tv_sec: PATIENCE.as_secs() as _, tv_nsec: 0 };
+        let ready = poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&patience)).unwrap();
+        assert_eq!(ready, 1, "nothing comes");
+        let mut buffer = vec![0; 1 << 16];
+        let length = recv(&self.0, &mut buffer[..], RecvFlags::empty()).map_or(0, |(it, _)| it);
+        buffer.truncate(length);
+        (length > 0).then_some(buffer)
+    }
+
+    fn greeting(&self) -> Greeting {
+        serde_json::from_slice(&self.receive().expect("a greeting")).unwrap()
+    }
+
+    fn is_cut_off(&self) -> bool {
+        while self.receive().is_some() {}
+        true
+    }
+}
+
+#[test]
+fn the_group_gets_every_frame_in_order_and_a_sleeper_disturbs_nobody() {
+    let (mut group, status) = start("gateway", 8);
+    let path = group.instance.gateway_path();
+    assert_eq!(status["gateway"]["socket"], path.to_str().unwrap());
+    let directory = group.instance.gateway_directory();
+    let mode = |path: &Path| fs::symlink_metadata(path).unwrap().mode() & 0o7777;
+    let own = fs::metadata(group.instance.directory()).unwrap();
+    assert_eq!((mode(&directory), mode(&path)), (0o710, 0o660));
+    assert_eq!(mode(group.instance.directory()), 0o700);
+    assert!(fs::symlink_metadata(&path).unwrap().file_type().is_socket());
+    for path in [&directory, &path] {
+        let data = fs::symlink_metadata(path).unwrap();
+        assert_eq!((data.uid(), data.gid()), (own.uid(), rustix::process::getegid().as_raw()));
+    }
+    let prefix = group.instance.shared_memory_prefix();
+    for name in support::shared_memory(&prefix) {
+        // What is removed meanwhile is not readable either.
+        let path = Path::new("/dev/shm").join(&name);
+        let Ok(data) = fs::symlink_metadata(path) else { continue };
+        assert_eq!(data.mode() & 0o077, 0, "{name} is open to others");
+    }
+
+    let sleeper = Raw::connect(&path);
+    assert!(sleeper.greeting().fits());
+    let mut client = Client::new(&path);
+    let (_, first) = world(&mut client);
+    let mut before = first.frame.seq;
+    // Longer than what is kept for the sleeper, in its socket and beside it.
+    for _ in 0..200 {
+        let (missed, world) = world(&mut client);
+        assert_eq!((missed, world.frame.seq), (0, before + 1));
+        assert_eq!(world.robots().len(), 10);
+        before = world.frame.seq;
+    }
+    let status = group.wait_for("lost messages of the sleeper", |status| {
+        status["gateway"]["lost"].as_u64() > Some(0)
+    });
+    assert_eq!(status["gateway"]["clients"], 2, "{status:#}");
+    assert_eq!(status["frames"]["missing_in_world"], 0);
+
+    // It wakes up: the oldest messages, then a gap, then the newest, in order.
+    let mut numbers = Vec::new();
+    while numbers.last().is_none_or(|&last| last < before) {
+        let bytes = sleeper.receive().expect("the sleeper is still attached");
+        assert_eq!(bytes.len(), size_of::<WorldFrame>());
+        numbers.push(bytemuck::pod_read_unaligned::<WorldFrame>(&bytes).frame.seq);
+    }
+    assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]), "{numbers:?}");
+    let gaps = numbers.windows(2).filter(|pair| pair[1] > pair[0] + 1).count();
+    assert_eq!(gaps, 1, "{numbers:?}");
+    assert!(numbers.len() > 64, "{numbers:?}");
+
+    drop((sleeper, client));
+    group.wait_for("nobody attached", |status| status["gateway"]["clients"] == 0);
+    let gateway = status["gateway"]["pid"].as_u64().unwrap() as u32;
+    assert!(is_stage(gateway));
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+    assert!(!is_stage(gateway) && !directory.exists());
+    assert!(!group.scratch.path.join("run").exists(), "the place of all groups is left behind");
+}
+
+#[test]
+fn clients_drive_robots_and_rubbish_is_counted() {
+    let (mut group, _) = start("gateway-drive", 8);
+    let path = group.instance.gateway_path();
+    let mut client = Client::new(&path);
+    let (_, first) = world(&mut client);
+    let mut commands = Commands { seq: 1 << 40, wheel_count: 1, ..Zeroable::zeroed() };
+    commands.wheels[0] =
+        WheelCommand { team: Team::Blue as u32, robot_id: 1, left_mm_s: -200.0, right_mm_s: 200.0 };
+    let mut is_used = false;
+    let deadline = Instant::now() + PATIENCE;
+    while !is_used && Instant::now() < deadline {
+        commands.t_sent_ns = monotonic_ns();
+        commands.seq += 1;
+        assert!(client.send(&commands));
+        let (_, world) = world(&mut client);
+        is_used =
+            world.commands().iter().any(|name| name.seq > 1 << 40 && name.seq <= commands.seq);
+    }
+    assert!(is_used, "the filter has not used what the client sent");
+
+    // No client at all: cut off.
+    for words in [b"GET / HTTP/1.1".as_slice(), bytes_of(&commands), &[0; 5000]] {
+        let stranger = Raw::connect(&path);
+        assert!(stranger.send(words));
+        assert!(stranger.is_cut_off());
+    }
+    // One that says the right word and then rubbish: counted.
+    let rude = Raw::connect(&path);
+    assert!(rude.greeting().fits());
+    assert!(rude.send(commands_type_name().as_bytes()));
+    let mut wrong = commands;
+    wrong.wheels[0].left_mm_s = f64::NAN;
+    let mut crowded = commands;
+    crowded.wheel_count = u32::MAX;
+    for words in [b"rubbish".as_slice(), bytes_of(&wrong), bytes_of(&crowded), &[255; 9000]] {
+        assert!(rude.send(words));
+    }
+    group.wait_for("refused messages", |status| status["gateway"]["refused"] == 7);
+    // A flood of them, as fast as the socket takes it.
+    let flood = std::thread::spawn(move || {
+        let deadline = Instant::now() + Duration::from_secs(2);
+        while Instant::now() < deadline && rude.send(&[255; 792]) {}
+    });
+    let (_, begin) = world(&mut client);
+    let mut before = begin.frame.seq;
+    for _ in 0..100 {
+        let (missed, world) = world(&mut client);
+        assert_eq!((missed, world.frame.seq), (0, before + 1));
+        before = world.frame.seq;
+    }
+    flood.join().unwrap();
+    let status = group.try_status().unwrap();
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    assert!(status["gateway"]["refused"].as_u64() > Some(100), "{status:#}");
+    assert_eq!(status["gateway"]["restarts"], 0, "{status:#}");
+    for stage in ["classifier", "tracker", "filter"] {
+        assert_eq!(status["stages"][stage]["restarts"], 0, "{status:#}");
+    }
+    assert!(before > first.frame.seq + 100);
+
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/python/touchline_gateway.py");
+    let python = Command::new("python3")
+        .arg("-B")
+        .arg(script)
+        .arg(&path)
+        .args(["--seconds", "1", "--spin", "blue", "2"])
+        .output();
+    match python {
+        Ok(output) => {
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert!(output.status.success(), "{output:?}");
+            assert!(text.contains("blue 2: ") && text.contains(" frames, "), "{text}");
+        }
+        Err(error) => eprintln!("SKIPPED: python3: {error}"),
+    }
+}
+
+#[test]
+fn a_gateway_that_falls_is_started_again_and_events_are_in_health() {
+    let (mut group, status) = start("gateway-falls", 4);
+    let path = group.instance.gateway_path();
+    let mut client = Client::new(&path);
+    world(&mut client);
+
+    // No user has all places.
+    let second = Raw::connect(&path);
+    assert!(second.greeting().refused.is_none());
+    let third = Raw::connect(&path);
+    let refused = third.greeting().refused.expect("three of four places");
+    assert!(refused.contains("2 of 4 places"), "{refused}");
+    assert!(third.is_cut_off());
+
+    let mut health = Consumer::new(group.instance.clone(), "test", &topics::HEALTH);
+    let mut newest = |what: &str, is_it: &dyn Fn(u64, u32, u32) -> bool| {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if let Some(ConsumerEvent::Message(received)) =
+                health.next(Duration::from_secs(1)).unwrap()
+                && let Some(beat) = received.message()
+                && beat.process == Attendant::Supervisor as u32
+                && is_it(beat.events, beat.event_kind, beat.event_process)
+            {
+                assert!(beat.events == 0 || beat.t_event_wall_ns > 1_600_000_000_000_000_000);
+                return beat.events;
+            }
+        }
+        panic!("health does not tell of {what}");
+    };
+    let before = newest("anything", &|_, _, _| true);
+
+    let gateway = status["gateway"]["pid"].as_u64().unwrap() as u32;
+    group.signal(gateway, Signal::KILL);
+    let (ended, of_gateway) = (EventKind::Ended as u32, Attendant::Gateway as u32);
+    newest("the gateway's end", &|events, kind, process| {
+        events > before && (kind, process) == (ended, of_gateway)
+    });
+    let deadline = Instant::now() + PATIENCE;
+    let (mut has_left, mut has_joined) = (false, false);
+    while !has_joined && Instant::now() < deadline {
+        match client.next(Duration::from_secs(1)).unwrap() {
+            Some(Event::Left) => has_left = true,
+            Some(Event::Joined) => has_joined = has_left,
+            _ => {}
+        }
+    }
+    assert!(has_joined, "the client has not found the new gateway");
+    world(&mut client);
+    let status = group.wait_for("another gateway", |status| status["gateway"]["restarts"] == 1);
+    let tells = |status: &Value, stage: &str, kind: &str| {
+        let events = status["events"].as_array().unwrap();
+        events.iter().any(|event| event["stage"] == stage && event["kind"] == kind)
+    };
+    assert!(tells(&status, "gateway", "ended"), "{status:#}");
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+
+    group.signal(Group::pid_of(&status, "tracker"), Signal::KILL);
+    newest("the tracker's end", &|events, _, process| {
+        events > before + 1 && process == ProcessKind::Tracker as u32
+    });
+    let status = group.wait_for("a promotion", |status| tells(status, "tracker", "promoted"));
+
+    // The next supervisor has a gateway of its own, and clients come again.
+    let earlier = status["gateway"]["pid"].as_u64().unwrap();
+    group.replace_supervisor();
+    group.wait_for("a group that was taken over", |status| {
+        status["gateway"]["pid"].as_u64().is_some_and(|pid| pid != earlier)
+    });
+    assert!(!is_stage(earlier as u32), "the earlier gateway is still there");
+    let deadline = Instant::now() + PATIENCE;
+    let mut has_joined = false;
+    while !has_joined && Instant::now() < deadline {
+        has_joined = matches!(client.next(Duration::from_secs(1)).unwrap(), Some(Event::Joined));
+    }
+    assert!(has_joined, "the client has not found the next supervisor's gateway");
+    world(&mut client);
+}
+
+#[test]
+fn a_group_of_users_that_is_not_there_is_said_before_anything_starts() {
+    let scratch = Scratch::new("gateway-unknown");
+    let file = scratch.write("config.toml", "[access]\ngroup = \"no-such-group\"\n");
+    let file = file.to_str().unwrap();
+    let output = output_of(&scratch, &["run", "--instance", "test", "--config", file]);
+    assert!(!output.status.success());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("access.group") && said.contains("no-such-group"), "{said}");
+    assert!(!scratch.path.join("run").exists(), "something is left behind");
+    let output = output_of(&scratch, &["doctor", "--config", file, "--json"]);
+    let findings: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let access = findings.as_array().unwrap().iter().find(|it| it["about"] == "other users");
+    assert_eq!(access.unwrap()["level"], "problem", "{findings:#}");
+}
