@@ -142,7 +142,8 @@ impl Instance {
 
     /// Makes the directory of the socket for other users, so that a group of users (its number in the
     /// system) can get at what is in it, but not list it, and everybody else not even that. The place
-    /// it is in can be passed through by everybody, but neither listed nor written.
+    /// it is in can then be passed through by everybody, but neither listed nor written; it is left closed
+    /// where there is something else in it that this would open as well.
     pub fn create_gateway_directory(&self, group: u32) -> Result<(), InstanceError> {
         let directory = self.gateway_directory();
         let places = [self.gateway_base.as_path(), &directory];
@@ -157,7 +158,7 @@ impl Instance {
             }
         }
         let mode = fs::symlink_metadata(&self.gateway_base).map_err(io_error(places[0]))?.mode();
-        if mode & 0o001 == 0 {
+        if mode & 0o001 == 0 && holds_only_closed(&self.gateway_base, &directory) {
             set_mode(&self.gateway_base, mode & 0o7777 | 0o011)?;
         }
         set_mode(&directory, 0o700)?;
@@ -350,6 +351,17 @@ fn check_places(places: [&Path; 2]) -> Result<(), InstanceError> {
         return Err(InstanceError::Directory { path: path.into(), problem });
     }
     Ok(())
+}
+
+/// Whether everything in a directory is closed to others by its own mode, directories for other users
+/// aside: somebody's home may have been named as the place for groups.
+fn holds_only_closed(base: &Path, gateway: &Path) -> bool {
+    fs::read_dir(base).is_ok_and(|entries| {
+        entries.flatten().all(|entry| {
+            let is_for_others = entry.path().extension() == gateway.extension();
+            is_for_others || entry.metadata().is_ok_and(|data| data.mode() & 0o077 == 0)
+        })
+    })
 }
 
 fn is_ours(path: &Path) -> bool {

@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// It gives a sign ten times a second; so long a silence is no busy machine any more.
 const SILENCE_NS: u64 = 5_000_000_000;
+/// It holds nothing that would be lost with it.
+const LAST_MOMENTS: Duration = Duration::from_millis(300);
 /// Who has lived so long has started well.
 const GOOD_START_NS: u64 = 10_000_000_000;
 
@@ -106,7 +108,7 @@ impl Gateway {
     pub fn end(mut self) {
         let Some(mut running) = self.running.take() else { return };
         super::takeover::terminate(running.child.id());
-        let deadline = Instant::now() + GRACE;
+        let deadline = Instant::now() + LAST_MOMENTS;
         while Instant::now() < deadline && matches!(running.child.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(5));
         }

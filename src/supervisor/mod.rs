@@ -146,7 +146,14 @@ fn supervise(
     start_monitor: impl FnOnce(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
-    let gateway = Gateway::prepare(&launch.instance, config)?;
+    let gateway = match Gateway::prepare(&launch.instance, config) {
+        // A match that goes on is worth more than those who cannot watch it.
+        Err(error) if !inheritance.stages.is_empty() => {
+            eprintln!("touchline: {error}; nobody but the owner can attach");
+            None
+        }
+        prepared => prepared?,
+    };
     let mut group =
         Group::new(launch, config, Arc::clone(&view), stop, inheritance.record, gateway)?;
     let monitor = start_monitor(view)?;

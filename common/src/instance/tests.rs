@@ -72,6 +72,14 @@ fn the_place_for_a_group_of_users_opens_nothing_else() {
     instance.remove_gateway_directory().unwrap();
     assert!(!instance.gateway_directory().exists() && instance.directory().exists());
 
+    // Somebody's home, say.
+    let home = scratch.0.join("home");
+    fs::DirBuilder::new().mode(0o700).create(&home).unwrap();
+    fs::write(home.join("letter"), "").unwrap();
+    fs::set_permissions(home.join("letter"), fs::Permissions::from_mode(0o644)).unwrap();
+    Instance::below(&home, "match").unwrap().create_gateway_directory(group).unwrap();
+    assert_eq!(mode(&home), 0o700, "it was opened");
+
     let victim = scratch.0.join("victim");
     fs::create_dir(&victim).unwrap();
     let before = mode(&victim);

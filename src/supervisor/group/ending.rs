@@ -25,9 +25,6 @@ impl Group {
     /// Ends the camera, lets the last frame's results come out, and ends everybody else.
     pub fn end_all(mut self) {
         self.notifier.stopping();
-        if let Some(gateway) = self.gateway.take() {
-            gateway.end();
-        }
         for process in
             self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
         {
@@ -59,6 +56,10 @@ impl Group {
             let _ = self.wait();
             let _ = self.look();
             self.processes.retain(|_, process| process.reap().is_none());
+        }
+        // Last: whatever has come out has been given to its clients.
+        if let Some(gateway) = self.gateway.take() {
+            gateway.end();
         }
         self.janitor.finish();
     }
