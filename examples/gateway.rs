@@ -4,11 +4,17 @@
 //! socket (`touchline status`):
 //!
 //! ```text
-//! cargo run --example gateway -- /run/touchline-match/match.gateway/socket
+//! cargo run --release --example gateway -- /run/touchline-match/match.gateway/socket
 //! ```
+//!
+//! With the name of the group as second argument its owner can compare: the same messages are then
+//! also read from shared memory.
 
 use common::clock::monotonic_ns;
+use common::consumer::{self, Consumer};
 use common::gateway::{Client, Event};
+use common::messages::WorldFrame;
+use common::{instance::Instance, topics};
 use std::error::Error;
 use std::path::Path;
 use std::time::Duration;
@@ -16,26 +22,44 @@ use std::time::Duration;
 /// Frames between two lines.
 const FRAMES: usize = 400;
 
+/// How late messages come.
+struct Delays {
+    way: &'static str,
+    us: Vec<u64>,
+}
+
+impl Delays {
+    fn note(&mut self, world: &WorldFrame) {
+        self.us.push(monotonic_ns().saturating_sub(world.t_sent_ns) / 1000);
+        if self.us.len() == FRAMES {
+            self.us.sort_unstable();
+            let (half, most) = (self.us[FRAMES / 2], self.us[FRAMES * 99 / 100]);
+            let robots = world.robots().len();
+            println!("{}: {half} µs (half), {most} µs (99 of 100); {robots} robots", self.way);
+            self.us.clear();
+        }
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("which socket?")?;
-    let mut client = Client::new(Path::new(&path));
-    let mut late_us = Vec::with_capacity(FRAMES);
-    loop {
-        match client.next(Duration::from_secs(1))? {
-            Some(Event::World(world)) => {
-                late_us.push(monotonic_ns().saturating_sub(world.t_sent_ns) / 1000);
-                if late_us.len() == FRAMES {
-                    late_us.sort_unstable();
-                    println!(
-                        "{} robots; after the filter has sent it, `world` is here within {} µs (half), {} \
-                         µs (99 of 100)",
-                        world.robots().len(),
-                        late_us[FRAMES / 2],
-                        late_us[FRAMES * 99 / 100]
-                    );
-                    late_us.clear();
+    if let Some(name) = std::env::args().nth(2) {
+        let instance = Instance::new(&name)?;
+        std::thread::spawn(move || {
+            let mut consumer = Consumer::new(instance, "compare", &topics::WORLD);
+            let mut delays = Delays { way: "shared memory", us: Vec::new() };
+            while let Ok(event) = consumer.next(Duration::from_secs(1)) {
+                if let Some(consumer::Event::Message(received)) = event {
+                    received.message().into_iter().for_each(|world| delays.note(world));
                 }
             }
+        });
+    }
+    let mut client = Client::new(Path::new(&path));
+    let mut delays = Delays { way: "gateway", us: Vec::new() };
+    loop {
+        match client.next(Duration::from_secs(1))? {
+            Some(Event::World(world)) => delays.note(&world),
             Some(other) => println!("{other:?}"),
             None => println!("nothing comes"),
         }

@@ -123,8 +123,10 @@ impl Gateway {
         // With the supervisor's number, as the logs of stages.
         let log = format!("{NAME}-{}-{}.log", std::process::id(), self.starts);
         let log = self.instance.directory().join(log);
-        let spawned =
-            children::command(&self.instance, NAME, &log).and_then(|mut command| command.spawn());
+        let spawned = children::command(&self.instance, NAME, &log).and_then(|mut command| {
+            common::descriptors::keep_from_programs_run_now();
+            command.spawn()
+        });
         match spawned {
             Ok(child) => {
                 self.view.pid = Some(child.id());

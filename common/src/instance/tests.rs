@@ -67,7 +67,7 @@ fn the_place_for_a_group_of_users_opens_nothing_else() {
         assert_eq!(mode(&directory), 0o710);
         assert_eq!(fs::metadata(&directory).unwrap().gid(), group);
     }
-    assert_eq!(Instance::all_below(&base), [instance.clone()], "it is no instance");
+    assert_eq!(Instance::all_below(&base), std::slice::from_ref(&instance), "it is no instance");
     instance.remove_gateway_directory().unwrap();
     instance.remove_gateway_directory().unwrap();
     assert!(!instance.gateway_directory().exists() && instance.directory().exists());
