@@ -3,7 +3,7 @@
 use super::{Greeting, commands_type_name};
 use crate::consumer::{Order, Place};
 use crate::messages::{Commands, WorldFrame};
-use bytemuck::{bytes_of, bytes_of_mut};
+use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::io::Errno;
@@ -98,7 +98,7 @@ impl Client {
                 std::thread::sleep(left.min(LOOK));
                 continue;
             };
-            let mut world: Box<WorldFrame> = bytemuck::allocation::zeroed_box();
+            let mut world: Box<WorldFrame> = Box::new(WorldFrame::zeroed());
             let received = recv(connection, bytes_of_mut(&mut *world), RecvFlags::DONTWAIT);
             match received.map(|(bytes, _)| bytes) {
                 Ok(bytes) if bytes == size_of::<WorldFrame>() => {
