@@ -54,7 +54,7 @@ fn config() -> Config {
             .unwrap();
     let pitch_rgb = PitchProbe::new(&config).unwrap().measure(&Picture::Bayer(image));
     // Painted light acts on floor and patches alike.
-    config.light = LightConfig { pitch_rgb, brightness: 1.0, glare: false };
+    config.light = LightConfig { pitch_rgb, brightness: 1.0, ..LightConfig::default() };
     config
 }
 

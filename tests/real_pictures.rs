@@ -7,17 +7,24 @@
 mod support;
 
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use support::{Scratch, output_of};
 
-/// The score of a set of pictures with `tests/data/<set>.toml`; `None` if they are not there.
-fn score(set: &str) -> Option<Value> {
+/// The labels of a set of pictures; `None` if they are not there.
+fn labels(set: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let labels = root.join("../shared/real").join(set).join("labels.json");
     if !labels.exists() {
         eprintln!("SKIPPED: the labelled pictures of {} are not there", labels.display());
         return None;
     }
+    Some(labels)
+}
+
+/// The score of a set of pictures with `tests/data/<set>.toml`; `None` if they are not there.
+fn score(set: &str) -> Option<Value> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let labels = labels(set)?;
     let config = root.join("tests/data").join(format!("{set}.toml"));
     let args = ["score", labels.to_str().unwrap(), "--config", config.to_str().unwrap()];
     let scratch = Scratch::new(&format!("real-{set}"));
@@ -52,4 +59,48 @@ fn robots_and_the_ball_of_the_mirosot_pitch_are_found_under_all_lamps() {
     assert_eq!(total(&score, "wrong_identity"), 0, "{score:#}");
     assert_eq!(total(&score, "phantoms"), 0, "{score:#}");
     assert_eq!(total(&score, "balls_right"), total(&score, "balls"), "{score:#}");
+}
+
+/// Three of the pictures to learn from: each half of the six, and one that has the brightest and the
+/// darkest lamp in it.
+const TAUGHT: [[&str; 3]; 3] = [
+    ["b_all1.png", "b_r0.png", "b_white1.png"],
+    ["b_whitez4.png", "b_yellow1.png", "b_zd1.png"],
+    ["b_all1.png", "b_whitez4.png", "b_yellow1.png"],
+];
+
+#[test]
+fn colours_learned_under_some_lamps_hold_under_others() {
+    let Some(path) = labels("agh") else { return };
+    let scratch = Scratch::new("real-learned");
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/agh.toml");
+    let folder = path.parent().unwrap();
+    let labels: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let (mut robots, mut right) = (0, 0);
+    for (number, taught) in TAUGHT.iter().enumerate() {
+        let learned = scratch.path.join(format!("{number}.toml"));
+        let pictures = taught.map(|file| folder.join(file).display().to_string());
+        let [path, config, learned] = [&path, &config, &learned].map(|path| path.to_str().unwrap());
+        let mut args = vec!["learn", "--samples", path, "--config", config, "-o", learned];
+        args.extend(pictures.iter().map(String::as_str));
+        let output = output_of(&scratch, &args);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+
+        let mut others = labels.clone();
+        let images = others["images"].as_array_mut().unwrap();
+        images.retain(|image| !taught.contains(&image["file"].as_str().unwrap()));
+        for image in images {
+            image["file"] = folder.join(image["file"].as_str().unwrap()).to_str().unwrap().into();
+        }
+        let others = scratch.write("others.json", &others.to_string());
+        let args = ["score", others.to_str().unwrap(), "--config", learned, "--json"];
+        let score: Value = serde_json::from_slice(&output_of(&scratch, &args).stdout).unwrap();
+        println!("from {taught:?}: {}", score["total"]);
+        robots += total(&score, "robots");
+        right += total(&score, "right");
+        assert_eq!(total(&score, "wrong_identity"), 0, "{score:#}");
+        assert_eq!(total(&score, "balls_right"), total(&score, "balls"), "{score:#}");
+    }
+    assert_eq!(robots, 90);
+    assert!(100 * right >= 99 * robots, "{right} of {robots}");
 }

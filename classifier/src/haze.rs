@@ -16,6 +16,7 @@ use crate::kernels::{Kernel, Written};
 use crate::lamp::rgb_at;
 use crate::mask::{FieldMask, Span};
 use crate::picture::Picture;
+use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
 use common::geometry::{CameraModel, ImagePoint};
@@ -56,6 +57,7 @@ pub(crate) struct Haze {
     /// For each level above 0, the tables; those of another version than they were made of are old.
     tables: [ClassTables; LEVELS],
     made_of: Option<u64>,
+    one_zone: Zones,
     found: Vec<Run>,
 }
 
@@ -85,6 +87,7 @@ impl Haze {
             masks: std::array::from_fn(|_| mask()),
             tables: std::array::from_fn(|_| tables.clone()),
             made_of: None,
+            one_zone: Zones::one(),
             found: Vec::with_capacity(MAX_RUNS),
         })
     }
@@ -177,7 +180,8 @@ impl Haze {
                 continue;
             }
             let tables = if level == 0 { tables } else { &self.tables[level - 1] };
-            let written = kernel.classify(picture, tables, mask, &mut self.found[count..]);
+            let zoned = ZonedTables::everywhere(tables, &self.one_zone);
+            let written = kernel.classify(picture, zoned, mask, &mut self.found[count..]);
             count += written.count as usize;
             is_cut_off |= written.is_cut_off;
         }
@@ -251,7 +255,7 @@ mod tests {
 
     fn config(glare: bool) -> Config {
         let pitch_rgb = Some(FLOOR.map(f64::from));
-        let light = LightConfig { pitch_rgb, brightness: 1.0, glare };
+        let light = LightConfig { pitch_rgb, brightness: 1.0, glare, ..LightConfig::default() };
         Config { light, ..Config::default() }
     }
 

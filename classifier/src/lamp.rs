@@ -88,6 +88,11 @@ impl PitchProbe {
         Ok(Self { sites })
     }
 
+    /// The places themselves, row by row.
+    pub(crate) fn into_sites(self) -> Vec<[u16; 2]> {
+        self.sites
+    }
+
     /// The colour of the pitch in a picture; `None` when it is too dark or too little is seen of it.
     pub fn measure(&self, picture: &Picture) -> Option<[f64; 3]> {
         let looks = self.looks(picture)?;
@@ -175,12 +180,12 @@ const SIXTEENTHS: [u64; 16] = [
 ];
 
 /// Units of [`LOG`] in an octave.
-const UNITS_PER_OCTAVE: i32 = 64;
+pub(crate) const UNITS_PER_OCTAVE: i32 = 64;
 /// Parts of a step in a unit.
 const PARTS_PER_UNIT: i64 = PARTS * STEPS_PER_OCTAVE as i64 / UNITS_PER_OCTAVE as i64;
 
 /// For each byte, its logarithm to the base 2 in units, rounded; 0 counts as 1.
-const LOG: [u16; 256] = {
+pub(crate) const LOG: [u16; 256] = {
     let mut table = [0; 256];
     let mut value = 1;
     while value < 256 {
@@ -275,7 +280,8 @@ mod tests {
     fn set_for(pitch: [f64; 3], order: BayerOrder) -> Config {
         let mut config = Config::default();
         config.camera.bayer_order = order;
-        config.light = LightConfig { pitch_rgb: Some(pitch), brightness: 1.0, glare: false };
+        config.light =
+            LightConfig { pitch_rgb: Some(pitch), brightness: 1.0, ..LightConfig::default() };
         config
     }
 

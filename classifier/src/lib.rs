@@ -9,8 +9,9 @@
 //! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
 //! second look at hue and saturation, and run-length encoding. A colour image is never stored. Other
 //! formats than Bayer are taken too; what comes in YUV is classified in YUV. If the configuration says
-//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]), and if glare
-//! is to be looked through, parts of the picture have tables of their own (`haze.rs`).
+//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]). Where light is
+//! uneven ([`shading`]) or glare is to be looked through (`haze.rs`), parts of the picture have tables of
+//! their own.
 //!
 //! **Guarantees**
 //!
@@ -32,9 +33,11 @@ mod mask;
 mod picture;
 pub mod process;
 pub mod second_look;
+pub mod shading;
 mod stage;
 mod tables;
 mod yuv;
+pub mod zones;
 
 #[cfg(doc)]
 use common::messages::{FrameHeader, Run, RunsHeader};

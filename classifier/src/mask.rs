@@ -24,6 +24,12 @@ impl Span {
         spans.into_iter().reduce(|a, b| Self { begin: a.begin.min(b.begin), end: a.end.max(b.end) })
     }
 
+    /// The columns that are in both; none, with any ends, if there are none.
+    #[inline(always)]
+    pub fn within(self, other: Self) -> Self {
+        Self { begin: self.begin.max(other.begin), end: self.end.min(other.end) }
+    }
+
     /// A bit for each of the columns `start..start + count` that lies in the span; `count` is at
     /// most 64.
     #[inline(always)]

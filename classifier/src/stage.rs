@@ -5,6 +5,8 @@ use crate::kernels::{Kernel, SimdChoice, SimdLevel};
 use crate::lamp::{Gains, Lamp, NO_GAINS};
 use crate::mask::FieldMask;
 use crate::picture::Picture;
+use crate::shading::ShadedTables;
+use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
 use common::messages::{FrameFault, FrameHeader, PixelLayout, Run, RunsHeader};
@@ -20,6 +22,8 @@ pub struct Classifier {
     /// The light of the last frame, and the tables for it: a cache, not a memory.
     gains: Gains,
     lit_tables: ClassTables,
+    shaded: Option<Box<ShadedTables>>,
+    one_zone: Zones,
     haze: Option<Box<Haze>>,
     mask: FieldMask,
     kernel: Kernel,
@@ -47,9 +51,23 @@ impl Classifier {
         let (gains, lit_tables) = (NO_GAINS, tables.clone());
         let haze = config.light.glare.then(|| Haze::new(config, &tables)).transpose()?;
         let haze = haze.map(Box::new);
+        let shaded = ShadedTables::new(config, &tables)?.map(Box::new);
+        let one_zone = Zones::one();
         let mask = FieldMask::new(config);
         let kernel = Kernel::new(level, &tables);
-        Ok(Self { width, height, tables, lamp, gains, lit_tables, haze, mask, kernel })
+        Ok(Self {
+            width,
+            height,
+            tables,
+            lamp,
+            gains,
+            lit_tables,
+            shaded,
+            one_zone,
+            haze,
+            mask,
+            kernel,
+        })
     }
 
     /// Whether a frame with this header and so many bytes can be classified.
@@ -71,11 +89,20 @@ impl Classifier {
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
         self.follow_lamp(&picture);
-        let Self { kernel, lit_tables, mask, haze, .. } = self;
+        let Self { kernel, tables, gains, lit_tables, mask, shaded, one_zone, haze, .. } = self;
         let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(&picture).then_some(haze));
         let written = match hazy {
             Some(haze) => haze.classify(kernel, &picture, lit_tables, mask, out),
-            None => kernel.classify(&picture, lit_tables, mask, out),
+            None => {
+                let zoned = match shaded {
+                    Some(shaded) => {
+                        shaded.look_at(&picture);
+                        shaded.under(tables, *gains)
+                    }
+                    None => ZonedTables::everywhere(lit_tables, one_zone),
+                };
+                kernel.classify(&picture, zoned, mask, out)
+            }
         };
         *out_header = RunsHeader {
             frame: *header,

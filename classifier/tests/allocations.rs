@@ -12,7 +12,10 @@ use touchline_classifier::{Classifier, SimdLevel};
 
 #[test]
 fn steps_after_the_first_allocate_nothing() {
-    let config = Config::default();
+    let mut config = Config::default();
+    // With all that a frame's light can ask for.
+    config.light.pitch_rgb = Some([100.0, 120.0, 110.0]);
+    config.light.unevenness = 0.5;
     let mut noise = Noise(5);
     for level in SimdLevel::available() {
         let mut classifier = Classifier::with_level(&config, level).unwrap();

@@ -19,7 +19,7 @@ pub fn standard_light(config: &Config) -> Result<LightConfig, CommandError> {
             .ok_or("the configured picture is too small")?;
     let pitch_rgb = PitchProbe::new(config)?.measure(&Picture::Bayer(image));
     // Painted light acts on floor and patches alike.
-    Ok(LightConfig { pitch_rgb, brightness: 1.0, glare: true })
+    Ok(LightConfig { pitch_rgb, brightness: 1.0, unevenness: 1.0, glare: true })
 }
 
 /// Whether the synthetic match is played under other lamps than those.

@@ -53,11 +53,13 @@ impl Picture {
         })
     }
 
-    /// The same picture, each channel through a table of its own.
-    pub fn corrected(&self, tables: &[[u8; 256]; 3]) -> Self {
-        let correct = |rgb: &[u8; 3]| {
+    /// The same picture, each channel through a table of its own; `tables_at` has those for a column
+    /// and row.
+    pub fn corrected<'a>(&self, tables_at: impl Fn(usize, usize) -> &'a [[u8; 256]; 3]) -> Self {
+        let correct = |(index, rgb): (usize, &[u8; 3])| {
+            let tables = tables_at(index % self.width, index / self.width);
             [0, 1, 2].map(|channel: usize| tables[channel][usize::from(rgb[channel])])
         };
-        Self { width: self.width, rgb: self.rgb.iter().map(correct).collect() }
+        Self { width: self.width, rgb: self.rgb.iter().enumerate().map(correct).collect() }
     }
 }

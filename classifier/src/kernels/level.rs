@@ -111,7 +111,7 @@ impl SimdLevel {
             Self::Neon => run_if_present!(machine.as_neon()),
             _ => {}
         }
-        scalar::classify(picture, setup.tables, setup.mask, out)
+        scalar::classify(picture, setup.zoned, setup.mask, out)
     }
 }
 

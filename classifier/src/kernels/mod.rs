@@ -13,6 +13,7 @@ mod vector;
 
 use crate::mask::FieldMask;
 use crate::picture::Picture;
+use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
 use prefilter::Prefilter;
@@ -24,14 +25,15 @@ pub use level::{SimdChoice, SimdLevel};
 #[derive(Debug, Clone)]
 pub struct Kernel {
     level: SimdLevel,
-    prefilters: Prefilters,
+    /// By zone.
+    prefilters: Vec<Prefilters>,
     scratch: Scratch,
 }
 
 impl Kernel {
     /// A level that this machine does not have is as good as [`SimdLevel::Scalar`].
     pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
-        Self { level, prefilters: Prefilters::new(tables), scratch: Scratch::default() }
+        Self { level, prefilters: vec![Prefilters::new(tables)], scratch: Scratch::default() }
     }
 
     /// Whose instructions it uses.
@@ -39,27 +41,32 @@ impl Kernel {
         self.level
     }
 
-    /// As [`scalar::classify`]. Other tables than last time cost some microseconds, a wider picture
-    /// an allocation.
+    /// As [`scalar::classify`]. Other tables than last time cost some microseconds each, a wider
+    /// picture or more zones an allocation.
     pub fn classify(
         &mut self,
         picture: &Picture,
-        tables: &ClassTables,
+        zoned: ZonedTables,
         mask: &FieldMask,
         out: &mut [Run],
     ) -> Written {
-        if self.prefilters.version != tables.version() {
-            self.prefilters = Prefilters::new(tables);
+        let ZonedTables { tables, zones } = zoned;
+        let known = self.prefilters.len();
+        self.prefilters.extend(tables.iter().skip(known).map(Prefilters::new));
+        for (prefilters, tables) in self.prefilters.iter_mut().zip(tables) {
+            if prefilters.version != tables.version() {
+                *prefilters = Prefilters::new(tables);
+            }
         }
-        self.scratch.fit(picture.width());
-        let Prefilters { rgb, yuv, .. } = &self.prefilters;
-        self.level.classify(picture, Setup { tables, rgb, yuv, mask }, &mut self.scratch, out)
+        self.scratch.fit(picture.width(), zones.columns());
+        let setup = Setup { zoned, prefilters: &self.prefilters, mask };
+        self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
 
 /// What belongs to a version of the tables.
 #[derive(Debug, Clone)]
-struct Prefilters {
+pub struct Prefilters {
     version: u64,
     rgb: Prefilter,
     yuv: Prefilter,

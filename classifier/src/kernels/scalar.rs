@@ -5,13 +5,15 @@ use crate::ClassTables;
 use crate::mask::{FieldMask, Span};
 use crate::picture::{BayerImage, ColorImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
+use crate::zones::ZonedTables;
 use common::messages::Run;
 
 /// Lists the runs of a picture, as many as fit into `out`; what lies behind them is untouched.
-/// Pixels outside the mask are background, though their neighbours are interpolated from them.
+/// Pixels outside the mask are background, though their neighbours are interpolated from them. Each
+/// is classified with the tables of its zone.
 pub fn classify(
     picture: &Picture,
-    tables: &ClassTables,
+    zoned: ZonedTables,
     mask: &FieldMask,
     out: &mut [Run],
 ) -> Written {
@@ -19,7 +21,11 @@ pub fn classify(
     for row in 0..picture.height() {
         let mut row_runs = RowRuns::new(&mut runs, row);
         for &span in mask.spans(row) {
-            for_each_class(picture, tables, row, span, |column, class| row_runs.add(column, class));
+            for (span, zone) in zoned.zones.divide(row, span) {
+                let tables = &zoned.tables[zone];
+                let add = |column, class| row_runs.add(column, class);
+                for_each_class(picture, tables, row, span, add);
+            }
         }
         row_runs.finish();
         if runs.is_cut_off {

@@ -3,6 +3,7 @@
 use super::{Kernel, SimdLevel, scalar};
 use crate::mask::FieldMask;
 use crate::picture::Picture;
+use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, MAX_CLASSES};
 use common::config::ColorConfig;
 use common::messages::{BayerOrder, PixelFormat, PixelLayout, Run};
@@ -19,12 +20,19 @@ pub fn passes(level: SimdLevel) -> bool {
     let others = [PixelFormat::Bayer12, PixelFormat::Rgb24, PixelFormat::Yuyv, PixelFormat::Nv12]
         .map(|format| PixelLayout { format, order: BayerOrder::Grbg });
     let mask = FieldMask::everything(WIDTH, HEIGHT);
+    let mut zones = Zones::tiled(WIDTH as usize, HEIGHT as usize, 18);
+    zones.of_tiles_mut().iter_mut().enumerate().for_each(|(tile, zone)| *zone = tile as u8 / 2 % 2);
     let mut expected = vec![Run::default(); (WIDTH * HEIGHT) as usize];
     let mut got = expected.clone();
     [5, MAX_CLASSES].into_iter().all(|count| {
-        let colors: Vec<ColorConfig> = (0..count).map(|_| random.color(count)).collect();
-        let Ok(tables) = ClassTables::new(&colors) else { return false };
-        let mut kernel = Kernel::new(level, &tables);
+        let mut some_tables = || {
+            let colors: Vec<ColorConfig> = (0..count).map(|_| random.color(count)).collect();
+            ClassTables::new(&colors).ok()
+        };
+        let (Some(first), Some(second)) = (some_tables(), some_tables()) else { return false };
+        let tables = [first, second];
+        let zoned = ZonedTables { tables: &tables, zones: &zones };
+        let mut kernel = Kernel::new(level, &tables[0]);
         orders.into_iter().chain(others).all(|layout| {
             let stride = layout.format.row_bytes(WIDTH) as u32 + 3;
             let bytes = layout.format.frame_bytes(WIDTH, HEIGHT, stride);
@@ -32,8 +40,8 @@ pub fn passes(level: SimdLevel) -> bool {
             let Some(picture) = Picture::new(&pixels, WIDTH, HEIGHT, stride, layout) else {
                 return false;
             };
-            let specified = scalar::classify(&picture, &tables, &mask, &mut expected);
-            let written = kernel.classify(&picture, &tables, &mask, &mut got);
+            let specified = scalar::classify(&picture, zoned, &mask, &mut expected);
+            let written = kernel.classify(&picture, zoned, &mask, &mut got);
             let count = specified.count as usize;
             written == specified && got[..count] == expected[..count]
         })

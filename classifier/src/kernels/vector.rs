@@ -9,6 +9,7 @@
 //!    and the same code as [`scalar`](super::scalar), and find where the class changes by comparing
 //!    the block's classes with themselves, shifted by one. From change to change is a run.
 
+use super::Prefilters;
 use super::demosaic::{ColoredLanes, colors, rough_colors};
 use super::lanes::Lanes;
 use super::prefilter::Prefilter;
@@ -17,6 +18,7 @@ use super::{RowRuns, RunWriter, Written};
 use crate::mask::{FieldMask, Span};
 use crate::picture::{BayerImage, ColorImage, ColorRow, narrowed};
 use crate::yuv::rgb_from_yuv;
+use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
 use fearless_simd::prelude::*;
@@ -31,6 +33,7 @@ const MIN_LANES: usize = 16;
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     noted: Vec<Noted>,
+    parts: Vec<Part>,
     /// Rows as bytes: the last four of a deep Bayer picture, or the channels of a colour one.
     rows: [Vec<u8>; 6],
 }
@@ -44,13 +47,36 @@ struct Noted {
     pixels: [u64; 2],
 }
 
+/// A part of one row, and what is needed to classify it.
+#[derive(Clone, Copy)]
+struct RowPart<'a> {
+    /// Those of the whole row that are to be looked at.
+    spans: &'a [Span],
+    span: Span,
+    tables: &'a ClassTables,
+    noted: &'a [Noted],
+    /// Which of the two rows it is in.
+    index: usize,
+}
+
+/// A part of two rows that is in one zone.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    span: Span,
+    zone: usize,
+    /// Where its noted blocks end in the list; they begin where those of the part before end.
+    noted_end: usize,
+}
+
 impl Scratch {
-    /// Makes room to note every block of a row of `width` pixels.
-    pub fn fit(&mut self, width: usize) {
-        let blocks = width.div_ceil(MIN_LANES) + 1;
+    /// Makes room to note every block of a row of `width` pixels that is in so many parts at most.
+    pub fn fit(&mut self, width: usize, parts: usize) {
+        let blocks = width.div_ceil(MIN_LANES) + 2 * parts;
         if self.noted.len() < blocks {
             self.noted.resize(blocks, Noted::default());
         }
+        self.parts.clear();
+        self.parts.reserve(parts);
     }
 
     /// Row buffers with room for whole blocks, and for pixels in pairs.
@@ -65,11 +91,9 @@ impl Scratch {
 #[derive(Clone, Copy)]
 pub struct Setup<'a> {
     /// Decide in the end.
-    pub tables: &'a ClassTables,
-    /// For pixels in RGB, whose values may be too high by [`EXCESS`](super::demosaic::EXCESS).
-    pub rgb: &'a Prefilter,
-    /// For pixels in YUV, of the colours that have a box there.
-    pub yuv: &'a Prefilter,
+    pub zoned: ZonedTables<'a>,
+    /// By zone.
+    pub prefilters: &'a [Prefilters],
     /// The pixels to look at.
     pub mask: &'a FieldMask,
 }
@@ -85,18 +109,20 @@ pub fn classify_bayer<S: Lanes>(
 ) -> Written {
     let mut runs = RunWriter::new(out);
     let (width, height) = (image.width(), image.height());
-    let [red, green, blue] = loaded(simd, setup.rgb);
+    let Setup { zoned, prefilters, mask } = setup;
+    let mut filters = loaded(simd, &prefilters[0].rgb);
+    let mut loaded_zone = 0;
     if image.shift().is_some() {
         scratch.reserve_rows(width);
     }
-    let Scratch { noted, rows: narrow } = scratch;
+    let Scratch { noted, parts, rows: narrow } = scratch;
     // Which row of the picture is in each of the buffers.
     let mut held = [usize::MAX; 4];
     for upper in (0..height).step_by(2) {
         // The last row may be alone; then what is found in the one below it does not count.
         let lower = after(upper, height);
         let is_pair = upper + 1 < height;
-        let spans = [setup.mask.spans(upper), if is_pair { setup.mask.spans(lower) } else { &[] }];
+        let spans = [mask.spans(upper), if is_pair { mask.spans(lower) } else { &[] }];
         let Some(around) = Span::around(spans.into_iter().flatten().copied()) else { continue };
         let numbers = [before(upper), upper, lower, after(lower, height)];
         let rows = match image.shift() {
@@ -112,16 +138,32 @@ pub fn classify_bayer<S: Lanes>(
             }
         };
         let sites = Sites::of(image, upper);
-        let filters = if sites.has_red { [red, green, blue] } else { [blue, green, red] };
-        let count = find_apart(simd, rows, sites, around, &filters, noted);
+        parts.clear();
+        let mut noted_end = 0;
+        for (span, zone) in zoned.zones.divide(upper, around) {
+            if zone != loaded_zone {
+                filters = loaded(simd, &prefilters[zone].rgb);
+                loaded_zone = zone;
+            }
+            let [red, green, blue] = filters;
+            let filters = if sites.has_red { [red, green, blue] } else { [blue, green, red] };
+            noted_end += find_apart(simd, rows, sites, span, &filters, &mut noted[noted_end..]);
+            parts.push(Part { span, zone, noted_end });
+        }
         for (index, spans) in spans.into_iter().enumerate() {
             let row = upper + index;
             let [above, here, below] = [rows[index], rows[index + 1], rows[index + 2]];
             let sites = Sites::of(image, row);
             let three = ThreeRows { above, here, below, sites };
             let mut row_runs = RowRuns::new(&mut runs, row);
-            let noted = &noted[..count];
-            classify_row_apart(simd, &three, spans, setup.tables, index, noted, &mut row_runs);
+            let mut noted_begin = 0;
+            for &Part { span, zone, noted_end } in parts.iter() {
+                let tables = &zoned.tables[zone];
+                let noted = &noted[noted_begin..noted_end];
+                let part = RowPart { spans, span, tables, noted, index };
+                classify_row_apart(simd, &three, part, &mut row_runs);
+                noted_begin = noted_end;
+            }
             row_runs.finish();
         }
         if runs.is_cut_off {
@@ -250,30 +292,20 @@ fn passing_at<S: Lanes>(
 fn classify_row_apart<S: Lanes>(
     simd: S,
     rows: &ThreeRows<&[u8]>,
-    spans: &[Span],
-    tables: &ClassTables,
-    index: usize,
-    noted: &[Noted],
+    part: RowPart,
     runs: &mut RowRuns,
 ) {
     simd.vectorize(
         #[inline(always)]
-        || classify_row(simd, rows, spans, tables, index, noted, runs),
+        || classify_row(simd, rows, part, runs),
     );
 }
 
-/// Step 2 for one row: its blocks among those noted (`index` says which of the two rows it was),
-/// and what step 1 has left out: the first and the last pixel, or all of a row too short for blocks.
+/// Step 2 for a part of one row: its blocks among those noted, and what step 1 has left out: the first
+/// and the last pixel, or all of a row too short for blocks.
 #[inline(always)]
-fn classify_row<S: Lanes>(
-    simd: S,
-    rows: &ThreeRows<&[u8]>,
-    spans: &[Span],
-    tables: &ClassTables,
-    index: usize,
-    noted: &[Noted],
-    runs: &mut RowRuns,
-) {
+fn classify_row<S: Lanes>(simd: S, rows: &ThreeRows<&[u8]>, part: RowPart, runs: &mut RowRuns) {
+    let RowPart { spans, span: part, tables, noted, index } = part;
     let (Some(first_span), Some(last_span)) = (spans.first(), spans.last()) else { return };
     let lanes = S::u8s::LEN;
     let width = rows.here.len();
@@ -283,15 +315,15 @@ fn classify_row<S: Lanes>(
         }
     };
     if width < lanes + 2 {
-        spans.iter().for_each(|&span| one_by_one(span, runs));
+        spans.iter().for_each(|span| one_by_one(span.within(part), runs));
         return;
     }
-    if first_span.begin == 0 {
+    if first_span.begin == 0 && part.begin == 0 {
         one_by_one(Span { begin: 0, end: 1 }, runs);
     }
     let mut bytes = [[0; MAX_LANES]; 3];
     for noted in noted {
-        let Some(pixels) = noted.pixels_within(spans, index, lanes) else { continue };
+        let Some(pixels) = noted.pixels_within(spans, part, index, lanes) else { continue };
         let from = noted.start - 1;
         let at_colored = ColoredLanes::new(simd, rows.sites, noted.start);
         let three = [&rows.above[from..], &rows.here[from..], &rows.below[from..]];
@@ -301,11 +333,11 @@ fn classify_row<S: Lanes>(
         colors[1].store_slice(&mut green[..lanes]);
         colors[2].store_slice(&mut other[..lanes]);
         let (red, blue) = if rows.sites.has_red { (own, other) } else { (other, own) };
-        noted.classify(simd, pixels, runs, |lane| {
+        noted.classify(simd, pixels, part.end, runs, |lane| {
             tables.classify([red[lane], green[lane], blue[lane]])
         });
     }
-    if last_span.end == width {
+    if last_span.end == width && part.end == width {
         one_by_one(Span { begin: width - 1, end: width }, runs);
     }
 }
@@ -313,8 +345,8 @@ fn classify_row<S: Lanes>(
 impl Noted {
     /// The pixels to classify in one of the rows; `None` if there are none.
     #[inline(always)]
-    fn pixels_within(&self, spans: &[Span], index: usize, lanes: usize) -> Option<u64> {
-        let pixels = self.pixels[index];
+    fn pixels_within(&self, spans: &[Span], part: Span, index: usize, lanes: usize) -> Option<u64> {
+        let pixels = self.pixels[index] & part.bits(self.start, lanes);
         if pixels == 0 {
             return None;
         }
@@ -322,12 +354,13 @@ impl Noted {
         (pixels & bits != 0).then_some(pixels & bits)
     }
 
-    /// Classifies pixels of the block and hands them in.
+    /// Classifies pixels of the block and hands them in, up to column `end`.
     #[inline(always)]
     fn classify<S: Lanes>(
         &self,
         simd: S,
         mut pixels: u64,
+        end: usize,
         runs: &mut RowRuns,
         class_of: impl Fn(usize) -> u8,
     ) {
@@ -346,13 +379,14 @@ impl Noted {
         let before = S::u8s::from_slice(simd, &classes[..lanes]);
         let here = S::u8s::from_slice(simd, &classes[1..lanes + 1]);
         let mut changes = !here.simd_eq(before).to_bitmask();
-        changes &= (!0 >> (64 - lanes)) & (!0 << overlap);
+        let count = lanes.min(end - self.start);
+        changes &= (!0 >> (64 - count)) & (!0 << overlap);
         while changes != 0 {
             let lane = changes.trailing_zeros() as usize % MAX_LANES;
             runs.change(self.start + lane, classes[lane + 1]);
             changes &= changes - 1;
         }
-        runs.reached = self.start + lanes;
+        runs.reached = self.start + count;
     }
 }
 
@@ -365,14 +399,15 @@ pub fn classify_color<S: Lanes>(
     scratch: &mut Scratch,
     out: &mut [Run],
 ) -> Written {
-    let Setup { tables, mask, .. } = setup;
+    let Setup { zoned, prefilters, mask } = setup;
     let lanes = S::u8s::LEN;
     let mut runs = RunWriter::new(out);
-    let rgb_filters = loaded(simd, setup.rgb);
-    let yuv_filters = loaded(simd, setup.yuv);
-    let (is_yuv, needs_rgb) = (image.is_yuv(), tables.needs_rgb());
+    let mut filters = [&prefilters[0].rgb, &prefilters[0].yuv].map(|filter| loaded(simd, filter));
+    let mut loaded_zone = 0;
+    // All zones have the same colours.
+    let (is_yuv, needs_rgb) = (image.is_yuv(), zoned.tables[0].needs_rgb());
     scratch.reserve_rows(image.width());
-    let Scratch { noted, rows: [a, b, c, red, green, blue] } = scratch;
+    let Scratch { noted, rows: [a, b, c, red, green, blue], .. } = scratch;
     for row in 0..image.height() {
         let spans = mask.spans(row);
         let Some(around) = Span::around(spans.iter().copied()) else { continue };
@@ -380,30 +415,39 @@ pub fn classify_color<S: Lanes>(
         if is_yuv && needs_rgb {
             convert(simd, [a, b, c], [red, green, blue]);
         }
-        let mut count = 0;
-        let mut start = around.begin / lanes * lanes;
-        while start < around.end {
-            let mut pixels = 0;
-            if is_yuv {
-                pixels |= passing_at(simd, [a, b, c], start, yuv_filters);
-                if needs_rgb {
-                    pixels |= passing_at(simd, [red, green, blue], start, rgb_filters);
-                }
-            } else {
-                pixels |= passing_at(simd, [a, b, c], start, rgb_filters);
-            }
-            noted[count] = Noted { start, pixels: [pixels, 0] };
-            count += usize::from(pixels != 0);
-            start += lanes;
-        }
         let mut row_runs = RowRuns::new(&mut runs, row);
-        for noted in &noted[..count] {
-            let Some(pixels) = noted.pixels_within(spans, 0, lanes) else { continue };
-            noted.classify(simd, pixels, &mut row_runs, |lane| {
-                let column = noted.start + lane;
-                let color = [a[column], b[column], c[column]];
-                if is_yuv { tables.classify_yuv(color) } else { tables.classify(color) }
-            });
+        for (part, zone) in zoned.zones.divide(row, around) {
+            if zone != loaded_zone {
+                let Prefilters { rgb, yuv, .. } = &prefilters[zone];
+                filters = [rgb, yuv].map(|filter| loaded(simd, filter));
+                loaded_zone = zone;
+            }
+            let [rgb_filters, yuv_filters] = filters;
+            let tables = &zoned.tables[zone];
+            let mut count = 0;
+            let mut start = part.begin / lanes * lanes;
+            while start < part.end {
+                let mut pixels = 0;
+                if is_yuv {
+                    pixels |= passing_at(simd, [a, b, c], start, yuv_filters);
+                    if needs_rgb {
+                        pixels |= passing_at(simd, [red, green, blue], start, rgb_filters);
+                    }
+                } else {
+                    pixels |= passing_at(simd, [a, b, c], start, rgb_filters);
+                }
+                noted[count] = Noted { start, pixels: [pixels, 0] };
+                count += usize::from(pixels != 0);
+                start += lanes;
+            }
+            for noted in &noted[..count] {
+                let Some(pixels) = noted.pixels_within(spans, part, 0, lanes) else { continue };
+                noted.classify(simd, pixels, part.end, &mut row_runs, |lane| {
+                    let column = noted.start + lane;
+                    let color = [a[column], b[column], c[column]];
+                    if is_yuv { tables.classify_yuv(color) } else { tables.classify(color) }
+                });
+            }
         }
         row_runs.finish();
         if runs.is_cut_off {

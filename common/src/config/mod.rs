@@ -213,6 +213,11 @@ pub struct LightConfig {
     /// from a lamp mirrored in a dark floor, all of it on a dull one.
     #[schemars(range(min = 0, max = 1))]
     pub brightness: f64,
+    /// How much of the unevenness of the pitch's brightness the patches share, 0–1: where the floor is
+    /// darker than in its middle, colours may be darker by this part, in octaves. As `touchline learn`
+    /// measures it; 0 switches it off, and it counts only with `pitch_rgb`.
+    #[schemars(range(min = 0, max = 1))]
+    pub unevenness: f64,
     /// Whether colours are looked for under glare, too: where a lamp is mirrored, white light lies over
     /// a part of the picture, and what it adds to the floor is taken off everything there. For pitches
     /// whose floor is otherwise lit about evenly.

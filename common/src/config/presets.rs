@@ -205,7 +205,7 @@ impl Default for GeometryConfig {
 
 impl Default for LightConfig {
     fn default() -> Self {
-        Self { pitch_rgb: None, brightness: 0.5, glare: false }
+        Self { pitch_rgb: None, brightness: 0.5, unevenness: 0.0, glare: false }
     }
 }
 

@@ -1,10 +1,12 @@
 //! `touchline learn`: colours out of pictures.
 
 mod auto;
+mod unevenness;
 
 use super::{CommandError, load_config, output};
 use crate::cli::LearnArgs;
 use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
+use classifier::shading::ShadedTables;
 use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
 use common::config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::{list_pictures, load_bayer};
@@ -34,9 +36,22 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         true => None,
         false => pitch_color(&config, &lessons)?,
     };
-    let learned = match args.auto {
-        true => auto::learn(&config, &mut lessons)?,
-        false => learn_from(&config, &lessons, true)?,
+    let known_by = |config: &Config, lessons: &mut [Lesson]| match args.auto {
+        true => Ok(Some(auto::learn(config, lessons)?)),
+        false => Ok::<_, CommandError>(None),
+    };
+    // Robots tell how uneven the light is, and are found better once that is known.
+    let mut found = known_by(&config, &mut lessons)?;
+    if config.light.pitch_rgb.is_some()
+        && let Some(unevenness) = unevenness::measure(&config, &lessons)?
+        && unevenness != config.light.unevenness
+    {
+        config.light.unevenness = unevenness;
+        found = known_by(&config, &mut lessons)?;
+    }
+    let learned = match found {
+        Some(found) => found,
+        None => learn_from(&config, &lessons, true)?,
     };
     eprintln!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
     config.colors = learned;
@@ -146,13 +161,26 @@ fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, 
 /// Samples of all pictures, as they look under the light the colours are learned for.
 fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> {
     let lamp = Lamp::new(config)?;
+    let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
     let mut gatherer = Gatherer::new(config)?;
     let mut rgb = Vec::new();
     for lesson in lessons {
         let image = bayer_image(config, &lesson.bayer)?;
         demosaic(&image, &mut rgb);
-        let gains: Gains = lamp.as_ref().map_or(NO_GAINS, |lamp| lamp.gains(&Frame::Bayer(image)));
-        let picture = Picture::new(image.width(), &rgb).corrected(&corrections(gains));
+        let (width, frame) = (image.width(), Frame::Bayer(image));
+        let gains: Gains = lamp.as_ref().map_or(NO_GAINS, |lamp| lamp.gains(&frame));
+        let picture = Picture::new(width, &rgb);
+        let picture = match &mut shaded {
+            Some(shaded) => {
+                shaded.look_at(&frame);
+                let (zones, tables) = (shaded.zones(), ShadedTables::corrections(gains));
+                picture.corrected(|column, row| &tables[zones.at(column, row)])
+            }
+            None => {
+                let tables = corrections(gains);
+                picture.corrected(|_, _| &tables)
+            }
+        };
         gatherer.add(&lesson.labels, &picture)?;
     }
     Ok(gatherer.finish())
@@ -201,9 +229,10 @@ fn summary(
 fn fragment(config: &Config) -> String {
     let mut text = String::new();
     if let Some(rgb) = config.light.pitch_rgb {
-        let LightConfig { brightness, glare, .. } = config.light;
+        let LightConfig { brightness, unevenness, glare, .. } = config.light;
         text += &format!(
-            "[light]\npitch_rgb = {rgb:?}\nbrightness = {brightness}\nglare = {glare}\n\n"
+            "[light]\npitch_rgb = {rgb:?}\nbrightness = {brightness}\nunevenness = {unevenness}\n\
+             glare = {glare}\n\n"
         );
     }
     for color in &config.colors {

@@ -1,0 +1,271 @@
+//! Uneven light: a pitch is bright under its lamps and dark in its corners, and so are the patches
+//! that lie there.
+//!
+//! How bright the pitch is in which part of a picture is measured in each frame, as [`lamp`](crate::lamp)
+//! measures its colour: medians of the places in some fifty cells, which robots, lines and arms do not
+//! move far, and through the cells' logarithms the surface of second degree that fits them best.
+//! Where it lies above the middle of the pitch, patches are too bright by a part of that
+//! (`light.unevenness`: all of it on a dull floor, little on a black one that mirrors lamps), and where
+//! it lies below, too dark. Tiles of the picture are put into [zones](crate::zones) by what they have to
+//! be multiplied with, in steps of 9 %, and each zone has tables of its own. A pixel still costs
+//! three look-ups.
+//!
+//! There is nothing in it but integers and sums, products and quotients of floating-point numbers in
+//! a fixed order, so the same frame gives the same zones on every machine.
+
+use crate::ClassTables;
+use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, rgb_at};
+use crate::picture::Picture;
+use crate::zones::{ZonedTables, Zones};
+use common::config::Config;
+use common::geometry::GeometryError;
+
+/// Zones differ by so many steps of gains.
+const ZONE_STEPS: i32 = 2;
+/// So many zones are darker than the middle of the pitch, and as many brighter.
+const ZONES_EACH: i32 = 10;
+const ZONES: usize = 2 * ZONES_EACH as usize + 1;
+/// The zone in which nothing is corrected.
+const MIDDLE: usize = ZONES_EACH as usize;
+/// Units of [`LOG`] in a zone.
+const UNITS_PER_ZONE: f64 = (UNITS_PER_OCTAVE * ZONE_STEPS / 16) as f64;
+/// Along the longer side of a picture there are about so many cells, and so many tiles.
+const CELLS: usize = 8;
+const TILES: usize = 20;
+/// A cell with fewer places on the pitch does not count.
+const FEWEST_SITES: usize = 8;
+/// Of a surface of second degree.
+const TERMS: usize = 6;
+/// Beyond this many octaves from the middle of the pitch a floor is black or white, no matter how much.
+const MOST_OCTAVES: f64 = 6.0;
+
+type Terms = [f64; TERMS];
+
+/// How bright the pitch is, relative to its middle, in which part of a picture.
+#[derive(Debug, Clone)]
+pub struct Shading {
+    /// On the pitch, those of a cell together.
+    sites: Vec<[u16; 2]>,
+    /// Of each cell where its sites end, and what its median says of each term.
+    cells: Vec<(usize, Terms)>,
+    /// Of each tile the terms at its centre.
+    tiles: Vec<Terms>,
+    /// Whether that is on the pitch.
+    is_on_pitch: Vec<bool>,
+    /// Of each tile, in units of [`LOG`] from the middle of the pitch: what was measured last.
+    units: Vec<f64>,
+    /// Room for sorting.
+    sorted: Vec<f64>,
+    values: Vec<u16>,
+    tile_px: usize,
+    columns: usize,
+}
+
+impl Shading {
+    /// For the configured camera and field; `None` if too little of the pitch is seen.
+    pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
+        let (width, height) = (config.camera.width as usize, config.camera.height as usize);
+        let cell_px = width.max(height).div_ceil(CELLS);
+        let cell_of = |&[x, y]: &[u16; 2]| (usize::from(y) / cell_px, usize::from(x) / cell_px);
+        let mut sites = PitchProbe::new(config)?.into_sites();
+        sites.sort_by_key(cell_of);
+        let mut by_cell: Vec<&[[u16; 2]]> =
+            sites.chunk_by(|a, b| cell_of(a) == cell_of(b)).collect();
+        by_cell.retain(|sites| sites.len() >= FEWEST_SITES);
+
+        let half = width.max(height) as f64 / 2.0;
+        let terms = |x: f64, y: f64| {
+            let (u, v) = ((x - width as f64 / 2.0) / half, (y - height as f64 / 2.0) / half);
+            [1.0, u, v, u * u, u * v, v * v]
+        };
+        // Of each cell, weighted by its places, at their mean.
+        let rows: Vec<(f64, Terms)> = by_cell
+            .iter()
+            .map(|sites| {
+                let count = sites.len() as f64;
+                let mean = |axis: usize| {
+                    sites.iter().map(|site| f64::from(site[axis])).sum::<f64>() / count
+                };
+                (count, terms(mean(0), mean(1)))
+            })
+            .collect();
+        let Some(inverse) = inverse_of_normal(&rows) else { return Ok(None) };
+        let mut end = 0;
+        let cells = rows.iter().zip(&by_cell).map(|((weight, row), sites)| {
+            end += sites.len();
+            (end, inverse.map(|line| weight * dot(&line, row)))
+        });
+        let cells: Vec<(usize, Terms)> = cells.collect();
+
+        let tile_px = width.max(height).div_ceil(TILES).next_multiple_of(2).max(16);
+        let zones = Zones::tiled(width, height, tile_px);
+        let columns = zones.columns();
+        let tiles: Vec<Terms> = (0..zones.of_tiles().len())
+            .map(|tile| {
+                [tile % columns, tile / columns].map(|at| (at as f64 + 0.5) * tile_px as f64)
+            })
+            .map(|[x, y]| terms(x, y))
+            .collect();
+        let mut is_on_pitch = vec![false; tiles.len()];
+        for &[x, y] in by_cell.iter().copied().flatten() {
+            is_on_pitch[usize::from(y) / tile_px * columns + usize::from(x) / tile_px] = true;
+        }
+        let most = by_cell.iter().map(|sites| sites.len()).max().unwrap_or(0);
+        Ok(Some(Self {
+            sites: by_cell.concat(),
+            cells,
+            units: vec![0.0; tiles.len()],
+            sorted: Vec::with_capacity(tiles.len()),
+            values: Vec::with_capacity(most),
+            tiles,
+            is_on_pitch,
+            tile_px,
+            columns,
+        }))
+    }
+
+    /// Measures the pitch of a picture.
+    pub fn look_at(&mut self, picture: &Picture) {
+        let mut surface = [0.0; TERMS];
+        let mut begin = 0;
+        for (end, says) in &self.cells {
+            self.values.clear();
+            self.values.extend(self.sites[begin..*end].iter().map(|&[x, y]| {
+                LOG[usize::from(rgb_at(picture, usize::from(x), usize::from(y))[1])]
+            }));
+            let middle = self.values.len() / 2;
+            let median = f64::from(*self.values.select_nth_unstable(middle).1);
+            surface.iter_mut().zip(says).for_each(|(term, part)| *term += part * median);
+            begin = *end;
+        }
+        for (units, terms) in self.units.iter_mut().zip(&self.tiles) {
+            *units = dot(terms, &surface);
+        }
+        self.sorted.clear();
+        let on_pitch = self.units.iter().zip(&self.is_on_pitch);
+        self.sorted
+            .extend(on_pitch.filter(|(_, is_on_pitch)| **is_on_pitch).map(|(units, _)| units));
+        if self.sorted.is_empty() {
+            self.units.fill(0.0);
+            return;
+        }
+        let middle = self.sorted.len() / 2;
+        let middle = *self.sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let most = MOST_OCTAVES * f64::from(UNITS_PER_OCTAVE);
+        self.units.iter_mut().for_each(|units| *units = (*units - middle).clamp(-most, most));
+    }
+
+    /// Of the picture looked at last: how many octaves brighter than the middle of the pitch its floor
+    /// is at a pixel.
+    pub fn octaves_at(&self, column: usize, row: usize) -> f64 {
+        let tile = row / self.tile_px * self.columns + column / self.tile_px;
+        self.units[tile] / f64::from(UNITS_PER_OCTAVE)
+    }
+}
+
+/// Tables for the zones of a picture that is lit unevenly.
+#[derive(Debug, Clone)]
+pub struct ShadedTables {
+    shading: Shading,
+    unevenness: f64,
+    zones: Zones,
+    /// By zone, and what each was made for.
+    tables: Vec<ClassTables>,
+    made_for: [Option<Gains>; ZONES],
+}
+
+impl ShadedTables {
+    /// As configured; `None` if light is taken to be even, or too little of the pitch is seen. `tables`
+    /// are any.
+    pub fn new(config: &Config, tables: &ClassTables) -> Result<Option<Self>, GeometryError> {
+        let unevenness = config.light.unevenness;
+        if config.light.pitch_rgb.is_none() || unevenness <= 0.0 {
+            return Ok(None);
+        }
+        let Some(shading) = Shading::new(config)? else { return Ok(None) };
+        let (width, height) = (config.camera.width as usize, config.camera.height as usize);
+        Ok(Some(Self {
+            zones: Zones::tiled(width, height, shading.tile_px),
+            shading,
+            unevenness,
+            tables: vec![tables.clone(); ZONES],
+            made_for: [None; ZONES],
+        }))
+    }
+
+    /// Measures the pitch of a picture.
+    pub fn look_at(&mut self, picture: &Picture) {
+        self.shading.look_at(picture);
+        for (zone, units) in self.zones.of_tiles_mut().iter_mut().zip(&self.shading.units) {
+            let zones = (-self.unevenness * units / UNITS_PER_ZONE).round() as i32;
+            *zone = (zones.clamp(-ZONES_EACH, ZONES_EACH) + ZONES_EACH) as u8;
+        }
+    }
+
+    /// The zones of the picture looked at last.
+    pub fn zones(&self) -> &Zones {
+        &self.zones
+    }
+
+    /// For each zone and channel what each value becomes, where the gains of the middle of the pitch are
+    /// these.
+    pub fn corrections(gains: Gains) -> Vec<[[u8; 256]; 3]> {
+        (0..ZONES).map(|zone| lamp::corrections(zone_gains(gains, zone))).collect()
+    }
+
+    /// The tables for the picture looked at last, made of `tables`, which are always the same, and the
+    /// gains for the middle of the pitch.
+    pub fn under(&mut self, tables: &ClassTables, gains: Gains) -> ZonedTables<'_> {
+        for &zone in self.zones.of_tiles() {
+            let zone = usize::from(zone);
+            if self.made_for[zone] != Some(gains) {
+                self.tables[zone] = tables.under(zone_gains(gains, zone));
+                self.made_for[zone] = Some(gains);
+            }
+        }
+        ZonedTables { tables: &self.tables, zones: &self.zones }
+    }
+}
+
+fn zone_gains(gains: Gains, zone: usize) -> Gains {
+    let more = (zone as i32 - MIDDLE as i32) * ZONE_STEPS;
+    gains.map(|steps| steps + more)
+}
+
+fn dot(a: &Terms, b: &Terms) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The inverse of the sum of the rows' products with themselves, weighted; `None` if the rows do not
+/// determine a surface.
+fn inverse_of_normal(rows: &[(f64, Terms)]) -> Option<[Terms; TERMS]> {
+    let mut left = [[0.0; TERMS]; TERMS];
+    for (weight, row) in rows {
+        for (line, a) in left.iter_mut().zip(row) {
+            line.iter_mut().zip(row).for_each(|(sum, b)| *sum += weight * a * b);
+        }
+    }
+    let total: f64 = rows.iter().map(|(weight, _)| weight).sum();
+    let mut right = [[0.0; TERMS]; TERMS];
+    (0..TERMS).for_each(|index| right[index][index] = 1.0);
+    // Gauss and Jordan; what is positive definite needs no pivoting.
+    for index in 0..TERMS {
+        let pivot = left[index][index];
+        if pivot <= 1e-6 * total || !pivot.is_finite() {
+            return None;
+        }
+        for term in 0..TERMS {
+            left[index][term] /= pivot;
+            right[index][term] /= pivot;
+        }
+        let (pivot_left, pivot_right) = (left[index], right[index]);
+        for other in (0..TERMS).filter(|&other| other != index) {
+            let factor = left[other][index];
+            for term in 0..TERMS {
+                left[other][term] -= factor * pivot_left[term];
+                right[other][term] -= factor * pivot_right[term];
+            }
+        }
+    }
+    Some(right)
+}

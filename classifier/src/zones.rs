@@ -1,0 +1,132 @@
+//! Parts of a picture that are classified with tables of their own.
+
+use crate::ClassTables;
+use crate::mask::Span;
+
+/// Which part of a picture belongs to which zone: square tiles, each with the number of its zone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Zones {
+    /// Side of a tile in pixels; even, so that two rows that belong together are in one.
+    tile_px: usize,
+    /// Tiles in a row.
+    columns: usize,
+    of_tile: Vec<u8>,
+}
+
+/// Zones, and the tables of each.
+#[derive(Debug, Clone, Copy)]
+pub struct ZonedTables<'a> {
+    /// By zone; at least one more than the highest zone.
+    pub tables: &'a [ClassTables],
+    /// Where they count.
+    pub zones: &'a Zones,
+}
+
+impl<'a> ZonedTables<'a> {
+    /// The same tables everywhere; `zones` are [`Zones::one`].
+    pub fn everywhere(tables: &'a ClassTables, zones: &'a Zones) -> Self {
+        Self { tables: std::slice::from_ref(tables), zones }
+    }
+}
+
+impl Zones {
+    /// Everything is in zone 0.
+    pub fn one() -> Self {
+        Self { tile_px: 1 << 16, columns: 1, of_tile: vec![0] }
+    }
+
+    /// Tiles of a picture of this size, all in zone 0.
+    ///
+    /// # Panics
+    /// If `tile_px` is odd or 0.
+    pub fn tiled(width: usize, height: usize, tile_px: usize) -> Self {
+        assert!(tile_px > 0 && tile_px.is_multiple_of(2), "tiles of {tile_px} px");
+        let (columns, rows) = (width.div_ceil(tile_px), height.div_ceil(tile_px));
+        Self { tile_px, columns, of_tile: vec![0; columns * rows] }
+    }
+
+    /// The side of a tile in pixels.
+    pub fn tile_px(&self) -> usize {
+        self.tile_px
+    }
+
+    /// How many tiles there are in a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// The zone of each tile, row by row.
+    pub fn of_tiles(&self) -> &[u8] {
+        &self.of_tile
+    }
+
+    /// The same, to be changed.
+    pub fn of_tiles_mut(&mut self) -> &mut [u8] {
+        &mut self.of_tile
+    }
+
+    /// The zone of a pixel.
+    ///
+    /// # Panics
+    /// If it lies outside the picture.
+    pub fn at(&self, column: usize, row: usize) -> usize {
+        let tile = row / self.tile_px * self.columns + column / self.tile_px;
+        usize::from(self.of_tile[tile])
+    }
+
+    /// A stretch of a row, divided by zone: from left to right, neighbours differ.
+    #[inline]
+    pub fn divide(&self, row: usize, span: Span) -> impl Iterator<Item = (Span, usize)> {
+        let line = row / self.tile_px * self.columns;
+        let line = &self.of_tile[line..line + self.columns];
+        let mut begin = span.begin;
+        std::iter::from_fn(move || {
+            if begin >= span.end {
+                return None;
+            }
+            let mut tile = begin / self.tile_px;
+            let zone = line[tile];
+            let mut end = (tile + 1) * self.tile_px;
+            while end < span.end && line[tile + 1] == zone {
+                tile += 1;
+                end += self.tile_px;
+            }
+            let part = Span { begin, end: end.min(span.end) };
+            begin = part.end;
+            Some((part, usize::from(zone)))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn parts_are_the_stretch_by_zone(
+            (width, height) in (1usize..300, 1usize..40),
+            tile in 1usize..40,
+            zones in proptest::collection::vec(0u8..3, 300),
+            ends in (0usize..300, 0usize..300),
+        ) {
+            let mut all = Zones::tiled(width, height, 2 * tile);
+            for (tile, zone) in all.of_tiles_mut().iter_mut().zip(zones.iter().cycle()) {
+                *tile = *zone;
+            }
+            let (begin, end) = (ends.0.min(ends.1).min(width), ends.0.max(ends.1).min(width));
+            for row in 0..height {
+                let mut reached = begin;
+                let mut last = None;
+                for (part, zone) in all.divide(row, Span { begin, end }) {
+                    prop_assert!(part.begin == reached && part.begin < part.end);
+                    prop_assert!(last != Some(zone));
+                    prop_assert!((part.begin..part.end).all(|column| all.at(column, row) == zone));
+                    (reached, last) = (part.end, Some(zone));
+                }
+                prop_assert_eq!(reached, end);
+            }
+        }
+    }
+}

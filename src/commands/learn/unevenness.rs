@@ -1,0 +1,140 @@
+//! How much of the pitch's unevenness the patches share: of two patches of one colour in one picture, how
+//! much brighter is that which lies where the floor is an octave brighter.
+
+use super::{CommandError, Lesson, bayer_image};
+use classifier::shading::Shading;
+use classifier::{Picture as Frame, demosaic};
+use common::config::Config;
+use learning::picture::Picture;
+use learning::samples::{Gatherer, Samples};
+use std::collections::BTreeMap;
+
+/// Fewer patches tell nothing, and neither do patches where the floor is nearly as bright everywhere:
+/// the least standard deviation, in octaves.
+const FEWEST_PATCHES: usize = 20;
+const LEAST_DEVIATION: f64 = 0.15;
+/// A patch as bright as this in one channel is clipped, in part at least.
+const CLIPPED: f64 = 245.0;
+/// Octaves are painted in so many grey levels each, around the middle of the greys.
+const LEVELS_PER_OCTAVE: f64 = 16.0;
+const MIDDLE_LEVEL: f64 = 128.0;
+
+/// A patch: how bright the floor is where it lies, and how bright it is itself, in octaves.
+type Pair = [f64; 2];
+
+/// The share, from 0 to 1 in hundredths; `None` if the lessons do not tell.
+pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, CommandError> {
+    let Some(mut shading) = Shading::new(config)? else { return Ok(None) };
+    // Of each colour in each picture, relative to their mean.
+    let mut apart: Vec<Pair> = Vec::new();
+    let mut rgb = Vec::new();
+    for lesson in lessons {
+        let image = bayer_image(config, &lesson.bayer)?;
+        demosaic(&image, &mut rgb);
+        let picture = Picture::new(image.width(), &rgb);
+        shading.look_at(&Frame::Bayer(image));
+        // A picture of the floor's brightness has its samples where the picture has them.
+        let mut floor = picture.clone();
+        for (index, level) in floor.rgb.iter_mut().enumerate() {
+            let octaves = shading.octaves_at(index % picture.width, index / picture.width);
+            *level = [(octaves * LEVELS_PER_OCTAVE + MIDDLE_LEVEL).clamp(0.0, 255.0) as u8; 3];
+        }
+        let gather = |picture: &Picture| -> Result<Samples, CommandError> {
+            let mut gatherer = Gatherer::new(config)?;
+            gatherer.add(&lesson.labels, picture)?;
+            Ok(gatherer.finish())
+        };
+        for patches in by_class(&gather(&floor)?, &gather(&picture)?).values() {
+            let count = patches.len() as f64;
+            let mean =
+                [0, 1].map(|axis| patches.iter().map(|pair| pair[axis]).sum::<f64>() / count);
+            apart.extend(patches.iter().map(|pair| [pair[0] - mean[0], pair[1] - mean[1]]));
+        }
+    }
+    let count = apart.len();
+    let floor2: f64 = apart.iter().map(|[floor, _]| floor * floor).sum();
+    if count < FEWEST_PATCHES || floor2 < count as f64 * LEAST_DEVIATION.powi(2) {
+        return Ok(None);
+    }
+    let share = apart.iter().map(|[floor, patch]| floor * patch).sum::<f64>() / floor2;
+    let share = (share.clamp(0.0, 1.0) * 100.0).round() / 100.0;
+    eprintln!(
+        "{count} patches share {:.0} % of the unevenness of the pitch's brightness",
+        100.0 * share
+    );
+    Ok(Some(share))
+}
+
+/// The patches of each colour.
+fn by_class(floor: &Samples, picture: &Samples) -> BTreeMap<u8, Vec<Pair>> {
+    // By colour and patch: sums of the floor's level, red, green and blue, and how many.
+    let mut sums: BTreeMap<(u8, u32), [f64; 5]> = BTreeMap::new();
+    for (floor, sample) in floor.pixels.iter().zip(&picture.pixels) {
+        let [red, green, blue] = sample.rgb.map(f64::from);
+        let terms = [floor.rgb[0].into(), red, green, blue, 1.0];
+        let sums = sums.entry((sample.class, sample.patch)).or_default();
+        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+    }
+    let mut classes: BTreeMap<u8, Vec<Pair>> = BTreeMap::new();
+    for ((class, _), [level, red, green, blue, count]) in sums {
+        let rgb = [red, green, blue].map(|sum| sum / count);
+        let brightness: f64 = rgb.iter().sum();
+        if brightness >= 1.0 && rgb.iter().all(|&value| value <= CLIPPED) {
+            let octaves = (level / count - MIDDLE_LEVEL) / LEVELS_PER_OCTAVE;
+            classes.entry(class).or_default().push([octaves, brightness.log2()]);
+        }
+    }
+    classes.retain(|_, patches| patches.len() > 1);
+    classes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::painted_light::standard_light;
+    use crate::commands::pipeline::Pipeline;
+    use common::messages::Team;
+    use grabber::synthetic::SyntheticMatch;
+    use learning::labels::{ImageLabels, Quality, RobotLabel};
+
+    /// Some pictures of a match under a lamp, with what is seen of it for labels.
+    fn lessons(config: &Config) -> Vec<Lesson> {
+        let mut game = SyntheticMatch::new(config).unwrap();
+        let light = standard_light(config).unwrap();
+        let mut pipeline = Pipeline::new(&Config { light, ..config.clone() }).unwrap();
+        let mut lesson = || {
+            (0..60).for_each(|_| game.advance());
+            let mut bayer = vec![0; config.camera.frame_bytes()];
+            game.render(&mut bayer, config.camera.width as usize);
+            let seen = pipeline.step(&bayer).unwrap();
+            let robots = seen.robots().iter().map(|robot| RobotLabel {
+                team: Team::from_number(robot.team).unwrap(),
+                id: robot.robot_id,
+                x_px: robot.x_px.into(),
+                y_px: robot.y_px.into(),
+                heading_deg: f64::from(robot.orientation_image).to_degrees(),
+                quality: Quality::Clear,
+            });
+            let robots = Some(robots.collect());
+            let labels =
+                ImageLabels { file: "match".into(), robots, ball: None, samples: Vec::new() };
+            Lesson { labels, bayer }
+        };
+        (0..8).map(|_| lesson()).collect()
+    }
+
+    #[test]
+    fn painted_patches_share_all_of_it() {
+        let mut config = Config::default();
+        (config.synthetic.vignette, config.synthetic.gradient) = (0.4, 0.4);
+        let share = measure(&config, &lessons(&config)).unwrap().unwrap();
+        assert!((0.8..=1.0).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn even_light_tells_nothing() {
+        let mut config = Config::default();
+        (config.synthetic.vignette, config.synthetic.gradient) = (0.0, 0.0);
+        assert_eq!(measure(&config, &lessons(&config)).unwrap(), None);
+    }
+}
