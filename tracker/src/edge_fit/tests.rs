@@ -185,32 +185,6 @@ fn a_hand_over_half_a_patch_hardly_moves_the_robot() {
     }
 }
 
-/// Patches cut by hand, no edge where it should be, and a beginning by a few scattered pixels: the
-/// edges still tell better.
-#[test]
-fn rough_patches_are_measured_from_afar() {
-    for (x, y, degrees) in POSES {
-        let truth = pose(x, y, degrees);
-        let mut scene = Scene::new(Preset::MirosotTriangles);
-        let exact = scene.config.robots.patches.clone();
-        // Half a pixel, to all sides alike.
-        let patches = scene.config.robots.patches.iter_mut();
-        for (index, corner) in patches.flat_map(|patch| &mut patch.outline_mm).enumerate() {
-            let off = if index % 2 == 0 { 2.0 } else { -2.0 };
-            corner[index % 2] += off;
-            corner[1 - index % 2] -= off / 2.0;
-        }
-        scene.paint(&truth, 0.62, |_| None);
-        scene.config.robots.patches = exact;
-        let position = FieldPoint::new(truth.position.x_mm + 2.0, truth.position.y_mm - 2.0);
-        let start = Pose { position, orientation: truth.orientation + 9f64.to_radians() };
-        let deviations = Deviations { position_mm: 4.0, heading_rad: 0.2 };
-        let fitted = scene.fit_within(&start, &deviations, None).unwrap();
-        let (mm, deg) = error(&fitted, &truth);
-        assert!(mm < 2.5 && deg < 3.0, "{truth:?}: {mm} mm {deg}°");
-    }
-}
-
 #[test]
 fn where_a_robot_is_expected_does_not_decide_where_it_is_found() {
     for (x, y, degrees) in POSES {
