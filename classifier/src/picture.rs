@@ -211,7 +211,17 @@ impl<'a> ColorImage<'a> {
     }
 }
 
-impl ColorRow<'_> {
+impl<'a> ColorRow<'a> {
+    /// The pieces of memory it consists of; those there are not are empty.
+    #[inline(always)]
+    pub fn parts(self) -> [&'a [u8]; 3] {
+        match self {
+            Self::Rgb(row) | Self::Yuyv(row) | Self::Uyvy(row) => [row, &[], &[]],
+            Self::Nv12(y, uv) => [y, uv, &[]],
+            Self::I420(y, u, v) => [y, u, v],
+        }
+    }
+
     /// The three values of a pixel, as they are in the picture.
     ///
     /// # Panics

@@ -28,6 +28,7 @@ pub mod layout;
 pub mod mark;
 pub mod memory;
 pub mod messages;
+pub mod prefetch;
 pub mod process;
 mod rhythm;
 pub mod scheduling;

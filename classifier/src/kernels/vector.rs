@@ -21,6 +21,7 @@ use crate::yuv::rgb_from_yuv;
 use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
+use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
 
 /// Widest register.
@@ -28,6 +29,10 @@ const MAX_LANES: usize = 64;
 
 /// Narrowest register.
 const MIN_LANES: usize = 16;
+
+/// So many rows before they are needed, rows are asked for: far enough for them to come, and not so
+/// many that the first are gone again.
+const ROWS_AHEAD: usize = 4;
 
 /// Memory that a kernel reuses from row to row and frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -124,6 +129,11 @@ pub fn classify_bayer<S: Lanes>(
         let is_pair = upper + 1 < height;
         let spans = [mask.spans(upper), if is_pair { mask.spans(lower) } else { &[] }];
         let Some(around) = Span::around(spans.into_iter().flatten().copied()) else { continue };
+        for next in [upper + ROWS_AHEAD, lower + ROWS_AHEAD] {
+            if next < height {
+                prefetch(image.row(next));
+            }
+        }
         let numbers = [before(upper), upper, lower, after(lower, height)];
         let rows = match image.shift() {
             None => numbers.map(|row| image.row(row)),
@@ -411,6 +421,9 @@ pub fn classify_color<S: Lanes>(
     for row in 0..image.height() {
         let spans = mask.spans(row);
         let Some(around) = Span::around(spans.iter().copied()) else { continue };
+        if row + ROWS_AHEAD < image.height() {
+            image.row(row + ROWS_AHEAD).parts().into_iter().for_each(prefetch);
+        }
         separate(simd, image.row(row), [a, b, c]);
         if is_yuv && needs_rgb {
             convert(simd, [a, b, c], [red, green, blue]);
