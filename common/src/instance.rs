@@ -8,11 +8,16 @@ use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Overrides the directory under which instances keep their runtime directories.
 pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
 /// The instance used when none is named.
 pub const DEFAULT_INSTANCE: &str = "default";
+/// A lock that is held for longer than this is held by a supervisor.
+const LOCK_PATIENCE: Duration = Duration::from_millis(500);
+/// Time between two attempts to get it.
+const LOCK_RETRY: Duration = Duration::from_millis(2);
 /// Longest name.
 const MAX_NAME: usize = 20;
 /// Longest runtime directory. The system limits the path of a socket to 107 bytes; iceoryx2 puts its
@@ -212,17 +217,24 @@ impl Instance {
     }
 
     /// Takes the supervisor's lock; `None` when a living supervisor holds it. The kernel gives it
-    /// up when its holder dies, however that happens.
+    /// up when its holder dies, however that happens; but who asks whether a supervisor is alive has
+    /// it for an instant, and so has the process that a dying supervisor was just starting.
     pub fn lock(&self) -> Result<Option<File>, InstanceError> {
         let (path, mut file) = self.open_lock(true)?;
-        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => match write_pid(&mut file) {
-                Ok(()) => Ok(Some(file)),
-                Err(source) => Err(InstanceError::Io { path, source }),
-            },
-            Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
-            Err(error) => Err(InstanceError::Io { path, source: error.into() }),
+        let io = |source| InstanceError::Io { path, source };
+        let deadline = Instant::now() + LOCK_PATIENCE;
+        loop {
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => break,
+                Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() >= deadline => {
+                    return Ok(None);
+                }
+                Err(rustix::io::Errno::WOULDBLOCK) => std::thread::sleep(LOCK_RETRY),
+                Err(error) => return Err(io(error.into())),
+            }
         }
+        write_pid(&mut file).map_err(io)?;
+        Ok(Some(file))
     }
 
     /// Whether a supervisor is alive.
