@@ -36,6 +36,10 @@
 //! are those of noise that lasts for [`NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s
 //! then moves a robot by σ·12.5 ms per frame, as one would expect.
 //!
+//! The noises of a steered robot are those of real wheels, which slip. In a synthetic match whose
+//! robots slip as much (`synthetic.slip = 1`) innovations are distributed as they should be
+//! (`tests/match_accuracy.rs`); where robots obey to the letter they are far smaller than claimed.
+//!
 //! # The error that stays
 //!
 //! Eq. (14) takes the errors of successive measurements for independent. They are not: most of the

@@ -25,7 +25,8 @@
 //! (iteratively reweighted, with the weights of Cauchy's distribution). What is known already, the
 //! pose from the patches' centroids with its uncertainty, takes part as one more measurement.
 //!
-//! The normal equations also say how sure the result is.
+//! The normal equations also say how sure the result is; less so where stretches disagree more than
+//! they do in a good picture.
 
 use crate::edge_pixels::{EdgePixels, Sums};
 use crate::edges::{EdgeMap, MAX_STRETCHES};
@@ -43,6 +44,12 @@ const EDGE_NOISE_PX: f64 = 0.03;
 /// edges are farther off, from so far as those, but never beyond the second.
 const OUTLIER_PX: f64 = 0.12;
 const MOST_OUTLIER_PX: f64 = 0.6;
+/// Of the variance that the weights of the fit make for, so much is claimed: weights allow for edges
+/// that are worse than most. With it errors in synthetic matches are about as large as claimed.
+const VARIANCE_FACTOR: f64 = 0.4;
+/// Where the squares of what stretches are off by are more than this, of what they claim, they disagree
+/// more than in any good picture.
+const USUAL_DISAGREEMENT: f64 = 0.8;
 /// Fewer samples tell nothing of two levels and a place.
 const MIN_SAMPLES: f32 = 6.0;
 /// Rounds over the pixels; the second is for those that began far off.
@@ -208,11 +215,17 @@ impl EdgeFitter {
             for (off_px, stretch) in off_px.iter_mut().zip(stretches) {
                 *off_px = stretch.off_mm(&step) / mm_per_px;
             }
+            let disagreement = disagreement(stretches, &weights, &off_px, mm_per_px);
+            // Only of what the edges say; what was known before stays what it was.
+            let mut claimed = information.map(|term| term / (VARIANCE_FACTOR * disagreement));
+            for (index, prior) in [0, 3, 5].into_iter().zip(prior) {
+                claimed[index] += prior - prior / (VARIANCE_FACTOR * disagreement);
+            }
             let outlier_px = typical_px(stretches, &off_px).clamp(OUTLIER_PX, MOST_OUTLIER_PX);
             for (weight, off_px) in weights.iter_mut().zip(off_px) {
                 *weight = 1.0 / (1.0 + (off_px / outlier_px).powi(2));
             }
-            result = Some((step, covariance, samples));
+            result = Some((step, inverse(&claimed)?, samples));
         }
         result
     }
@@ -304,6 +317,27 @@ impl Stretch {
         let across = self.information[0] + self.information[3];
         if across > 1e-12 { left[0].hypot(left[1]) / across } else { 0.0 }
     }
+}
+
+/// By how much the squares of what stretches are off by exceed what is usual; at least 1. It is by
+/// this that the covariance of their mean is too small (Birge, The calculation of errors by the method
+/// of least squares, 1932): where something hides patches, where they are badly cut or lit.
+fn disagreement(
+    stretches: &[Stretch],
+    weights: &[f64; MAX_STRETCHES],
+    off_px: &[f64; MAX_STRETCHES],
+    mm_per_px: f64,
+) -> f64 {
+    let (mut squares, mut count) = (0.0, 0.0);
+    for ((stretch, weight), off_px) in stretches.iter().zip(weights).zip(off_px) {
+        if stretch.samples > 0.0 {
+            let [xx, _, _, yy, _, _] = stretch.information;
+            squares += weight * (off_px * mm_per_px).powi(2) * (xx + yy);
+            count += weight;
+        }
+    }
+    // A pose has three numbers, which take as much of the disagreement away.
+    (squares / (count - 3.0).max(1.0) / USUAL_DISAGREEMENT).max(1.0)
 }
 
 /// What half of the edges that can be seen are off by, at most.

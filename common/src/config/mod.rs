@@ -411,7 +411,9 @@ pub struct FilterConfig {
     /// How strongly a robot of unknown commands may change its turning rate, 1σ.
     #[schemars(range(min = 0.001, max = 1_000_000))]
     pub angular_acceleration_noise_deg_s2: f64,
-    /// How far a commanded robot's speed may stray from its command, 1σ (wheel slip, battery).
+    /// How far a commanded robot's speed may stray from its command, 1σ (wheel slip, battery). This and
+    /// the next two are for real robots; those of the synthetic match obey to the letter, unless
+    /// `synthetic.slip` is 1.
     #[schemars(range(min = 0.001, max = 100_000))]
     pub command_noise_mm_s: f64,
     /// How far a commanded robot's turning rate may stray from its command, 1σ.
@@ -585,6 +587,10 @@ pub struct SyntheticConfig {
     /// Strongest a robot accelerates.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub max_acceleration_mm_s2: f64,
+    /// How far robots stray from what they are told: so many times what the filter allows for with
+    /// `command_noise_mm_s`, `command_noise_deg_s` and `lateral_noise_mm_s`. 0: not at all.
+    #[schemars(range(min = 0, max = 100))]
+    pub slip: f64,
     /// Overall brightness; 1 is what the colours were set for.
     #[schemars(range(min = 0, max = 10))]
     pub brightness: f64,

@@ -303,6 +303,7 @@ impl Default for SyntheticConfig {
             seed: 1,
             max_speed_mm_s: 1500.0,
             max_acceleration_mm_s2: 3000.0,
+            slip: 0.0,
             brightness: 1.0,
             vignette: 0.25,
             gradient: 0.0,

@@ -34,6 +34,7 @@ mod play;
 mod random;
 mod render;
 mod shape;
+mod slip;
 mod sprite;
 #[cfg(test)]
 mod tests;

@@ -6,8 +6,9 @@
 
 use super::behaviour::{Behaviour, Surroundings};
 use super::collision::{BallContact, Walls, robots_touch};
-use super::motion::{CommandDelay, Twist, WheelSpeeds, drive};
+use super::motion::{CommandDelay, Twist, WheelSpeeds};
 use super::random::Random;
+use super::slip::{Slip, SlipRate};
 use super::{SyntheticError, not_negative, positive};
 use common::config::Config;
 use common::geometry::{FieldPoint, Pose};
@@ -30,6 +31,7 @@ const MAX_CHASERS: usize = 2;
 /// Random streams of a seed.
 const STREAM_PLACES: u64 = 1;
 const STREAM_BALL: u64 = 2;
+const STREAM_SLIP: u64 = 3;
 const STREAM_ROBOTS: u64 = 1000;
 
 /// One robot.
@@ -51,6 +53,8 @@ pub struct Robot {
     behaviour: Behaviour,
     /// What its wheels do while they come up to speed again after it was blocked.
     recovering: Option<WheelSpeeds>,
+    /// How it strays from what its wheels do, until the next frame.
+    slip: Slip,
     blocked: bool,
     /// What somebody else wants of it, and for how many more frames that counts.
     ordered: Option<(WheelSpeeds, u32)>,
@@ -95,6 +99,7 @@ pub struct Play {
     period_s: f64,
     /// An order counts for so many frames.
     order_frames: u32,
+    slip_rate: SlipRate,
     random: Random,
     ball_idle_s: f64,
     /// Scratch: where everybody is.
@@ -131,6 +136,7 @@ impl Play {
             order_frames: (config.filter.command_timeout_ms.clamp(0.0, 60_000.0) / 1000.0
                 * config.camera.fps)
                 .ceil() as u32,
+            slip_rate: SlipRate::new(config, Random::new(config.synthetic.seed, STREAM_SLIP)),
             random: Random::new(config.synthetic.seed, STREAM_BALL),
             ball_idle_s: 0.0,
             poses: Vec::with_capacity(robots.identities.len()),
@@ -179,6 +185,7 @@ impl Play {
                 delay,
                 behaviour,
                 recovering: None,
+                slip: Slip::default(),
                 blocked: false,
                 ordered: None,
             });
@@ -238,6 +245,7 @@ impl Play {
         };
         for robot in &mut self.robots {
             robot.blocked = false;
+            robot.slip = self.slip_rate.draw();
         }
         for (part, duration) in durations.into_iter().enumerate() {
             let steps = self.steps(duration);
@@ -280,7 +288,7 @@ impl Play {
             }
         };
         let twist = speeds.twist(self.wheel_base_mm);
-        let pose = drive(robot.pose, twist, dt_s);
+        let pose = robot.slip.drive(robot.pose, speeds, twist, dt_s);
         if pose == robot.pose {
             return;
         }

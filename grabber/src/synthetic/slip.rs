@@ -1,0 +1,127 @@
+//! How robots stray from what their wheels do.
+//!
+//! As the filter takes it to be, with its own numbers: white noises of speed, turning rate and sideways
+//! slide, so that what the filter claims can be held against a match of which it is true.
+
+use super::motion::{Twist, WheelSpeeds, drive};
+use super::random::Random;
+use common::config::Config;
+use common::geometry::{FieldPoint, Pose};
+
+/// The filter's numbers are those of noise that lasts so long.
+const NOISE_LASTS_S: f64 = 0.0125;
+/// Slower wheels slip less in proportion; those that stand not at all.
+const FULL_SLIP_MM_S: f64 = 300.0;
+
+/// How one robot strays for the time of a frame, with wheels that turn fast.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Slip {
+    /// Added to its motion.
+    twist: Twist,
+    /// Added to its left.
+    sideways_mm_s: f64,
+}
+
+/// How much robots stray, 1σ, in what is one frame's constant slip.
+#[derive(Debug, Clone)]
+pub struct SlipRate {
+    sigma: Slip,
+    random: Random,
+}
+
+impl SlipRate {
+    /// As configured.
+    pub fn new(config: &Config, random: Random) -> Self {
+        let filter = &config.filter;
+        // What is constant for a frame moves a robot as far as white noise does.
+        let scale = config.synthetic.slip * (NOISE_LASTS_S * config.camera.fps).sqrt();
+        let twist = Twist {
+            v_mm_s: scale * filter.command_noise_mm_s,
+            omega: scale * filter.command_noise_deg_s.to_radians(),
+        };
+        Self { sigma: Slip { twist, sideways_mm_s: scale * filter.lateral_noise_mm_s }, random }
+    }
+
+    /// One robot's slip for one frame.
+    pub fn draw(&mut self) -> Slip {
+        let Self { sigma: Slip { twist, sideways_mm_s }, random } = self;
+        Slip {
+            twist: Twist {
+                v_mm_s: twist.v_mm_s * random.normal(),
+                omega: twist.omega * random.normal(),
+            },
+            sideways_mm_s: *sideways_mm_s * random.normal(),
+        }
+    }
+}
+
+impl Slip {
+    /// Where a robot gets in `dt_s` whose wheels turn with `speeds`, which would give it `twist`.
+    pub fn drive(&self, pose: Pose, speeds: WheelSpeeds, twist: Twist, dt_s: f64) -> Pose {
+        let wheel_mm_s = speeds.left_mm_s.abs().max(speeds.right_mm_s.abs());
+        let share = (wheel_mm_s / FULL_SLIP_MM_S).min(1.0);
+        let twist = Twist {
+            v_mm_s: twist.v_mm_s + share * self.twist.v_mm_s,
+            omega: twist.omega + share * self.twist.omega,
+        };
+        let driven = drive(pose, twist, dt_s);
+        let slide_mm = share * self.sideways_mm_s * dt_s;
+        if slide_mm == 0.0 {
+            return driven;
+        }
+        let (sin, cos) = driven.orientation.sin_cos();
+        let FieldPoint { x_mm, y_mm } = driven.position;
+        let position = FieldPoint::new(x_mm - slide_mm * sin, y_mm + slide_mm * cos);
+        Pose { position, ..driven }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the frame rate, a second's slip adds up to what the filter expects of it.
+    #[test]
+    fn slip_adds_up_to_the_noise_of_the_filter() {
+        for fps in [20.0, 80.0, 160.0] {
+            let mut config = Config::default();
+            config.camera.fps = fps;
+            config.synthetic.slip = 1.0;
+            let mut rate = SlipRate::new(&config, Random::new(3, 1));
+            let wheels = WheelSpeeds { left_mm_s: 300.0, right_mm_s: 300.0 };
+            let twist = wheels.twist(60.0);
+            let seconds = 600;
+            let mut squares = [0.0; 3];
+            for _ in 0..seconds {
+                let mut strayed = [0.0; 3];
+                for _ in 0..fps as u32 {
+                    let Pose { position, orientation } =
+                        rate.draw().drive(Pose::default(), wheels, twist, 1.0 / fps);
+                    strayed[0] += position.x_mm - 300.0 / fps;
+                    strayed[1] += position.y_mm;
+                    strayed[2] += orientation.to_degrees();
+                }
+                squares.iter_mut().zip(strayed).for_each(|(sum, off)| *sum += off * off);
+            }
+            let filter = &config.filter;
+            // The slide, and half of the slip's turn to the side of the way, which is little.
+            let sigmas =
+                [filter.command_noise_mm_s, filter.lateral_noise_mm_s, filter.command_noise_deg_s];
+            for (axis, (sum, sigma)) in squares.iter().zip(sigmas).enumerate() {
+                let expected = sigma * sigma * NOISE_LASTS_S;
+                let ratio = sum / f64::from(seconds) / expected;
+                assert!((0.8..1.25).contains(&ratio), "{fps} fps, axis {axis}: {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn wheels_that_stand_do_not_slip() {
+        let mut config = Config::default();
+        config.synthetic.slip = 1.0;
+        let pose = Pose { position: FieldPoint::new(10.0, -20.0), orientation: 0.5 };
+        let slip = SlipRate::new(&config, Random::new(3, 1)).draw();
+        let moved = slip.drive(pose, WheelSpeeds::default(), Twist::default(), 0.0125);
+        assert_eq!(moved, pose);
+    }
+}
