@@ -8,6 +8,7 @@
 use crate::blend::{Blend, Wrap};
 use crate::gaussian::Gaussian;
 use crate::robot::NOISE_LASTS_S;
+use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::FilterConfig;
 use common::messages::BALL_HYPOTHESES;
@@ -61,6 +62,14 @@ impl BallMotion {
     /// Where the ball rolls to.
     pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
         self.transition(dt_s) * state
+    }
+
+    /// How fast its position changes.
+    pub fn rates(&self, belief: &Gaussian<4>) -> Rates<2> {
+        Rates {
+            mean: belief.mean.fixed_rows::<2>(2).into_owned(),
+            covariance: belief.covariance.fixed_view::<2, 2>(2, 2).into_owned(),
+        }
     }
 
     fn transition(&self, dt_s: f64) -> Matrix4<f64> {

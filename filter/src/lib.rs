@@ -51,6 +51,7 @@ pub mod gaussian;
 mod message;
 pub mod process;
 pub mod robot;
+pub mod rolling;
 pub mod stage;
 pub mod track;
 

@@ -58,6 +58,7 @@
 
 use crate::blend::{Blend, Wrap};
 use crate::gaussian::Gaussian;
+use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::Config;
 use common::geometry::wrap_angle;
@@ -204,6 +205,18 @@ impl RobotMotion {
             1.0
         };
         [steered, 1.0, 1.0]
+    }
+
+    /// How fast position and heading change.
+    pub fn rates(&self, belief: &Gaussian<5>) -> Rates<3> {
+        let (mean, covariance) = (&belief.mean, &belief.covariance);
+        let (sin, cos) = mean[THETA].sin_cos();
+        let (forward, turning) = (Vector3::new(cos, sin, 0.0), Vector3::z());
+        Rates {
+            mean: mean[V] * forward + mean[OMEGA] * turning,
+            covariance: covariance[(V, V)] * forward * forward.transpose()
+                + covariance[(OMEGA, OMEGA)] * turning * turning.transpose(),
+        }
     }
 
     /// Eq. (13): the partial derivatives of [`advance`](Self::advance).

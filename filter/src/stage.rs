@@ -4,6 +4,7 @@ use crate::ball::BallMotion;
 use crate::commands::{CommandQueue, CommandTiming};
 use crate::message::{self, BallTrack, RobotTrack, is_possible_command};
 use crate::robot::{Drive, RobotMotion};
+use crate::rolling::RollingShutter;
 use crate::track::{Candidate, Motion, Track, TrackRules};
 use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
@@ -34,6 +35,7 @@ pub struct Filter {
     ball_motion: BallMotion,
     rules: TrackRules,
     timing: CommandTiming,
+    shutter: RollingShutter,
     /// By team and number.
     robots: Vec<RobotTrack>,
     ball: Option<BallTrack>,
@@ -77,6 +79,7 @@ impl Filter {
             ball_motion: BallMotion::new(&config.filter),
             rules: TrackRules::new(&config.filter),
             timing: CommandTiming::new(&config.filter),
+            shutter: RollingShutter::new(&config.camera),
             ball: None,
             t_ns: None,
             seq: WorldFrame::NO_WORLD,
@@ -151,8 +154,8 @@ impl Filter {
         let t_ns = detections.frame.t_capture_ns;
         let from_ns = self.start_over_unless_continuous(t_ns);
         self.t_ns = Some(t_ns);
-        self.follow_robots(detections.robots(), from_ns, t_ns);
-        self.follow_ball(detections.balls(), from_ns, t_ns);
+        self.follow_robots(detections, from_ns, t_ns);
+        self.follow_ball(detections, from_ns, t_ns);
         self.write(detections, t_ns, out);
         self.seq = detections.frame.seq;
         self.used.clear();
@@ -169,19 +172,26 @@ impl Filter {
         before_ns
     }
 
-    fn follow_robots(&mut self, detected: &[DetectedRobot], from_ns: u64, t_ns: u64) {
-        let Self { robots, robot_motion, rules, timing, .. } = self;
+    fn follow_robots(&mut self, detections: &DetectionFrame, from_ns: u64, t_ns: u64) {
+        let Self { robots, robot_motion, rules, timing, shutter, .. } = self;
+        let detected = detections.robots();
         let candidates = |team: Team, robot_id: u32| {
             detected
                 .iter()
                 .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
-                .filter_map(|robot| robot_candidate(robot, robot_motion))
+                .filter_map(|robot| {
+                    let delay_s = shutter.delay_s(robot.y_px, &detections.frame);
+                    Some((delay_s, robot_candidate(robot, robot_motion)?))
+                })
         };
         robots.retain_mut(|robot| {
             let seen = candidates(robot.team, robot.robot_id);
             let path_mm = predict_robot(robot, from_ns, t_ns, robot_motion, timing);
             robot.commands.prune(t_ns, timing);
             let track = &mut robot.track;
+            let rates = robot_motion.rates(&track.blend.merged(RobotMotion::WRAP));
+            let wrap = RobotMotion::WRAP_MEASURED;
+            let seen = seen.map(|(delay_s, it)| rates.take_off(delay_s, it, wrap));
             track.observe(seen, &robot_motion.repeats(path_mm), t_ns, robot_motion, rules);
             track.blend.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
         });
@@ -189,7 +199,8 @@ impl Filter {
             let place = robots
                 .binary_search_by_key(&(team, robot_id), |robot| (robot.team, robot.robot_id));
             if let Err(place) = place
-                && let Some(first) = best(candidates(team, robot_id), rules)
+                // Of something seen for the first time nobody knows how fast it moves.
+                && let Some(first) = best(candidates(team, robot_id).map(|(_, it)| it), rules)
             {
                 let track = Track::start(&first.measured, t_ns, robot_motion);
                 let commands = CommandQueue::default();
@@ -198,19 +209,26 @@ impl Filter {
         }
     }
 
-    fn follow_ball(&mut self, detected: &[DetectedBall], from_ns: u64, t_ns: u64) {
-        let Self { ball, ball_motion, rules, .. } = self;
-        let candidates = detected.iter().filter_map(|ball| ball_candidate(ball, ball_motion));
+    fn follow_ball(&mut self, detections: &DetectionFrame, from_ns: u64, t_ns: u64) {
+        let Self { ball, ball_motion, rules, shutter, .. } = self;
+        let candidates = detections.balls().iter().filter_map(|ball| {
+            let delay_s = shutter.delay_s(ball.y_px, &detections.frame);
+            Some((delay_s, ball_candidate(ball, ball_motion)?))
+        });
         if let Some(track) = ball {
             predict_ball(track, from_ns, t_ns, ball_motion);
-            track.observe(candidates.clone(), &[1.0; BALL_HYPOTHESES], t_ns, ball_motion, rules);
+            let rates = ball_motion.rates(&track.blend.merged(BallMotion::WRAP));
+            let seen = candidates
+                .clone()
+                .map(|(delay_s, it)| rates.take_off(delay_s, it, BallMotion::WRAP_MEASURED));
+            track.observe(seen, &[1.0; BALL_HYPOTHESES], t_ns, ball_motion, rules);
         }
         *ball = ball
             .filter(|track| {
                 track.blend.is_possible(&ball_motion.limits()) && !track.is_forgotten(t_ns, rules)
             })
             .or_else(|| {
-                best(candidates, rules)
+                best(candidates.map(|(_, it)| it), rules)
                     .map(|first| Track::start(&first.measured, t_ns, ball_motion))
             });
     }

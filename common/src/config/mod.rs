@@ -126,6 +126,11 @@ pub struct CameraConfig {
     /// which are set below, it is only used where they do not tell theirs.
     #[schemars(range(max = 1_000_000))]
     pub exposure_us: u32,
+    /// Of a camera with a rolling shutter: time between the exposures of the first and the last row, in
+    /// microseconds (see its data sheet: readout time). Capture times are those of the middle row. 0 for
+    /// a global shutter, which captures all rows at once.
+    #[schemars(range(max = 1_000_000))]
+    pub rolling_shutter_us: u32,
     /// Cameras of Video for Linux (`--source v4l2:/dev/video0`).
     pub v4l2: V4l2Config,
     /// GigE Vision and USB3 Vision cameras (`--source genicam`).

@@ -185,6 +185,7 @@ impl Default for CameraConfig {
             fps: 80.0,
             bayer_order: BayerOrder::Rggb,
             exposure_us: 2000,
+            rolling_shutter_us: 0,
             v4l2: V4l2Config::default(),
             genicam: GenicamConfig::default(),
         }
