@@ -7,7 +7,6 @@
 
 use crate::blend::{Blend, Wrap};
 use crate::gaussian::Gaussian;
-use crate::robot::NOISE_LASTS_S;
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::FilterConfig;
@@ -46,7 +45,7 @@ impl BallMotion {
     /// What is believed `dt_s` later under one of the hypotheses (by its index).
     pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
         let a = self.transition(dt_s);
-        let density = self.accelerations[hypothesis].powi(2) * NOISE_LASTS_S;
+        let density = self.accelerations[hypothesis].powi(2) * FilterConfig::NOISE_LASTS_S;
         let mut q = Matrix4::zeros();
         for axis in 0..2 {
             q[(axis, axis)] = density * dt_s.powi(3) / 3.0;

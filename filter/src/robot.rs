@@ -33,7 +33,7 @@
 //!
 //! Q of eq. (12) is made of white noises, so that predicting twice over T/2 adds as much as once
 //! over T (with a lag, nearly), and frames may come at any rate. The configured standard deviations
-//! are those of noise that lasts for [`NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s
+//! are those of noise that lasts for [`FilterConfig::NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s
 //! then moves a robot by σ·12.5 ms per frame, as one would expect.
 //!
 //! The noises of a steered robot are those of real wheels, which slip. In a synthetic match whose
@@ -60,7 +60,7 @@ use crate::blend::{Blend, Wrap};
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use crate::track::Motion;
-use common::config::Config;
+use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
 use common::messages::{QueuedCommand, ROBOT_HYPOTHESES};
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
@@ -72,12 +72,8 @@ const THETA: usize = 2;
 const V: usize = 3;
 const OMEGA: usize = 4;
 
-/// Seconds for which the configured noises are taken to last.
-pub const NOISE_LASTS_S: f64 = 0.0125;
 /// What is left of the slip when the wheels are told to stand.
 const STANDING_SLIP: f64 = 0.05;
-/// From this wheel speed on the slip is as configured.
-const FULL_SLIP_MM_S: f64 = 300.0;
 /// Most measurements that count as one. The sensor's noise makes each a little new, and a robot that
 /// is moved in spite of its commands must not be held in place for seconds.
 const MAX_REPEATS: f64 = 30.0;
@@ -247,7 +243,7 @@ impl RobotMotion {
         let forward = Vector5::new(cos, sin, 0.0, 0.0, 0.0);
         let sideways = Vector5::new(-sin, cos, 0.0, 0.0, 0.0);
         let turning = Vector5::new(0.0, 0.0, 1.0, 0.0, 0.0);
-        let density = |sigma: f64| sigma * sigma * NOISE_LASTS_S;
+        let density = |sigma: f64| sigma * sigma * FilterConfig::NOISE_LASTS_S;
         let scale = self.noise_scale(drive);
         let lateral = density(scale * self.lateral) * dt_s;
         let mut q = sideways * sideways.transpose() * lateral;
@@ -285,7 +281,7 @@ impl RobotMotion {
         match drive {
             Drive::Steered { left_mm_s, right_mm_s } => {
                 let wheel_mm_s = left_mm_s.abs().max(right_mm_s.abs());
-                (wheel_mm_s / FULL_SLIP_MM_S).clamp(STANDING_SLIP, 1.0)
+                (wheel_mm_s / FilterConfig::FULL_SLIP_MM_S).clamp(STANDING_SLIP, 1.0)
             }
             Drive::Standing => STANDING_SLIP,
             Drive::Free => 1.0,

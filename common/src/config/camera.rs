@@ -1,9 +1,62 @@
-//! Keys for real cameras.
+//! Keys of the camera: what its pictures are, and what real cameras are set to.
 
+use crate::messages::{BayerOrder, FrameHeader, PixelFormat};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
+
+/// The camera's picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraConfig {
+    /// Pixels in a row.
+    #[schemars(range(min = 2, max = 16_384))]
+    pub width: u32,
+    /// Rows.
+    #[schemars(range(min = 2, max = 16_384))]
+    pub height: u32,
+    /// Frames a second.
+    #[schemars(range(min = 1, max = 10_000))]
+    pub fps: f64,
+    /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
+    /// as a source are turned into this order.
+    pub bayer_order: BayerOrder,
+    /// Exposure time, in microseconds; for a moving robot it sets the motion blur. Of real cameras,
+    /// which are set below, it is only used where they do not tell theirs.
+    #[schemars(range(max = 1_000_000))]
+    pub exposure_us: u32,
+    /// Of a camera with a rolling shutter: time between the exposures of the first and the last row, in
+    /// microseconds (see its data sheet: readout time). Capture times are those of the middle row. 0 for
+    /// a global shutter, which captures all rows at once.
+    #[schemars(range(max = 1_000_000))]
+    pub rolling_shutter_us: u32,
+    /// Cameras of Video for Linux (`--source v4l2:/dev/video0`).
+    pub v4l2: V4l2Config,
+    /// GigE Vision and USB3 Vision cameras (`--source genicam`).
+    pub genicam: GenicamConfig,
+}
+
+impl CameraConfig {
+    /// Bytes of a frame, rows without padding.
+    pub fn frame_bytes(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Header of a raw Bayer frame as configured, of a byte a pixel and rows without padding; number and
+    /// times are left to the caller.
+    pub fn frame_header(&self) -> FrameHeader {
+        FrameHeader {
+            width: self.width,
+            height: self.height,
+            stride: self.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: self.bayer_order as u32,
+            exposure_us: self.exposure_us,
+            ..FrameHeader::default()
+        }
+    }
+}
 
 /// Cameras of Video for Linux (`--source v4l2:/dev/video0`): USB webcams, capture cards, and cameras
 /// soldered to the board.

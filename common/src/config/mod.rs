@@ -9,25 +9,29 @@
 mod access;
 mod camera;
 mod document;
+mod filter;
 mod layouts;
 mod load;
 mod presets;
 mod problem;
+mod processes;
 mod schema;
+mod synthetic;
 mod validate;
 
-use crate::messages::{
-    BayerOrder, FrameHeader, MAX_PATCHES, MAX_ROBOTS, PixelFormat, ProcessKind, Team,
-};
+use crate::messages::{MAX_PATCHES, MAX_ROBOTS, Team};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use access::AccessConfig;
-pub use camera::{GenicamConfig, SettingValue, V4l2Config};
+pub use camera::{CameraConfig, GenicamConfig, SettingValue, V4l2Config};
 pub use document::{commented_toml, schema_json};
+pub use filter::FilterConfig;
 pub use load::{Complaint, Complaints, ConfigError, Place, check, check_file};
 pub use presets::Preset;
 pub use problem::Problem;
+pub use processes::{SchedulingConfig, SpareStage, StageCpus, SupervisorConfig, WakeUpStrategy};
+pub use synthetic::SyntheticConfig;
 
 /// A point or vector: `[x, y]`.
 pub type Pair = [f64; 2];
@@ -104,58 +108,6 @@ pub struct FieldConfig {
     #[schemars(length(max = 64), inner(length(min = 3, max = 64)))]
     #[schemars(inner(inner(inner(range(min = -1_000_000, max = 1_000_000)))))]
     pub also_look_at_mm: Vec<Vec<Pair>>,
-}
-
-/// The camera's picture.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct CameraConfig {
-    /// Pixels in a row.
-    #[schemars(range(min = 2, max = 16_384))]
-    pub width: u32,
-    /// Rows.
-    #[schemars(range(min = 2, max = 16_384))]
-    pub height: u32,
-    /// Frames a second.
-    #[schemars(range(min = 1, max = 10_000))]
-    pub fps: f64,
-    /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
-    /// as a source are turned into this order.
-    pub bayer_order: BayerOrder,
-    /// Exposure time, in microseconds; for a moving robot it sets the motion blur. Of real cameras,
-    /// which are set below, it is only used where they do not tell theirs.
-    #[schemars(range(max = 1_000_000))]
-    pub exposure_us: u32,
-    /// Of a camera with a rolling shutter: time between the exposures of the first and the last row, in
-    /// microseconds (see its data sheet: readout time). Capture times are those of the middle row. 0 for
-    /// a global shutter, which captures all rows at once.
-    #[schemars(range(max = 1_000_000))]
-    pub rolling_shutter_us: u32,
-    /// Cameras of Video for Linux (`--source v4l2:/dev/video0`).
-    pub v4l2: V4l2Config,
-    /// GigE Vision and USB3 Vision cameras (`--source genicam`).
-    pub genicam: GenicamConfig,
-}
-
-impl CameraConfig {
-    /// Bytes of a frame, rows without padding.
-    pub fn frame_bytes(&self) -> usize {
-        self.width as usize * self.height as usize
-    }
-
-    /// Header of a raw Bayer frame as configured, of a byte a pixel and rows without padding; number and
-    /// times are left to the caller.
-    pub fn frame_header(&self) -> FrameHeader {
-        FrameHeader {
-            width: self.width,
-            height: self.height,
-            stride: self.width,
-            pixel_format: PixelFormat::Bayer8 as u32,
-            bayer_order: self.bayer_order as u32,
-            exposure_us: self.exposure_us,
-            ..FrameHeader::default()
-        }
-    }
 }
 
 /// A point on the field and where it appears in the picture.
@@ -392,227 +344,4 @@ pub struct TrackerConfig {
     /// team patch (the tolerance around the distance in eq. 5).
     #[schemars(range(min = 0.1, max = 1000))]
     pub patch_tolerance_mm: f64,
-}
-
-/// From detections to filtered poses.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct FilterConfig {
-    /// Measurement noise of a robot's position, 1σ (R in eq. 14), for detections that do not say how
-    /// uncertain they are; the tracker's do.
-    #[schemars(range(min = 0.001, max = 1000))]
-    pub position_noise_mm: f64,
-    /// Measurement noise of a robot's heading, 1σ (R in eq. 14), likewise.
-    #[schemars(range(min = 0.001, max = 180))]
-    pub heading_noise_deg: f64,
-    /// The error of a measurement stays the same until the patches have moved by about this much, a
-    /// fifth of a pixel; until then further measurements count for little. 0 if each has an error of
-    /// its own.
-    #[schemars(range(min = 0, max = 1000))]
-    pub repeat_distance_mm: f64,
-    /// How strongly a robot of unknown commands may accelerate, 1σ (Q in eq. 12).
-    #[schemars(range(min = 0.001, max = 1_000_000))]
-    pub acceleration_noise_mm_s2: f64,
-    /// How strongly a robot of unknown commands may change its turning rate, 1σ.
-    #[schemars(range(min = 0.001, max = 1_000_000))]
-    pub angular_acceleration_noise_deg_s2: f64,
-    /// How far a commanded robot's speed may stray from its command, 1σ (wheel slip, battery). This and
-    /// the next two are for real robots; those of the synthetic match obey to the letter, unless
-    /// `synthetic.slip` is 1.
-    #[schemars(range(min = 0.001, max = 100_000))]
-    pub command_noise_mm_s: f64,
-    /// How far a commanded robot's turning rate may stray from its command, 1σ.
-    #[schemars(range(min = 0.001, max = 100_000))]
-    pub command_noise_deg_s: f64,
-    /// How fast a robot may slide sideways, 1σ.
-    #[schemars(range(min = 0.001, max = 100_000))]
-    pub lateral_noise_mm_s: f64,
-    /// In a collision a robot's accelerations and slides are so many times as strong.
-    #[schemars(range(min = 1, max = 1000))]
-    pub collision_factor: f64,
-    /// Time constant with which a robot's wheels follow a command; 0 is eq. (11) as printed.
-    #[schemars(range(min = 0, max = 10_000))]
-    pub command_lag_ms: f64,
-    /// A command older than this no longer counts: the robot is taken to be free.
-    #[schemars(range(min = 0, max = 60_000))]
-    pub command_timeout_ms: f64,
-    /// Time from sending a command until the robot acts on it; poses are predicted to now plus this.
-    #[schemars(range(min = 0, max = 1000))]
-    pub actuation_delay_ms: f64,
-    /// A measurement whose squared Mahalanobis distance from the prediction exceeds this, even if
-    /// there was a collision or a kick, is an outlier and ignored; 16.27 is the 99.9 % point for
-    /// three dimensions.
-    #[schemars(range(min = 0.001, max = 1_000_000))]
-    pub gate_chi2: f64,
-    /// After so many outliers in a row that agree with each other the filter believes them and
-    /// starts over.
-    #[schemars(range(min = 1, max = 10_000))]
-    pub reinit_after: u32,
-    /// A robot or ball must be seen with at least this confidence, 0–1, for a track to start, or to
-    /// start over; less is enough to correct a track that has just been seen nearby.
-    #[schemars(range(min = 0, max = 1))]
-    pub start_confidence: f64,
-    /// A robot or ball unseen for longer is forgotten.
-    #[schemars(range(min = 1, max = 600_000))]
-    pub forget_after_ms: f64,
-    /// Measurement noise of the ball, 1σ, for detections that do not say how uncertain they are.
-    #[schemars(range(min = 0.001, max = 1000))]
-    pub ball_noise_mm: f64,
-    /// How strongly a rolling ball may accelerate, 1σ.
-    #[schemars(range(min = 0.001, max = 1_000_000))]
-    pub ball_acceleration_noise_mm_s2: f64,
-    /// In a kick the ball's acceleration is so many times as strong.
-    #[schemars(range(min = 1, max = 10_000))]
-    pub ball_kick_factor: f64,
-    /// Fraction of its speed that a rolling ball loses in a second.
-    #[schemars(range(min = 0, max = 1))]
-    pub ball_friction_per_s: f64,
-}
-
-/// A stage that can have a spare. The grabber cannot: a camera belongs to one process at a time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum SpareStage {
-    /// Frames to runs.
-    Classifier,
-    /// Runs to detections.
-    Tracker,
-    /// Detections to world.
-    Filter,
-}
-
-impl From<SpareStage> for ProcessKind {
-    fn from(stage: SpareStage) -> Self {
-        match stage {
-            SpareStage::Classifier => Self::Classifier,
-            SpareStage::Tracker => Self::Tracker,
-            SpareStage::Filter => Self::Filter,
-        }
-    }
-}
-
-/// The process group.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct SupervisorConfig {
-    /// A stage that has input and gives no output for so many frame periods is replaced …
-    #[schemars(range(min = 1, max = 10_000))]
-    pub stall_frames: f64,
-    /// … but never sooner than this.
-    #[schemars(range(min = 1, max = 600_000))]
-    pub stall_min_ms: f64,
-    /// A process must report ready within this time of its start.
-    #[schemars(range(min = 10, max = 600_000))]
-    pub ready_timeout_ms: f64,
-    /// Pause before the second start in a row that failed; doubles with each further one.
-    #[schemars(range(min = 0, max = 600_000))]
-    pub backoff_ms: f64,
-    /// Longest pause.
-    #[schemars(range(min = 0, max = 600_000))]
-    pub backoff_max_ms: f64,
-    /// Stages that keep a spare: a second process, connected but idle, that takes over the moment
-    /// the first is gone, without losing a frame. Any of "classifier", "tracker" and "filter".
-    #[schemars(length(max = 3))]
-    pub spares: Vec<SpareStage>,
-    /// Stages whose supervisor is gone keep the match running for so long and then end themselves.
-    #[schemars(range(min = 0, max = 604_800))]
-    pub orphan_timeout_s: f64,
-}
-
-/// How a stage waits for its input.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum WakeUpStrategy {
-    /// Sleeps until it is woken.
-    Event,
-    /// Never sleeps.
-    Spin,
-    /// Sleeps until shortly before the next input is expected.
-    Predictive,
-}
-
-/// How stages wait for their input, and what the system does for them. What the system does not
-/// permit is done without, with a warning.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct SchedulingConfig {
-    /// "event": a stage sleeps until it is woken. "predictive": it sleeps until shortly before the
-    /// next input is expected, and then looks for it without sleeping. "spin": it never sleeps;
-    /// takes a processor for each stage, all the time.
-    pub wake_up: WakeUpStrategy,
-    /// Real-time priority of the stages (SCHED_FIFO), 1–98; 0 for none.
-    #[schemars(range(max = 98))]
-    pub realtime_priority: u8,
-    /// Keep the stages' memory from being paged out, and have it at hand before the first frame.
-    pub lock_memory: bool,
-    /// Processors the stages may run on.
-    pub cpus: StageCpus,
-}
-
-/// Processors the stages may run on, by number; an empty list for all.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct StageCpus {
-    /// Of the grabber.
-    #[schemars(length(max = 1024), inner(range(max = 1023)))]
-    pub grabber: Vec<u16>,
-    /// Of the classifier and its spare.
-    #[schemars(length(max = 1024), inner(range(max = 1023)))]
-    pub classifier: Vec<u16>,
-    /// Of the tracker and its spare.
-    #[schemars(length(max = 1024), inner(range(max = 1023)))]
-    pub tracker: Vec<u16>,
-    /// Of the filter and its spare.
-    #[schemars(length(max = 1024), inner(range(max = 1023)))]
-    pub filter: Vec<u16>,
-}
-
-impl StageCpus {
-    /// Those of a stage.
-    pub fn of(&self, kind: ProcessKind) -> &[u16] {
-        match kind {
-            ProcessKind::Grabber => &self.grabber,
-            ProcessKind::Classifier => &self.classifier,
-            ProcessKind::Tracker => &self.tracker,
-            ProcessKind::Filter => &self.filter,
-        }
-    }
-}
-
-/// The synthetic match.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct SyntheticConfig {
-    /// The same seed gives the same match, pixel for pixel.
-    #[schemars(range(max = i64::MAX))]
-    pub seed: u64,
-    /// Fastest a robot drives.
-    #[schemars(range(min = 0, max = 100_000))]
-    pub max_speed_mm_s: f64,
-    /// Strongest a robot accelerates.
-    #[schemars(range(min = 0, max = 1_000_000))]
-    pub max_acceleration_mm_s2: f64,
-    /// How far robots stray from what they are told: so many times what the filter allows for with
-    /// `command_noise_mm_s`, `command_noise_deg_s` and `lateral_noise_mm_s`. 0: not at all.
-    #[schemars(range(min = 0, max = 100))]
-    pub slip: f64,
-    /// Overall brightness; 1 is what the colours were set for.
-    #[schemars(range(min = 0, max = 10))]
-    pub brightness: f64,
-    /// How much darker the corners are than the middle, 0–1.
-    #[schemars(range(min = 0, max = 1))]
-    pub vignette: f64,
-    /// How much darker the right side is than the left, 0–1.
-    #[schemars(range(min = 0, max = 1))]
-    pub gradient: f64,
-    /// Colour of the light, as the temperature of a glowing body; 6500 is what the colours were set
-    /// for, less is redder.
-    #[schemars(range(min = 1000, max = 40_000))]
-    pub color_temperature_k: f64,
-    /// A lamp mirrored in floor and robots, 0–1; 1 is white.
-    #[schemars(range(min = 0, max = 1))]
-    pub glare: f64,
-    /// Sensor noise, 1σ, in grey levels of 255.
-    #[schemars(range(min = 0, max = 100))]
-    pub noise: f64,
 }

@@ -6,6 +6,7 @@ use super::layouts::{
     two_color_identities,
 };
 use super::*;
+use crate::messages::BayerOrder;
 
 /// A league whose numbers the configuration starts from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]

@@ -1,17 +1,12 @@
 //! How robots stray from what their wheels do.
 //!
 //! As the filter takes it to be, with its own numbers: white noises of speed, turning rate and sideways
-//! slide, so that what the filter claims can be held against a match of which it is true.
+//! slide ([`FilterConfig::NOISE_LASTS_S`]), so that what the filter claims can be held against a match of which it is true.
 
 use super::motion::{Twist, WheelSpeeds, drive};
 use super::random::Random;
-use common::config::Config;
+use common::config::{Config, FilterConfig};
 use common::geometry::{FieldPoint, Pose};
-
-/// The filter's numbers are those of noise that lasts so long.
-const NOISE_LASTS_S: f64 = 0.0125;
-/// Slower wheels slip less in proportion; those that stand not at all.
-const FULL_SLIP_MM_S: f64 = 300.0;
 
 /// How one robot strays for the time of a frame, with wheels that turn fast.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -34,7 +29,8 @@ impl SlipRate {
     pub fn new(config: &Config, random: Random) -> Self {
         let filter = &config.filter;
         // What is constant for a frame moves a robot as far as white noise does.
-        let scale = config.synthetic.slip * (NOISE_LASTS_S * config.camera.fps).sqrt();
+        let scale =
+            config.synthetic.slip * (FilterConfig::NOISE_LASTS_S * config.camera.fps).sqrt();
         let twist = Twist {
             v_mm_s: scale * filter.command_noise_mm_s,
             omega: scale * filter.command_noise_deg_s.to_radians(),
@@ -59,7 +55,7 @@ impl Slip {
     /// Where a robot gets in `dt_s` whose wheels turn with `speeds`, which would give it `twist`.
     pub fn drive(&self, pose: Pose, speeds: WheelSpeeds, twist: Twist, dt_s: f64) -> Pose {
         let wheel_mm_s = speeds.left_mm_s.abs().max(speeds.right_mm_s.abs());
-        let share = (wheel_mm_s / FULL_SLIP_MM_S).min(1.0);
+        let share = (wheel_mm_s / FilterConfig::FULL_SLIP_MM_S).min(1.0);
         let twist = Twist {
             v_mm_s: twist.v_mm_s + share * self.twist.v_mm_s,
             omega: twist.omega + share * self.twist.omega,
@@ -108,7 +104,7 @@ mod tests {
             let sigmas =
                 [filter.command_noise_mm_s, filter.lateral_noise_mm_s, filter.command_noise_deg_s];
             for (axis, (sum, sigma)) in squares.iter().zip(sigmas).enumerate() {
-                let expected = sigma * sigma * NOISE_LASTS_S;
+                let expected = sigma * sigma * FilterConfig::NOISE_LASTS_S;
                 let ratio = sum / f64::from(seconds) / expected;
                 assert!((0.8..1.25).contains(&ratio), "{fps} fps, axis {axis}: {ratio}");
             }
