@@ -11,8 +11,8 @@
 //! also read from shared memory.
 
 use common::clock::monotonic_ns;
-use common::consumer::{self, Consumer};
-use common::gateway::{Client, Event};
+use common::consumer::{Consumer, Event};
+use common::gateway::Client;
 use common::messages::WorldFrame;
 use common::{instance::Instance, topics};
 use std::error::Error;
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let mut consumer = Consumer::new(instance, "compare", &topics::WORLD);
             let mut delays = Delays { way: "shared memory", us: Vec::new() };
             while let Ok(event) = consumer.next(Duration::from_secs(1)) {
-                if let Some(consumer::Event::Message(received)) = event {
+                if let Some(Event::Message(received)) = event {
                     received.message().into_iter().for_each(|world| delays.note(world));
                 }
             }
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut delays = Delays { way: "gateway", us: Vec::new() };
     loop {
         match client.next(Duration::from_secs(1))? {
-            Some(Event::World(world)) => delays.note(&world),
+            Some(Event::Message(world)) => delays.note(&world),
             Some(other) => println!("{other:?}"),
             None => println!("nothing comes"),
         }

@@ -2,6 +2,7 @@
 
 mod support;
 
+use common::bus::Received;
 use common::consumer::{Consumer, Event};
 use common::messages::{Team, TruthFrame};
 use common::topics;
@@ -173,7 +174,7 @@ fn a_consumer_outlives_its_group() {
     let mut group = Group::start("outlives", "", &[]);
     group.wait_until_working();
     let mut world = Consumer::new(group.instance.clone(), "test", &topics::WORLD);
-    let mut wait_for = |what: &str, wanted: fn(&Event<_, _>) -> bool| {
+    let mut wait_for = |what: &str, wanted: fn(&Event<Received<_, _>>) -> bool| {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
             if world.next(Duration::from_secs(1)).unwrap().as_ref().is_some_and(wanted) {

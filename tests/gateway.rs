@@ -4,8 +4,8 @@ mod support;
 
 use bytemuck::{Zeroable, bytes_of};
 use common::clock::monotonic_ns;
-use common::consumer::{Consumer, Event as ConsumerEvent};
-use common::gateway::{Client, Event, Greeting, commands_type_name};
+use common::consumer::{Consumer, Event};
+use common::gateway::{Client, Greeting, commands_type_name};
 use common::messages::{
     Attendant, Commands, EventKind, ProcessKind, Team, WheelCommand, WorldFrame,
 };
@@ -52,7 +52,7 @@ fn world(client: &mut Client) -> (u64, Box<WorldFrame>) {
     let mut missed = 0;
     while Instant::now() < deadline {
         match client.next(Duration::from_secs(1)).unwrap() {
-            Some(Event::World(world)) => return (missed, world),
+            Some(Event::Message(world)) => return (missed, world),
             Some(Event::Missed(count)) => missed += count,
             _ => {}
         }
@@ -258,8 +258,7 @@ fn a_gateway_that_falls_is_started_again_and_events_are_in_health() {
     let mut newest = |what: &str, is_it: &dyn Fn(u64, u32, u32) -> bool| {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
-            if let Some(ConsumerEvent::Message(received)) =
-                health.next(Duration::from_secs(1)).unwrap()
+            if let Some(Event::Message(received)) = health.next(Duration::from_secs(1)).unwrap()
                 && let Some(beat) = received.message()
                 && beat.process == Attendant::Supervisor as u32
                 && is_it(beat.events, beat.event_kind, beat.event_process)

@@ -16,12 +16,13 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// How often a group that is not there yet is looked for.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What a consumer hears.
-pub enum Event<E: Message, H: Header> {
+/// What a consumer hears of messages `M`.
+#[derive(Debug)]
+pub enum Event<M> {
     /// The group is there, and messages will come.
     Joined,
     /// A message.
-    Message(Received<E, H>),
+    Message(M),
     /// So many numbers were skipped before the next message: frames nobody captured, or messages that
     /// were overwritten because this consumer did not read them in time.
     Missed(u64),
@@ -67,7 +68,7 @@ impl<E: Message, H: Header> Consumer<E, H> {
 
     /// The next thing to know; waits for it, but not longer than `timeout`, after which it returns
     /// `None`. An error means that the group is there and cannot be attached to.
-    pub fn next(&mut self, timeout: Duration) -> Result<Option<Event<E, H>>, BusError> {
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Event<Received<E, H>>>, BusError> {
         let deadline = Instant::now() + timeout;
         loop {
             let Some(connection) = &mut self.connection else {
@@ -91,18 +92,10 @@ impl<E: Message, H: Header> Consumer<E, H> {
                 self.heard = Instant::now();
                 let seq = (self.topic.seq)(received.elements(), received.header());
                 let t_ns = (self.topic.t_capture_ns)(received.elements(), received.header());
-                return Ok(Some(match self.order.place(seq, t_ns) {
-                    Place::Next => Event::Message(received),
-                    Place::After { missed } => {
-                        self.pending = Some(received);
-                        Event::Missed(missed)
-                    }
-                    Place::Anew => {
-                        self.pending = Some(received);
-                        Event::Restarted
-                    }
-                    Place::Repeated => continue,
-                }));
+                match self.order.announce(seq, t_ns, received, &mut self.pending) {
+                    Some(event) => return Ok(Some(event)),
+                    None => continue,
+                }
             }
             if self.heard.elapsed() > SILENCE {
                 self.heard = Instant::now();
@@ -179,6 +172,25 @@ impl Order {
         };
         self.last = Some((seq, t_capture_ns));
         place
+    }
+
+    /// What to say of a message; `None` of a repetition. Where something else comes first, the message
+    /// is left in `pending`.
+    pub(crate) fn announce<M>(
+        &mut self,
+        seq: u64,
+        t_capture_ns: u64,
+        message: M,
+        pending: &mut Option<M>,
+    ) -> Option<Event<M>> {
+        let event = match self.place(seq, t_capture_ns) {
+            Place::Repeated => return None,
+            Place::Next => return Some(Event::Message(message)),
+            Place::After { missed } => Event::Missed(missed),
+            Place::Anew => Event::Restarted,
+        };
+        *pending = Some(message);
+        Some(event)
     }
 }
 

@@ -13,7 +13,7 @@ use crate::track::{Motion, Suspect, Track};
 use bytemuck::Zeroable;
 use common::messages::{
     BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, QueuedCommand, ROBOT_HYPOTHESES,
-    RobotHypothesis, RobotMemory, RobotState, Team, TrackStatus,
+    RobotHypothesis, RobotMemory, RobotState, Team, TrackStatus, are_possible_speeds,
 };
 use nalgebra::{Vector4, Vector5};
 
@@ -31,15 +31,6 @@ pub struct RobotTrack {
     pub track: Track<5, ROBOT_HYPOTHESES, 3>,
     /// What it is told to do.
     pub commands: CommandQueue,
-}
-
-/// No robot is told to drive faster.
-const MAX_COMMAND_MM_S: f64 = 20_000.0;
-
-/// Whether a robot can be told so.
-pub fn is_possible_command(left_mm_s: f64, right_mm_s: f64) -> bool {
-    // NaN compares as false.
-    left_mm_s.abs() <= MAX_COMMAND_MM_S && right_mm_s.abs() <= MAX_COMMAND_MM_S
 }
 
 impl RobotTrack {
@@ -99,7 +90,7 @@ impl RobotTrack {
             }),
         };
         let commands = memory.commands.get(..memory.command_count as usize)?;
-        let possible = |c: &QueuedCommand| is_possible_command(c.left_mm_s, c.right_mm_s);
+        let possible = |c: &QueuedCommand| are_possible_speeds(c.left_mm_s, c.right_mm_s);
         (blend.is_possible(&motion.limits())
             && memory.t_seen_ns <= t_ns
             && memory.gated_pose.iter().all(|value| value.is_finite())

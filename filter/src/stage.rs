@@ -2,7 +2,7 @@
 
 use crate::ball::BallMotion;
 use crate::commands::{CommandQueue, CommandTiming};
-use crate::message::{self, BallTrack, RobotTrack, is_possible_command};
+use crate::message::{self, BallTrack, RobotTrack};
 use crate::robot::{Drive, RobotMotion};
 use crate::rolling::RollingShutter;
 use crate::track::{Candidate, Motion, Track, TrackRules};
@@ -10,7 +10,7 @@ use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
 use common::messages::{
     BALL_HYPOTHESES, Commands, CommandsName, DetectedBall, DetectedRobot, DetectionFrame,
-    MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame,
+    MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame, are_possible_speeds,
 };
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector5};
 
@@ -133,7 +133,7 @@ impl Filter {
         for wheels in commands.wheels() {
             let (left_mm_s, right_mm_s) = (wheels.left_mm_s, wheels.right_mm_s);
             if let Some(team) = Team::from_number(wheels.team)
-                && is_possible_command(left_mm_s, right_mm_s)
+                && are_possible_speeds(left_mm_s, right_mm_s)
                 && let Ok(index) = self.find(team, wheels.robot_id)
             {
                 let command = QueuedCommand { t_sent_ns, left_mm_s, right_mm_s };

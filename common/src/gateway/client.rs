@@ -1,7 +1,7 @@
 //! The other end, for programs in Rust: the shape of [`Consumer`](crate::consumer::Consumer).
 
 use super::{Greeting, commands_type_name};
-use crate::consumer::{Order, Place};
+use crate::consumer::{Event, Order};
 use crate::messages::{Commands, WorldFrame};
 use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -42,22 +42,6 @@ pub enum ClientError {
     System(PathBuf, std::io::Error),
 }
 
-/// What a client hears.
-#[derive(Debug)]
-pub enum Event {
-    /// The group is there, and messages will come.
-    Joined,
-    /// A message.
-    World(Box<WorldFrame>),
-    /// So many numbers were skipped before the next message: frames nobody captured, or messages that
-    /// this client did not read in time.
-    Missed(u64),
-    /// Numbers begin anew with the next message: another group has started.
-    Restarted,
-    /// The gateway has gone. The client waits for the next one.
-    Left,
-}
-
 /// Reads `world` and sends `commands`, whenever the group is there.
 pub struct Client {
     path: PathBuf,
@@ -81,10 +65,13 @@ impl Client {
     }
 
     /// The next thing that happens; `None` when nothing does in time.
-    pub fn next(&mut self, timeout: Duration) -> Result<Option<Event>, ClientError> {
+    pub fn next(
+        &mut self,
+        timeout: Duration,
+    ) -> Result<Option<Event<Box<WorldFrame>>>, ClientError> {
         let deadline = Instant::now() + timeout;
         if let Some(world) = self.pending.take() {
-            return Ok(Some(Event::World(world)));
+            return Ok(Some(Event::Message(world)));
         }
         loop {
             let Some(connection) = &self.connection else {
@@ -102,18 +89,10 @@ impl Client {
             let received = recv(connection, bytes_of_mut(&mut *world), RecvFlags::DONTWAIT);
             match received.map(|(bytes, _)| bytes) {
                 Ok(bytes) if bytes == size_of::<WorldFrame>() => {
-                    match self.order.place(world.frame.seq, world.frame.t_capture_ns) {
-                        Place::Next => return Ok(Some(Event::World(world))),
-                        Place::After { missed } => {
-                            self.pending = Some(world);
-                            return Ok(Some(Event::Missed(missed)));
-                        }
-                        Place::Anew => {
-                            self.pending = Some(world);
-                            return Ok(Some(Event::Restarted));
-                        }
-                        // A gateway that was started again may repeat what the last one has given.
-                        Place::Repeated => {}
+                    let (seq, t_ns) = (world.frame.seq, world.frame.t_capture_ns);
+                    // A gateway that was started again may repeat what the last one has given.
+                    if let Some(event) = self.order.announce(seq, t_ns, world, &mut self.pending) {
+                        return Ok(Some(event));
                     }
                 }
                 Err(Errno::AGAIN) => {

@@ -23,6 +23,15 @@ pub struct WheelCommand {
     pub right_mm_s: f64,
 }
 
+/// No wheel turns faster, in mm/s.
+const MAX_WHEEL_MM_S: f64 = 20_000.0;
+
+/// Whether wheels can turn like this at all; not a number is no speed.
+pub fn are_possible_speeds(left_mm_s: f64, right_mm_s: f64) -> bool {
+    // NaN compares as false.
+    left_mm_s.abs() <= MAX_WHEEL_MM_S && right_mm_s.abs() <= MAX_WHEEL_MM_S
+}
+
 /// The speeds a strategy has just sent. A robot that is not listed keeps its last command until
 /// the filter forgets it (`filter.command_timeout_ms`).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]

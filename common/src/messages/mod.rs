@@ -27,7 +27,7 @@ mod truth;
 mod world;
 
 pub use camera::{CameraReport, CameraState, read_text, write_text};
-pub use command::{Commands, MAX_COMMANDS, WheelCommand};
+pub use command::{Commands, MAX_COMMANDS, WheelCommand, are_possible_speeds};
 pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
     Region, RejectReason, Rejected,
