@@ -19,6 +19,7 @@ use crate::picture::Picture;
 use crate::zones::{ZonedTables, Zones};
 use common::config::Config;
 use common::geometry::GeometryError;
+use nalgebra::{SMatrix, SVector};
 
 /// Zones differ by so many steps of gains.
 const ZONE_STEPS: i32 = 2;
@@ -39,7 +40,8 @@ const TERMS: usize = 6;
 /// Beyond this many octaves from the middle of the pitch a floor is black or white, no matter how much.
 const MOST_OCTAVES: f64 = 6.0;
 
-type Terms = [f64; TERMS];
+type Terms = SVector<f64, TERMS>;
+type Matrix = SMatrix<f64, TERMS, TERMS>;
 
 /// How bright the pitch is, relative to its middle, in which part of a picture.
 #[derive(Debug, Clone)]
@@ -76,7 +78,7 @@ impl Shading {
         let half = width.max(height) as f64 / 2.0;
         let terms = |x: f64, y: f64| {
             let (u, v) = ((x - width as f64 / 2.0) / half, (y - height as f64 / 2.0) / half);
-            [1.0, u, v, u * u, u * v, v * v]
+            Terms::from([1.0, u, v, u * u, u * v, v * v])
         };
         // Of each cell, weighted by its places, at their mean.
         let rows: Vec<(f64, Terms)> = by_cell
@@ -93,7 +95,7 @@ impl Shading {
         let mut end = 0;
         let cells = rows.iter().zip(&by_cell).map(|((weight, row), sites)| {
             end += sites.len();
-            (end, inverse.map(|line| weight * dot(&line, row)))
+            (end, *weight * inverse * row)
         });
         let cells: Vec<(usize, Terms)> = cells.collect();
 
@@ -126,7 +128,7 @@ impl Shading {
 
     /// Measures the pitch of a picture.
     pub fn look_at(&mut self, picture: &Picture) {
-        let mut surface = [0.0; TERMS];
+        let mut surface = Terms::zeros();
         let mut begin = 0;
         for (end, says) in &self.cells {
             self.values.clear();
@@ -135,11 +137,11 @@ impl Shading {
             }));
             let middle = self.values.len() / 2;
             let median = f64::from(*self.values.select_nth_unstable(middle).1);
-            surface.iter_mut().zip(says).for_each(|(term, part)| *term += part * median);
+            surface += says * median;
             begin = *end;
         }
         for (units, terms) in self.units.iter_mut().zip(&self.tiles) {
-            *units = dot(terms, &surface);
+            *units = terms.dot(&surface);
         }
         self.sorted.clear();
         let on_pitch = self.units.iter().zip(&self.is_on_pitch);
@@ -232,40 +234,14 @@ fn zone_gains(gains: Gains, zone: usize) -> Gains {
     gains.map(|steps| steps + more)
 }
 
-fn dot(a: &Terms, b: &Terms) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 /// The inverse of the sum of the rows' products with themselves, weighted; `None` if the rows do not
 /// determine a surface.
-fn inverse_of_normal(rows: &[(f64, Terms)]) -> Option<[Terms; TERMS]> {
-    let mut left = [[0.0; TERMS]; TERMS];
-    for (weight, row) in rows {
-        for (line, a) in left.iter_mut().zip(row) {
-            line.iter_mut().zip(row).for_each(|(sum, b)| *sum += weight * a * b);
-        }
-    }
+fn inverse_of_normal(rows: &[(f64, Terms)]) -> Option<Matrix> {
+    let square = |(weight, row): &(f64, Terms)| *weight * row * row.transpose();
+    let normal: Matrix = rows.iter().map(square).sum();
+    let factors = normal.cholesky()?;
+    // The squares on its diagonal are what each term still determines once those before it are known.
     let total: f64 = rows.iter().map(|(weight, _)| weight).sum();
-    let mut right = [[0.0; TERMS]; TERMS];
-    (0..TERMS).for_each(|index| right[index][index] = 1.0);
-    // Gauss and Jordan; what is positive definite needs no pivoting.
-    for index in 0..TERMS {
-        let pivot = left[index][index];
-        if pivot <= 1e-6 * total || !pivot.is_finite() {
-            return None;
-        }
-        for term in 0..TERMS {
-            left[index][term] /= pivot;
-            right[index][term] /= pivot;
-        }
-        let (pivot_left, pivot_right) = (left[index], right[index]);
-        for other in (0..TERMS).filter(|&other| other != index) {
-            let factor = left[other][index];
-            for term in 0..TERMS {
-                left[other][term] -= factor * pivot_left[term];
-                right[other][term] -= factor * pivot_right[term];
-            }
-        }
-    }
-    Some(right)
+    let is_determined = factors.l_dirty().diagonal().iter().all(|l| l * l > 1e-6 * total);
+    is_determined.then(|| factors.inverse())
 }
