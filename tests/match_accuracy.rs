@@ -246,6 +246,21 @@ fn fast_robots_are_known_and_predicted() {
     assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
 }
 
+/// Rows are captured over two thirds of a frame period. What was measured is at the time of its row; what is
+/// known, at the time of the frame.
+#[test]
+fn a_rolling_shutter_costs_nothing() {
+    let mut config = Config::default();
+    config.synthetic.max_speed_mm_s = 2400.0;
+    config.camera.rolling_shutter_us = 8000;
+    let outcome = play(&config, 1..3, 400);
+    outcome.print("rolling shutter");
+    assert!(outcome.found as f64 >= 0.999 * outcome.expected as f64);
+    let ([mm, _], [known_mm, known_deg]) = (outcome.seen.rms(), outcome.known.rms());
+    assert!(mm > 0.5, "{mm} mm");
+    assert!(known_mm < 0.3 && known_deg < 0.3, "{known_mm} mm {known_deg}°");
+}
+
 /// A ball that is slower takes its error from one frame to the next.
 const ROLLING_MM_S: f64 = 150.0;
 

@@ -31,6 +31,7 @@ pub mod messages;
 pub mod prefetch;
 pub mod process;
 mod rhythm;
+pub mod rolling_shutter;
 pub mod scheduling;
 mod shared_number;
 pub mod topics;

@@ -4,7 +4,6 @@ use crate::ball::BallMotion;
 use crate::commands::{CommandQueue, CommandTiming};
 use crate::message::{self, BallTrack, RobotTrack};
 use crate::robot::{Drive, RobotMotion};
-use crate::rolling::RollingShutter;
 use crate::track::{Candidate, Motion, Track, TrackRules};
 use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
@@ -12,6 +11,7 @@ use common::messages::{
     BALL_HYPOTHESES, Commands, CommandsName, DetectedBall, DetectedRobot, DetectionFrame,
     MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame, are_possible_speeds,
 };
+use common::rolling_shutter::RollingShutter;
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector5};
 
 /// After a longer pause between two frames, or when time runs backwards, what was known is worth
@@ -180,7 +180,7 @@ impl Filter {
                 .iter()
                 .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
                 .filter_map(|robot| {
-                    let delay_s = shutter.delay_s(robot.y_px, &detections.frame);
+                    let delay_s = shutter.delay_s(robot.y_px.into());
                     Some((delay_s, robot_candidate(robot, robot_motion)?))
                 })
         };
@@ -212,7 +212,7 @@ impl Filter {
     fn follow_ball(&mut self, detections: &DetectionFrame, from_ns: u64, t_ns: u64) {
         let Self { ball, ball_motion, rules, shutter, .. } = self;
         let candidates = detections.balls().iter().filter_map(|ball| {
-            let delay_s = shutter.delay_s(ball.y_px, &detections.frame);
+            let delay_s = shutter.delay_s(ball.y_px.into());
             Some((delay_s, ball_candidate(ball, ball_motion)?))
         });
         if let Some(track) = ball {

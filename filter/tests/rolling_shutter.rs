@@ -9,7 +9,6 @@ use pitch::*;
 use touchline_filter::Filter;
 
 const READOUT_US: u32 = 10_000;
-const HEIGHT: u32 = 480;
 /// Far below the middle.
 const ROW_PX: f32 = 400.0;
 const SPEED_MM_S: f64 = 2000.0;
@@ -25,7 +24,8 @@ fn errors(configured_us: u32) -> [f64; 3] {
     let mut filter = Filter::new(&config).unwrap();
     let mut frame = empty_frame(0, START_NS);
     let mut world = new_world();
-    let late_s = (f64::from(ROW_PX) / f64::from(HEIGHT - 1) - 0.5) * f64::from(READOUT_US) * 1e-6;
+    let last_row = f64::from(config.camera.height - 1);
+    let late_s = (f64::from(ROW_PX) / last_row - 0.5) * f64::from(READOUT_US) * 1e-6;
     let driving = |t_s: f64| Pose { x: SPEED_MM_S * t_s - 700.0, y: 200.0, theta: 0.0 };
     let turning = |t_s: f64| Pose { x: 0.0, y: -300.0, theta: wrap_angle(TURN_RAD_S * t_s) };
     let ball = |t_s: f64| (600.0 + BALL_MM_S * t_s, 0.0);
@@ -34,7 +34,6 @@ fn errors(configured_us: u32) -> [f64; 3] {
         let t_ns = START_NS + number * FRAME_NS;
         last_s = (t_ns - START_NS) as f64 * 1e-9;
         stamp(&mut frame, number, t_ns);
-        frame.frame.height = HEIGHT;
         for (robot_id, pose) in [(1, driving(last_s + late_s)), (2, turning(last_s + late_s))] {
             let robot = DetectedRobot { y_px: ROW_PX, ..detected(0, robot_id, pose) };
             assert!(frame.push_robot(robot));

@@ -8,6 +8,7 @@
 use super::light::Light;
 use common::geometry::CameraModel;
 use common::messages::BayerOrder;
+use common::rolling_shutter::RollingShutter;
 
 /// Standard deviation of the spot.
 pub const SPOT_PX: f64 = 0.6;
@@ -29,6 +30,8 @@ pub struct Optics {
     pub order: BayerOrder,
     /// Exposure time.
     pub exposure_s: f64,
+    /// Rows that are captured one after the other.
+    pub shutter: RollingShutter,
     /// Light on the pitch.
     pub light: Light,
     /// The spot at edges.

@@ -15,6 +15,7 @@ use super::sprite::{Layer, Palette, Rect, draw_ball, draw_robot};
 use super::{SyntheticError, positive};
 use common::config::{Config, PatchRole};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use common::rolling_shutter::RollingShutter;
 
 /// The robots' own colours, between the patches and on the sides.
 pub(super) const BODY_COLOR: [u8; 3] = [24, 25, 27];
@@ -74,6 +75,7 @@ impl Renderer {
             height: camera.height as usize,
             order: camera.bayer_order,
             exposure_s: f64::from(camera.exposure_us) * 1e-6,
+            shutter: RollingShutter::new(camera),
             light: Light::new(config),
             edge: SoftEdge::new(),
         };

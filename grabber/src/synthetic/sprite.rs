@@ -3,7 +3,7 @@
 //! The camera's spot is already in the table of the robot's top ([`Shape`]), so one look at a pixel's
 //! middle shows what the pixel shows; motion blur takes a few more.
 
-use super::motion::Twist;
+use super::motion::{Twist, drive};
 use super::optics::{Optics, SPOT_PX, SPOT_REACH};
 use super::shape::{Outline, PARTS, SIDE, Shape, WHOLE};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
@@ -236,6 +236,9 @@ pub fn draw_robot(
     layer: &mut Layer,
 ) {
     let (reach, height_mm) = (f64::from(shape.reach_mm), shape.height_mm);
+    // Whole, as of the row of its middle: how a rolling shutter skews it is not painted.
+    let row_px = optics.model.image_from_field(pose.position, height_mm).y_px;
+    let pose = drive(pose, twist, optics.shutter.delay_s(row_px));
     let map = LocalMap::new(&optics.model, pose.position, height_mm, reach);
     let map = map.rotated(pose.orientation);
     // No point of the robot is farther than this from where it is in the middle of the exposure.
@@ -324,6 +327,9 @@ pub fn draw_ball(
     velocity_mm_s: [f64; 2],
     layer: &mut Layer,
 ) {
+    let late_s = optics.shutter.delay_s(optics.model.image_from_field(position, radius_mm).y_px);
+    let [vx, vy] = velocity_mm_s;
+    let position = FieldPoint::new(position.x_mm + vx * late_s, position.y_mm + vy * late_s);
     let map = LocalMap::new(&optics.model, position, radius_mm, radius_mm);
     let spot_mm = map.mm_per_px() * SPOT_PX as f32;
     let blur_mm = (velocity_mm_s[0].hypot(velocity_mm_s[1]) * optics.exposure_s / 2.0) as f32;

@@ -1,0 +1,46 @@
+//! Rolling shutter: each row of the picture is captured at a time of its own.
+
+use crate::config::CameraConfig;
+
+/// When the rows of a frame are captured. The frame has one capture time, that of its middle row.
+#[derive(Debug, Clone, Copy)]
+pub struct RollingShutter {
+    /// From the first row to the last; 0 when all are captured at once.
+    readout_s: f64,
+    last_row: f64,
+}
+
+impl RollingShutter {
+    /// That of the configured camera.
+    pub fn new(camera: &CameraConfig) -> Self {
+        Self {
+            readout_s: f64::from(camera.rolling_shutter_us) * 1e-6,
+            last_row: f64::from(camera.height.saturating_sub(1).max(1)),
+        }
+    }
+
+    /// How long after the frame's capture time one of its rows was captured, in seconds; negative for
+    /// those above the middle. What lies outside the picture counts as its nearest row.
+    pub fn delay_s(&self, y_px: f64) -> f64 {
+        if self.readout_s == 0.0 || !y_px.is_finite() {
+            return 0.0;
+        }
+        ((y_px / self.last_row).clamp(0.0, 1.0) - 0.5) * self.readout_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_have_their_times() {
+        let rolling =
+            CameraConfig { height: 481, rolling_shutter_us: 10_000, ..CameraConfig::default() };
+        let delay_s = |y_px: f64| RollingShutter::new(&rolling).delay_s(y_px);
+        assert_eq!([0.0, 240.0, 480.0].map(delay_s), [-0.005, 0.0, 0.005]);
+        assert_eq!([-1e9, 1e9].map(delay_s), [-0.005, 0.005]);
+        assert_eq!([f64::NAN, f64::INFINITY].map(delay_s), [0.0, 0.0]);
+        assert_eq!(RollingShutter::new(&CameraConfig::default()).delay_s(3.0), 0.0);
+    }
+}
