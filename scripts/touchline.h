@@ -619,7 +619,21 @@ typedef struct TouchlineCameraReport {
 TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
 #define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
 
-/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. */
+/* How the classifier corrects the light of the frame it worked on last. A correction is what each channel of a pixel is multiplied with before its colour is looked up, as if the pitch looked as it did when the colours were set. */
+typedef struct TouchlineLightCorrection {
+    /* What red, green and blue are multiplied with in the middle of the pitch; 1 changes nothing. */
+    float gains[3];
+    /* Bit set of FOLLOWED, AT_BOUND, PITCH_UNSEEN and GLARE. */
+    uint32_t flags;
+    /* What all channels are multiplied with besides, on the parts of the pitch where that is least and where it is most; both 1 where light is taken to be even. */
+    float zones[2];
+    /* How often the gains have changed from one frame to the next since the process began. */
+    uint64_t changes;
+} TouchlineLightCorrection;
+
+TOUCHLINE_CHECK(sizeof(TouchlineLightCorrection) == 32);
+
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. The classifier's tells how it corrects the light. */
 typedef struct TouchlineHeartbeat {
     /* When it was published. */
     uint64_t t_sent_ns;
@@ -651,10 +665,12 @@ typedef struct TouchlineHeartbeat {
     uint32_t event_kind;
     /* Whom it concerns, a ProcessKind or Attendant number. */
     uint32_t event_process;
+    /* Of the classifier: how it corrects the light of the frame it worked on last. Before its first frame, and of others, nothing is corrected. */
+    TouchlineLightCorrection light;
 } TouchlineHeartbeat;
 
-TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 152);
-#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/3"
+TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 184);
+#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/4"
 
 /* Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same. */
 typedef struct TouchlineGroupEvent {
@@ -698,7 +714,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * commands     touchline/Commands/1         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
- * health       touchline/Heartbeat/3        ()
+ * health       touchline/Heartbeat/4        ()
  * events       touchline/GroupEvent/2       ()
  * status       u8                           touchline/StatusHeader/1
  */

@@ -1,5 +1,8 @@
 //! What a change of the light in the middle of a match costs: synthetic matches through the cores of
-//! all stages, offline, frame after frame, the lamps turned up and down.
+//! all stages, offline, frame after frame, the lamps turned up and down; and how a group shows what it
+//! does about that.
+
+mod support;
 
 use bytemuck::Zeroable;
 use classifier::lamp::PitchProbe;
@@ -10,7 +13,9 @@ use common::messages::{
 };
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
+use serde_json::Value;
 use std::collections::HashMap;
+use support::{Group, Scratch};
 use tracker::Tracker;
 
 const START_NS: u64 = 5_000_000_000;
@@ -150,4 +155,43 @@ fn light_that_fades_to_half_loses_nobody() {
 fn flicker_loses_nobody() {
     let flicker = |s: f64| 1.0 + 0.2 * (s * 100.0 * std::f64::consts::TAU).sin();
     play(&config(), 3.0, flicker).check("flicker of 100 Hz");
+}
+
+/// A group that is shown a match whose lamps fade and come back.
+#[test]
+fn how_the_light_is_corrected_is_in_the_status() {
+    let scratch = Scratch::new("fading");
+    let followed = config();
+    let (width, height) = (followed.camera.width, followed.camera.height);
+    let mut pixels = vec![0; (width * height) as usize];
+    SyntheticMatch::new(&followed).unwrap().render(&mut pixels, width as usize);
+    for number in 0..40 {
+        let light = 1.0 - 0.4 * (f64::from(number) / 39.0);
+        let faded = pixels.iter().map(|&pixel| (f64::from(pixel) * light).round() as u8);
+        let picture = image::GrayImage::from_raw(width, height, faded.collect()).unwrap();
+        picture.save(scratch.path.join(format!("{number:02}.png"))).unwrap();
+    }
+    let source = format!("images:{}", scratch.path.display());
+    let green = |status: &Value| status["light"]["gains"][1].as_f64();
+
+    let pitch_rgb = followed.light.pitch_rgb.unwrap();
+    let text =
+        format!("[camera]\nfps = 20\n[light]\npitch_rgb = {pitch_rgb:?}\nbrightness = 1.0\n");
+    let mut group = Group::start("fading-followed", &text, &["--source", &source]);
+    group.wait_until_working();
+    let dark = group.wait_for("a gain in the dark", |status| green(status) > Some(1.5));
+    assert_eq!(dark["light"]["followed"], true, "{dark:#}");
+    assert_eq!(dark["light"]["at_bound"], false, "{dark:#}");
+    assert!(dark["light"]["changes"].as_u64() > Some(5), "{dark:#}");
+    let bright = group.wait_for("no gain in the light", |status| green(status) < Some(1.1));
+    assert!(green(&bright) > Some(0.9), "{bright:#}");
+    let table = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
+    assert!(table.contains("  light        followed: red ×"), "{table}");
+    drop(group);
+
+    let mut group = Group::start("fading-alone", "[camera]\nfps = 20\n", &["--source", &source]);
+    let status = group.wait_for("a word on the light", |status| status["light"].is_object());
+    assert_eq!(status["light"]["followed"], false, "{status:#}");
+    assert_eq!(status["light"]["gains"], serde_json::json!([1.0, 1.0, 1.0]), "{status:#}");
+    assert_eq!(status["light"]["changes"], 0, "{status:#}");
 }

@@ -144,27 +144,40 @@ impl Lamp {
         }))
     }
 
-    /// The gains that make the picture's pitch look as it did when the colours were set; none if it
+    /// The gains that make the picture's pitch look as it did when the colours were set; `None` if it
     /// cannot be seen.
-    pub fn gains(&self, picture: &Picture) -> Gains {
-        let Some(looks) = self.probe.looks(picture) else { return NO_GAINS };
+    pub fn gains(&self, picture: &Picture) -> Option<Gains> {
+        let looks = self.probe.looks(picture)?;
         let level = (self.reference.green - looks.green) * self.brightness / 256;
         let red = self.reference.red_to_green - looks.red_to_green + level;
         let blue = self.reference.blue_to_green - looks.blue_to_green + level;
-        [red, level, blue].map(|parts| {
+        Some([red, level, blue].map(|parts| {
             let steps = (parts + PARTS / 2).div_euclid(PARTS) as i32;
             steps.clamp(-MOST_STEPS, MOST_STEPS)
-        })
+        }))
     }
+}
+
+/// Whether a gain is as far from 1 as gains go.
+pub fn is_at_bound(gains: Gains) -> bool {
+    gains.iter().any(|steps| steps.abs() >= MOST_STEPS)
+}
+
+/// What a gain multiplies with.
+pub fn factor(steps: i32) -> f32 {
+    gain_of(steps) as f32 / 65536.0
+}
+
+/// The same, 16 bits behind the point, for gains from 1/8 to 16.
+fn gain_of(steps: i32) -> u64 {
+    let (octaves, rest) = (steps.div_euclid(STEPS_PER_OCTAVE), steps.rem_euclid(STEPS_PER_OCTAVE));
+    SIXTEENTHS[rest as usize] << 3 >> (3 - octaves.clamp(-3, 3))
 }
 
 /// For each channel, what each value becomes.
 pub fn corrections(gains: Gains) -> [[u8; 256]; 3] {
     gains.map(|steps| {
-        let (octaves, rest) =
-            (steps.div_euclid(STEPS_PER_OCTAVE), steps.rem_euclid(STEPS_PER_OCTAVE));
-        // 16 bits behind the point, for gains from 1/8 on.
-        let gain = SIXTEENTHS[rest as usize] << 3 >> (3 - octaves.clamp(-3, 3));
+        let gain = gain_of(steps);
         let mut table = [0; 256];
         for (value, corrected) in (0u64..).zip(&mut table) {
             *corrected = ((value * gain + (1 << 15)) >> 16).min(255) as u8;
@@ -290,7 +303,8 @@ mod tests {
         for order in BayerOrder::ALL {
             let config = set_for([60.0, 60.0, 48.0], order);
             let lamp = Lamp::new(&config).unwrap().unwrap();
-            let gains = |pitch| lamp.gains(&picture(&config, &frame(&config, pitch, [0; 3], 0)));
+            let gains =
+                |pitch| lamp.gains(&picture(&config, &frame(&config, pitch, [0; 3], 0))).unwrap();
             assert_eq!(gains([60, 60, 48]), NO_GAINS);
             // An octave less red, an octave more blue.
             assert_eq!(gains([30, 60, 96]), [16, 0, -16]);
@@ -310,7 +324,7 @@ mod tests {
             config.light.brightness = brightness;
             let lamp = Lamp::new(&config).unwrap().unwrap();
             let dark = frame(&config, [30, 30, 24], [0; 3], 0);
-            assert_eq!(lamp.gains(&picture(&config, &dark)), [steps; 3]);
+            assert_eq!(lamp.gains(&picture(&config, &dark)), Some([steps; 3]));
         }
     }
 
@@ -319,7 +333,7 @@ mod tests {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         let lamp = Lamp::new(&config).unwrap().unwrap();
         let arm = frame(&config, [60, 60, 48], [200, 40, 30], 90);
-        let gains = lamp.gains(&picture(&config, &arm));
+        let gains = lamp.gains(&picture(&config, &arm)).unwrap();
         assert!(gains.iter().all(|steps| steps.abs() <= 1), "{gains:?}");
     }
 
@@ -329,10 +343,12 @@ mod tests {
         let lamp = Lamp::new(&config).unwrap().unwrap();
         for color in [[0; 3], [3; 3], [255; 3]] {
             let gains = lamp.gains(&picture(&config, &frame(&config, color, [0; 3], 0)));
-            assert_eq!(gains, NO_GAINS, "{color:?}");
+            assert_eq!(gains, None, "{color:?}");
         }
-        let strange = lamp.gains(&picture(&config, &frame(&config, [250, 6, 250], [0; 3], 0)));
+        let magenta = frame(&config, [250, 6, 250], [0; 3], 0);
+        let strange = lamp.gains(&picture(&config, &magenta)).unwrap();
         assert!(strange.iter().all(|steps| steps.abs() <= MOST_STEPS), "{strange:?}");
+        assert!(is_at_bound(strange) && !is_at_bound([20, -20, 0]), "{strange:?}");
         assert_eq!(Lamp::new(&Config::default()).unwrap(), None);
     }
 

@@ -18,6 +18,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     let mut wake_up = process.wake_up(&topics::FRAMES)?;
+    process.counters.light = classifier.light();
     eprintln!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {
         return Ok(());
@@ -55,6 +56,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         header.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);
+        process.counters.light = classifier.light();
     }
     Ok(())
 }

@@ -186,8 +186,10 @@ impl ShadedTables {
         }
         let Some(shading) = Shading::new(config)? else { return Ok(None) };
         let (width, height) = (config.camera.width as usize, config.camera.height as usize);
+        let mut zones = Zones::tiled(width, height, shading.tile_px);
+        zones.of_tiles_mut().fill(MIDDLE as u8);
         Ok(Some(Self {
-            zones: Zones::tiled(width, height, shading.tile_px),
+            zones,
             shading,
             unevenness,
             tables: vec![tables.clone(); ZONES],
@@ -202,6 +204,15 @@ impl ShadedTables {
             let zones = (-self.unevenness * units / UNITS_PER_ZONE).round() as i32;
             *zone = (zones.clamp(-ZONES_EACH, ZONES_EACH) + ZONES_EACH) as u8;
         }
+    }
+
+    /// The least and the most that parts of the pitch are multiplied with besides, in steps of gains, in
+    /// the picture looked at last.
+    pub fn spread(&self) -> [i32; 2] {
+        let on_pitch = self.zones.of_tiles().iter().zip(&self.shading.is_on_pitch);
+        let on_pitch = on_pitch.filter(|(_, is_on_pitch)| **is_on_pitch);
+        let zones = on_pitch.map(|(&zone, _)| usize::from(zone));
+        [zones.clone().min(), zones.max()].map(|zone| zone_steps(zone.unwrap_or(MIDDLE)))
     }
 
     /// The zones of the picture looked at last.
@@ -229,9 +240,13 @@ impl ShadedTables {
     }
 }
 
+/// What a zone is multiplied with besides.
+fn zone_steps(zone: usize) -> i32 {
+    (zone as i32 - MIDDLE as i32) * ZONE_STEPS
+}
+
 fn zone_gains(gains: Gains, zone: usize) -> Gains {
-    let more = (zone as i32 - MIDDLE as i32) * ZONE_STEPS;
-    gains.map(|steps| steps + more)
+    gains.map(|steps| steps + zone_steps(zone))
 }
 
 /// The inverse of the sum of the rows' products with themselves, weighted; `None` if the rows do not

@@ -2,14 +2,14 @@
 
 use crate::haze::Haze;
 use crate::kernels::{Kernel, SimdChoice, SimdLevel};
-use crate::lamp::{Gains, Lamp, NO_GAINS};
+use crate::lamp::{self, Gains, Lamp, NO_GAINS};
 use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::shading::ShadedTables;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
-use common::messages::{FrameFault, FrameHeader, PixelLayout, Run, RunsHeader};
+use common::messages::{FrameFault, FrameHeader, LightCorrection, PixelLayout, Run, RunsHeader};
 
 /// Turns frames into runs. Frames are independent of each other: there is nothing to remember and
 /// nothing to hand over.
@@ -22,6 +22,10 @@ pub struct Classifier {
     /// The light of the last frame, and the tables for it: a cache, not a memory.
     gains: Gains,
     lit_tables: ClassTables,
+    /// How that came about, for whoever watches.
+    is_pitch_seen: bool,
+    is_under_glare: bool,
+    changes: u64,
     shaded: Option<Box<ShadedTables>>,
     one_zone: Zones,
     haze: Option<Box<Haze>>,
@@ -62,6 +66,9 @@ impl Classifier {
             lamp,
             gains,
             lit_tables,
+            is_pitch_seen: true,
+            is_under_glare: false,
+            changes: 0,
             shaded,
             one_zone,
             haze,
@@ -91,6 +98,7 @@ impl Classifier {
         self.follow_lamp(&picture);
         let Self { kernel, tables, gains, lit_tables, mask, shaded, one_zone, haze, .. } = self;
         let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(&picture).then_some(haze));
+        self.is_under_glare = hazy.is_some();
         let written = match hazy {
             Some(haze) => haze.classify(kernel, &picture, lit_tables, mask, out),
             None => {
@@ -119,15 +127,33 @@ impl Classifier {
     fn follow_lamp(&mut self, picture: &Picture) {
         let Some(lamp) = &self.lamp else { return };
         let gains = lamp.gains(picture);
+        self.is_pitch_seen = gains.is_some();
+        let gains = gains.unwrap_or(NO_GAINS);
         if gains != self.gains {
             self.gains = gains;
+            self.changes += 1;
             self.lit_tables = self.tables.under(gains);
         }
     }
 
-    /// What the light of the last frame was corrected by.
-    pub fn gains(&self) -> Gains {
-        self.gains
+    /// How the light of the last frame was corrected.
+    pub fn light(&self) -> LightCorrection {
+        let spread = match &self.shaded {
+            Some(shaded) if !self.is_under_glare => shaded.spread(),
+            _ => [0; 2],
+        };
+        let flags = [
+            (self.lamp.is_some(), LightCorrection::FOLLOWED),
+            (lamp::is_at_bound(self.gains), LightCorrection::AT_BOUND),
+            (!self.is_pitch_seen, LightCorrection::PITCH_UNSEEN),
+            (self.is_under_glare, LightCorrection::GLARE),
+        ];
+        LightCorrection {
+            gains: self.gains.map(lamp::factor),
+            flags: flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag).sum(),
+            zones: spread.map(lamp::factor),
+            changes: self.changes,
+        }
     }
 
     /// Whose instructions it uses.

@@ -545,8 +545,22 @@ class CameraReport(ctypes.Structure):
 assert ctypes.sizeof(CameraReport) == 688
 
 
+class LightCorrection(ctypes.Structure):
+    """How the classifier corrects the light of the frame it worked on last. A correction is what each channel of a pixel is multiplied with before its colour is looked up, as if the pitch looked as it did when the colours were set."""
+
+    _fields_ = [
+        ("gains", ctypes.c_float * 3),
+        ("flags", ctypes.c_uint32),
+        ("zones", ctypes.c_float * 2),
+        ("changes", ctypes.c_uint64),
+    ]
+
+
+assert ctypes.sizeof(LightCorrection) == 32
+
+
 class Heartbeat(ctypes.Structure):
-    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them."""
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. The classifier's tells how it corrects the light."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
@@ -564,14 +578,15 @@ class Heartbeat(ctypes.Structure):
         ("t_event_wall_ns", ctypes.c_uint64),
         ("event_kind", ctypes.c_uint32),
         ("event_process", ctypes.c_uint32),
+        ("light", LightCorrection),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/Heartbeat/3"
+        return "touchline/Heartbeat/4"
 
 
-assert ctypes.sizeof(Heartbeat) == 152
+assert ctypes.sizeof(Heartbeat) == 184
 
 
 class GroupEvent(ctypes.Structure):

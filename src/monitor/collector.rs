@@ -5,7 +5,9 @@ use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
 use super::flow::Flow;
 use super::latency::LatencyMeter;
-use super::report::{Accuracy, Camera, Found, Gateway, Process, Rate, Report, Resources, Stage};
+use super::report::{
+    Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage,
+};
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Subscriber};
@@ -169,6 +171,10 @@ impl Collector {
                 let is_of_group = self.processes.contains_key(&beat.pid)
                     || self.view.processes().0.iter().any(|process| process.pid == beat.pid);
                 if is_of_group {
+                    let is_classifier = beat.process == ProcessKind::Classifier as u32;
+                    if is_classifier && beat.state == ProcessState::Active as u32 {
+                        self.base.light = Some(Light::from(&beat.light));
+                    }
                     self.processes.entry(beat.pid).or_default().beat = Some(*beat);
                 }
             }

@@ -1,7 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Breakdown, CameraDevice, Errors, Gateway, Percentiles, Report};
+use super::report::{Breakdown, CameraDevice, Errors, Gateway, Light, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
@@ -195,6 +195,9 @@ fn body(report: &Report) -> String {
         "  found        {} of {} robots, {ball}, {} regions",
         found.robots, found.robots_configured, found.regions
     );
+    if let Some(light) = &report.light {
+        let _ = writeln!(text, "  light        {}", light_words(light));
+    }
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
     }
@@ -258,6 +261,30 @@ fn camera_lines(text: &mut String, device: &CameraDevice) {
     }
 }
 
+/// How the light is corrected, and what is wrong with it.
+fn light_words(light: &Light) -> String {
+    if !light.followed {
+        return "taken as it is: there is no light.pitch_rgb to compare with".into();
+    }
+    let [red, green, blue] = light.gains;
+    let mut text = format!("followed: red ×{red:.2}, green ×{green:.2}, blue ×{blue:.2}");
+    let [least, most] = light.zones;
+    if light.zones != [1.0; 2] {
+        let _ = write!(text, ", parts of the pitch besides ×{least:.2} to ×{most:.2}");
+    }
+    let _ = write!(text, ", changed {} times", light.changes);
+    for (is_so, what) in [
+        (light.at_bound, "at its bound: more may be needed"),
+        (!light.pitch_seen, "nothing corrected, because too little is seen of the pitch"),
+        (light.glare, "glare taken off"),
+    ] {
+        if is_so {
+            let _ = write!(text, ", {what}");
+        }
+    }
+    text
+}
+
 /// Who else may attach, where, and how that goes.
 fn gateway_line(text: &mut String, gateway: &Gateway) {
     let Gateway { group, socket, clients, given, lost, refused, restarts, .. } = gateway;
@@ -304,6 +331,9 @@ fn line(report: &Report) -> String {
     );
     if let Some(device) = report.camera.device.as_ref().filter(|it| it.state != "streaming") {
         let _ = write!(text, "  camera {}: {}", device.state.replace('_', " "), device.problem);
+    }
+    if report.light.as_ref().is_some_and(|light| light.at_bound) {
+        text += "  light beyond correction";
     }
     if let Some(accuracy) = &report.accuracy {
         let world = &accuracy.world;

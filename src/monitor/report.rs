@@ -2,6 +2,7 @@
 //! printed by `touchline status --json` and drawn by the console.
 
 use super::view::Event;
+use common::messages::LightCorrection;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -36,6 +37,9 @@ pub struct Report {
     pub stages: BTreeMap<String, Stage>,
     /// What was found in the newest frame.
     pub found: Found,
+    /// How the classifier corrects the light; absent before its first word.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light: Option<Light>,
     /// How often candidates were rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
     /// Errors against the truth; absent where nobody knows it.
@@ -258,6 +262,45 @@ pub struct Found {
     pub ball: bool,
     /// Regions.
     pub regions: u32,
+}
+
+/// How the classifier corrects the light of the newest frame.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Light {
+    /// Whether it does: `light.pitch_rgb` is configured.
+    pub followed: bool,
+    /// What red, green and blue are multiplied with; 1 is as the colours were set.
+    pub gains: [f64; 3],
+    /// What all three are multiplied with besides, where on the pitch that is least and where it is most.
+    pub zones: [f64; 2],
+    /// Whether a gain is as far from 1 as it may be: more may be needed.
+    pub at_bound: bool,
+    /// Whether enough of the pitch is seen to tell the light; if not, nothing is corrected.
+    pub pitch_seen: bool,
+    /// Whether glare is taken off.
+    pub glare: bool,
+    /// How often the gains have changed since this classifier began.
+    pub changes: u64,
+}
+
+impl From<&LightCorrection> for Light {
+    fn from(light: &LightCorrection) -> Self {
+        // JSON has no word for what is no number.
+        let number = |factor: f32| match factor.is_finite() {
+            true => (f64::from(factor) * 1000.0).round() / 1000.0,
+            false => 0.0,
+        };
+        Self {
+            followed: light.has(LightCorrection::FOLLOWED),
+            gains: light.gains.map(number),
+            zones: light.zones.map(number),
+            at_bound: light.has(LightCorrection::AT_BOUND),
+            pitch_seen: !light.has(LightCorrection::PITCH_UNSEEN),
+            glare: light.has(LightCorrection::GLARE),
+            changes: light.changes,
+        }
+    }
 }
 
 /// Errors against the truth, raw and filtered.

@@ -1,5 +1,6 @@
 //! Signs of life.
 
+use super::LightCorrection;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
@@ -151,9 +152,9 @@ impl DropReason {
 ///
 /// The supervisor's tells of the newest event, so whoever only follows `health` knows when there is
 /// something to be read on `events`; what it takes and gives is nothing. The gateway takes `world` and
-/// gives it to its clients: once to each of them.
+/// gives it to its clients: once to each of them. The classifier's tells how it corrects the light.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/Heartbeat/3")]
+#[type_name("touchline/Heartbeat/4")]
 #[repr(C)]
 pub struct Heartbeat {
     /// When it was published.
@@ -188,9 +189,12 @@ pub struct Heartbeat {
     pub event_kind: u32,
     /// Whom it concerns, a [`ProcessKind`] or [`Attendant`] number.
     pub event_process: u32,
+    /// Of the classifier: how it corrects the light of the frame it worked on last. Before its first frame,
+    /// and of others, nothing is corrected.
+    pub light: LightCorrection,
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 152);
+const _: () = assert!(size_of::<Heartbeat>() == 184);
 
 impl Heartbeat {
     /// That of a process, of this number in messages, which has done nothing yet.
@@ -201,6 +205,7 @@ impl Heartbeat {
             state: state as u32,
             seq_in: u64::MAX,
             seq_out: u64::MAX,
+            light: LightCorrection::NONE,
             ..Self::zeroed()
         }
     }

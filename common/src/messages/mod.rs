@@ -19,6 +19,7 @@ mod detection;
 mod event;
 mod frame;
 mod health;
+mod light;
 mod pixel_format;
 mod run;
 mod stale;
@@ -38,6 +39,7 @@ pub use health::{
     Attendant, DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
     process_number,
 };
+pub use light::LightCorrection;
 pub use pixel_format::PixelFormat;
 pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use stale::ClearStale;

@@ -168,7 +168,7 @@ fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> 
         let image = bayer_image(config, &lesson.bayer)?;
         demosaic(&image, &mut rgb);
         let (width, frame) = (image.width(), Frame::Bayer(image));
-        let gains: Gains = lamp.as_ref().map_or(NO_GAINS, |lamp| lamp.gains(&frame));
+        let gains: Gains = lamp.as_ref().and_then(|lamp| lamp.gains(&frame)).unwrap_or(NO_GAINS);
         let picture = Picture::new(width, &rgb);
         let picture = match &mut shaded {
             Some(shaded) => {
