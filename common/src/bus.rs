@@ -4,6 +4,11 @@
 //! * A reader that wants to sleep until there is something asks for wake-ups; one that polls, or
 //!   only stands by, costs the writer nothing.
 
+pub mod participants;
+mod ports;
+
+pub use ports::{Loan, Publisher, Received, Subscriber};
+
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
 use crate::instance::{Instance, InstanceError};
@@ -11,22 +16,15 @@ use crate::memory::{self, SHARED_MEMORY};
 use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
-use iceoryx2::node::NodeView;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher as IpcPublisher, PublisherCreateError};
-use iceoryx2::port::subscriber::{Subscriber as IpcSubscriber, SubscriberCreateError};
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::*;
-use iceoryx2::sample::Sample as IpcSample;
-use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
-use std::cell::RefCell;
-use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::fs::Permissions;
-use std::mem::MaybeUninit;
 use std::os::unix::fs::PermissionsExt;
-use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 /// What may travel: plain data of fixed layout with a versioned type name.
@@ -174,15 +172,6 @@ pub struct Population {
     pub subscribers: usize,
 }
 
-/// A process that has joined an instance.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LivingProcess {
-    /// The system's number for it.
-    pub pid: u32,
-    /// The name under which it joined.
-    pub name: String,
-}
-
 impl Bus {
     /// Joins the instance under the name of a process, which tools show.
     pub fn join(instance: &Instance, process: &str) -> Result<Self, BusError> {
@@ -201,61 +190,6 @@ impl Bus {
             .map_err(failed("node", "join the instance"))?;
         close_to_others(instance);
         Ok(Self { node, instance: instance.clone() })
-    }
-
-    /// Removes what dead processes have left: slots of publishers and subscribers, and their
-    /// shared memory. Takes milliseconds for each; returns how many were found. After an error it is
-    /// worth trying again.
-    pub fn clean_up_dead(instance: &Instance) -> Result<usize, BusError> {
-        Self::clean_up_dead_named(instance, |_| true)
-    }
-
-    /// As [`clean_up_dead`](Self::clean_up_dead), for processes that had joined under certain names.
-    /// The name of one that died while it joined is empty.
-    pub fn clean_up_dead_named(
-        instance: &Instance,
-        concerns: impl Fn(&str) -> bool,
-    ) -> Result<usize, BusError> {
-        let mut dead = Vec::new();
-        Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
-            if let NodeState::Dead(view) = state {
-                let name = view.details().as_ref().map(|details| details.name().to_string());
-                if concerns(&name.unwrap_or_default()) {
-                    dead.push(view);
-                }
-            }
-            CallbackProgression::Continue
-        })
-        .map_err(failed("node", "list the processes"))?;
-        let found = dead.len();
-        let mut outcome = Ok(found);
-        for view in dead {
-            // One that cannot be cleared now, since somebody died while clearing it, say, is no reason
-            // to leave the others.
-            if let Err(error) = view.blocking_remove_stale_resources(Duration::from_secs(1)) {
-                outcome = Err(failed("node", "remove what a dead process left")(error));
-            }
-        }
-        outcome
-    }
-
-    /// The living processes in the instance.
-    pub fn living_processes(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
-        let mut living = Vec::new();
-        Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
-            if let NodeState::Alive(view) = state
-                && let Ok(pid) = view.id().pid::<ipc::Service>()
-            {
-                let name = view.details().as_ref().map(|details| details.name().to_string());
-                living.push(LivingProcess {
-                    pid: pid.value() as u32,
-                    name: name.unwrap_or_default(),
-                });
-            }
-            CallbackProgression::Continue
-        })
-        .map_err(failed("node", "list the processes"))?;
-        Ok(living)
     }
 
     /// A writer whose messages have up to `capacity` elements.
@@ -282,7 +216,7 @@ impl Bus {
         fill_in(&port, topic, capacity)?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
-        Ok(Publisher { port, bell: Rc::new(Bell { published, notifier }), topic: topic.name })
+        Ok(Publisher::new(port, published, notifier, topic.name))
     }
 
     /// A reader. It is connected at once: from now on the newest messages wait for it.
@@ -334,8 +268,7 @@ impl Bus {
         })?;
         // One message is with the caller, and one may be kept by it.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
-        let queue = RefCell::new(VecDeque::with_capacity(capacity));
-        Ok(Subscriber { port, topic: topic.name, seq: topic.seq, capacity, queue })
+        Ok(Subscriber::new(port, topic, capacity))
     }
 
     /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;
@@ -427,171 +360,4 @@ const MAX_NODES: usize = 32;
 
 fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {
     ServiceName::new(topic).map_err(failed(topic, "name it"))
-}
-
-/// Writes messages into shared memory and wakes who sleeps on the topic.
-pub struct Publisher<E: Message, H: Header> {
-    port: IpcPublisher<ipc::Service, [E], H>,
-    bell: Rc<Bell>,
-    topic: &'static str,
-}
-
-/// Wakes who sleeps on a topic.
-struct Bell {
-    published: EventCount,
-    notifier: Option<Notifier<ipc::Service>>,
-}
-
-impl Bell {
-    fn ring(&self) {
-        self.published.advance();
-        if let Some(notifier) = &self.notifier {
-            // A listener that has died, or whose socket is full because it sleeps through
-            // everything, is not the writer's business.
-            let _ = notifier.notify();
-        }
-    }
-}
-
-impl<E: Message, H: Header> Publisher<E, H> {
-    /// Whether a message is one of this writer's own.
-    pub fn has_sent(&self, received: &Received<E, H>) -> bool {
-        received.sample.origin() == self.port.id()
-    }
-
-    /// Borrows a message of `length` elements from shared memory, to be filled in place. It goes
-    /// back unpublished when it is dropped.
-    pub fn loan(&mut self, length: usize) -> Result<Loan<E, H>, BusError> {
-        let sample =
-            self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
-        Ok(Loan { sample, bell: Rc::clone(&self.bell), topic: self.topic })
-    }
-}
-
-impl<E: Message> Publisher<E, ()> {
-    /// Publishes a copy of one element.
-    pub fn publish(&mut self, message: &E) -> Result<(), BusError> {
-        let mut loan = self.loan(1)?;
-        loan.elements()[0] = *message;
-        loan.send()
-    }
-}
-
-/// A message in shared memory that nobody else can see yet.
-pub struct Loan<E: Message, H: Header> {
-    sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
-    bell: Rc<Bell>,
-    topic: &'static str,
-}
-
-impl<E: Message, H: Header> Loan<E, H> {
-    /// The elements. They hold whatever was there before: zeros or an old message.
-    #[allow(unsafe_code)]
-    pub fn elements(&mut self) -> &mut [E] {
-        let elements = self.sample.payload_mut();
-        // SAFETY: the memory is initialised, since the system hands out shared memory filled with
-        // zeros and only messages are ever written to it; and any bytes are a valid `E`, since
-        // every `Message` is `Pod`. The pointer and length come from the slice itself.
-        unsafe { std::slice::from_raw_parts_mut(elements.as_mut_ptr().cast::<E>(), elements.len()) }
-    }
-
-    /// The elements and the header, to be filled together.
-    #[allow(unsafe_code)]
-    pub fn parts(&mut self) -> (&mut [E], &mut H) {
-        let header: *mut H = self.sample.user_header_mut();
-        let elements = self.elements();
-        // SAFETY: header and payload are disjoint parts of the sample, and both borrows end with
-        // the borrow of `self`.
-        (elements, unsafe { &mut *header })
-    }
-
-    /// Publishes the message and wakes who sleeps on the topic.
-    #[allow(unsafe_code)]
-    pub fn send(self) -> Result<(), BusError> {
-        // SAFETY: initialised, see `elements`.
-        let sample = unsafe { self.sample.assume_init() };
-        sample.send().map_err(failed(self.topic, "publish"))?;
-        self.bell.ring();
-        Ok(())
-    }
-}
-
-/// Reads messages in place, in order.
-///
-/// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
-/// been handed over, a reader that has fallen behind finds messages of the dead process and of its
-/// successor, and must get them by their numbers. So all that has come is taken over into a queue of
-/// our own, which is in order, and handed out from there.
-pub struct Subscriber<E: Message, H: Header> {
-    port: IpcSubscriber<ipc::Service, [E], H>,
-    topic: &'static str,
-    seq: fn(&[E], &H) -> u64,
-    /// How many messages the queue may hold.
-    capacity: usize,
-    queue: RefCell<VecDeque<Received<E, H>>>,
-}
-
-impl<E: Message, H: Header> Subscriber<E, H> {
-    /// The oldest unread message, if there is one.
-    pub fn receive(&self) -> Result<Option<Received<E, H>>, BusError> {
-        let mut queue = self.queue.borrow_mut();
-        while queue.len() < self.capacity {
-            let Some(sample) = self.port.receive().map_err(failed(self.topic, "receive"))? else {
-                break;
-            };
-            let received = Received { sample };
-            let seq = self.seq_of(&received);
-            // Nearly always the place is the last.
-            let before = queue.iter().rev().take_while(|queued| self.seq_of(queued) > seq).count();
-            let place = queue.len() - before;
-            queue.insert(place, received);
-        }
-        Ok(queue.pop_front())
-    }
-
-    fn seq_of(&self, received: &Received<E, H>) -> u64 {
-        (self.seq)(received.elements(), received.header())
-    }
-
-    /// The newest message; all others are passed over.
-    pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
-        self.newest_that(|_| true)
-    }
-
-    /// The newest message that can be believed; all others are passed over.
-    pub fn newest_that(
-        &self,
-        is_believed: impl Fn(&Received<E, H>) -> bool,
-    ) -> Result<Option<Received<E, H>>, BusError> {
-        let mut newest = None;
-        while let Some(received) = self.receive()? {
-            if is_believed(&received) {
-                newest = Some(received);
-            }
-        }
-        Ok(newest)
-    }
-}
-
-/// A message in shared memory; given back when dropped.
-pub struct Received<E: Message, H: Header> {
-    sample: IpcSample<ipc::Service, [E], H>,
-}
-
-impl<E: Message, H: Header> Received<E, H> {
-    /// The elements.
-    pub fn elements(&self) -> &[E] {
-        self.sample.payload()
-    }
-
-    /// The first element: the message, on topics that have one element a message. `None` for a
-    /// slice of no elements, which no process of ours publishes, but another might.
-    pub fn message(&self) -> Option<&E> {
-        self.elements().first()
-    }
-
-    /// The header.
-    pub fn header(&self) -> &H {
-        self.sample.user_header()
-    }
 }

@@ -4,7 +4,7 @@
 //! again, gives every message once and in order, and says how many were lost. The whole of a program
 //! is a loop over [`Consumer::next`]; see `examples/`.
 
-use crate::bus::{Bus, BusError, Header, Message, Received, Subscriber};
+use crate::bus::{Bus, BusError, Header, Message, Received, Subscriber, participants};
 use crate::instance::Instance;
 use crate::messages::ProcessKind;
 use crate::topics::Topic;
@@ -127,7 +127,7 @@ pub fn is_there(instance: &Instance) -> bool {
     }
     // Looking would leave something behind where there never was a group.
     instance.directory().join("ipc").is_dir()
-        && Bus::living_processes(instance).is_ok_and(|living| {
+        && participants::living(instance).is_ok_and(|living| {
             living.iter().any(|process| ProcessKind::ALL.iter().any(|k| k.name() == process.name))
         })
 }

@@ -169,7 +169,8 @@ impl Process {
         }
         self.beat(ProcessState::Spare)?;
         if self.spare {
-            while self.keep_running()? && !self.promoted_within(LOOK_AROUND)? {}
+            // Signals wake it; for itself it has nothing to do but to give a sign of life.
+            while self.keep_running()? && !self.promoted_within(HEARTBEAT)? {}
         }
         if !self.keep_running()? {
             return Ok(false);

@@ -7,7 +7,7 @@ use super::policy::Settings;
 use super::{GRACE, SupervisorError};
 use crate::gateway::{NAME, place};
 use crate::monitor::GatewayView;
-use common::bus::Bus;
+use common::bus::participants;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::EventKind;
@@ -187,7 +187,7 @@ impl Rules {
 pub fn end_earlier(instance: &Instance) -> Result<(), SupervisorError> {
     let deadline = Instant::now() + GRACE;
     loop {
-        let living = Bus::living_processes(instance)?;
+        let living = participants::living(instance)?;
         // Programs of others may call themselves what they like.
         let is_gateway = |pid: u32| {
             let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();

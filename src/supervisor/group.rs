@@ -3,7 +3,7 @@
 mod adoption;
 mod ending;
 
-use super::children::{self, Launch, Process};
+use super::children::{Launch, Process};
 use super::control::{Answer, Control, Request};
 use super::drops::Drops;
 use super::evidence;
@@ -11,7 +11,7 @@ use super::gateway::Gateway;
 use super::janitor::Janitor;
 use super::notify::Notifier;
 use super::policy::{Action, Cause, Event, MemberId, Policy, Settings};
-use super::progress::{Beat, Progress};
+use super::progress::{Beat, Output, Progress};
 use super::record::{Member, Record};
 use super::{SupervisorError, Until};
 use crate::monitor::{Event as LogEvent, GroupView, ProcessView};
@@ -23,15 +23,17 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often topics and heartbeats are looked at; more often if stalls are to be noticed sooner.
-const TICK: Duration = Duration::from_millis(10);
-/// A stall is noticed late by at most this part of its deadline.
-const TICKS_PER_STALL: u32 = 4;
+/// How often topics and heartbeats are looked at, at least; between, when a stall is due. All that
+/// stages send says when it was sent, so it need not be seen at once.
+const TICK: Duration = Duration::from_millis(20);
+/// Looks at a stage that is behind, before it counts as stalled.
+const TICKS_PER_STALL: u32 = 2;
 /// A stall that is due but excused does not keep the supervisor from sleeping.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// How long after the camera's last frame results are waited for.
@@ -73,6 +75,14 @@ pub enum Ending {
     Over,
     /// It goes on under this program.
     Upgrade(PathBuf),
+}
+
+/// Why the supervisor has stopped sleeping, if not because it is time to look.
+struct Woken {
+    /// A signal has asked for the end.
+    to_stop: bool,
+    /// Processes that have ended, it seems.
+    ended: Vec<MemberId>,
 }
 
 impl Group {
@@ -125,11 +135,14 @@ impl Group {
     /// Looks after the group until it is to end.
     pub fn watch(&mut self, until: Until) -> Result<Ending, SupervisorError> {
         loop {
-            if self.wait()? {
+            let woken = self.wait()?;
+            if woken.to_stop {
                 return Ok(Ending::Over);
             }
-            self.reap()?;
+            // In this order: what the dead have published is known when they are replaced, and which
+            // input they died of.
             self.look()?;
+            self.reap(&woken.ended)?;
             self.excuse_the_starved();
             // Before anything is done about it: who is asked to end at once, to be replaced, has not
             // failed to start.
@@ -154,20 +167,25 @@ impl Group {
         }
     }
 
-    /// Sleeps until a process ends, a signal or a request comes, or it is time to look; `true` on a
-    /// signal to stop.
-    fn wait(&self) -> Result<bool, SupervisorError> {
-        let control = self.control.fd();
-        let mut fds =
-            vec![PollFd::new(&self.stop, PollFlags::IN), PollFd::new(&control, PollFlags::IN)];
-        fds.extend(
-            self.processes.values().map(|process| PollFd::new(&process.pidfd, PollFlags::IN)),
-        );
+    /// Sleeps until a process ends, a signal or a request comes, or it is time to look.
+    fn wait(&self) -> Result<Woken, SupervisorError> {
+        let (stop, control) = (self.stop.as_fd(), self.control.fd());
+        let (ids, mut fds): (Vec<MemberId>, Vec<_>) = self
+            .processes
+            .iter()
+            .map(|(&id, process)| (id, PollFd::new(&process.pidfd, PollFlags::IN)))
+            .unzip();
+        fds.extend([&stop, &control].map(|fd| PollFd::new(fd, PollFlags::IN)));
         let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
         let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
         let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
         match poll(&mut fds, Some(&timeout)) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(!fds[0].revents().is_empty()),
+            Ok(_) | Err(rustix::io::Errno::INTR) => {
+                let happened = |fd: &PollFd| !fd.revents().is_empty();
+                let to_stop = happened(&fds[ids.len()]);
+                let ended = ids.into_iter().zip(&fds).filter(|(_, fd)| happened(fd));
+                Ok(Woken { to_stop, ended: ended.map(|(id, _)| id).collect() })
+            }
             Err(error) => Err(SupervisorError::System {
                 action: "wait for processes".into(),
                 source: error.into(),
@@ -202,14 +220,10 @@ impl Group {
         Ok(())
     }
 
-    fn reap(&mut self) -> Result<(), SupervisorError> {
+    fn reap(&mut self, ended: &[MemberId]) -> Result<(), SupervisorError> {
         let now = monotonic_ns();
-        let ended: Vec<(MemberId, children::End)> = self
-            .processes
-            .iter_mut()
-            .filter_map(|(&id, process)| process.reap().map(|end| (id, end)))
-            .collect();
-        for (id, end) in ended {
+        for &id in ended {
+            let Some(end) = self.processes.get_mut(&id).and_then(Process::reap) else { continue };
             let Some(process) = self.processes.remove(&id) else { continue };
             self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
             self.states.remove(&process.pid);
@@ -233,11 +247,11 @@ impl Group {
     fn look(&mut self) -> Result<(), SupervisorError> {
         let now = monotonic_ns();
         let Self { progress, policy, outputs, last_output, .. } = self;
-        progress.outputs(|kind, seq| {
+        for &Output { kind, seq, t_sent_ns } in progress.outputs()? {
             outputs[kind as usize] = outputs[kind as usize].max(Some(seq));
             *last_output = Instant::now();
-            policy.note(Event::Output(kind, seq), now);
-        })?;
+            policy.note(Event::Output(kind, seq), t_sent_ns);
+        }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;
         let (record_is_due, gateway) = (&self.record_is_due, &mut self.gateway);
         progress.heartbeats(|beat| {
@@ -281,9 +295,9 @@ impl Group {
     /// replacement would get none either.
     fn excuse_the_starved(&mut self) {
         for kind in ProcessKind::ALL {
-            let behind = self.policy.behind(kind);
-            if let Some(process) = behind.and_then(|id| self.processes.get_mut(&id)) {
-                let now_ns = monotonic_ns();
+            let now_ns = monotonic_ns();
+            let late = self.policy.late(kind, now_ns);
+            if let Some(process) = late.and_then(|id| self.processes.get_mut(&id)) {
                 let waited_ns = process.newly_waited_ns(now_ns);
                 self.policy.note(Event::Waited(kind, waited_ns), now_ns);
             }

@@ -13,7 +13,10 @@
 //! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
 //! * The camera starts last, when everybody downstream is ready to see its first frame.
 
+mod stage;
+
 use common::messages::ProcessKind;
+use stage::{Member, Stage};
 
 /// Identifies a process from its start to its end; never used twice.
 pub type MemberId = u64;
@@ -122,51 +125,15 @@ const GOOD_START_NS: u64 = 5_000_000_000;
 const SETTLE_NS: u64 = 100_000_000;
 /// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
 /// busy or asleep, and that time is nobody's fault.
-const OWN_LAG_NS: u64 = 20_000_000;
+const OWN_LAG_NS: u64 = 40_000_000;
+/// A stage that is behind for this part of its deadline is late. Healthy ones never are.
+const LATE_PART: u64 = 4;
 /// The first output of a process may take longer than the stall deadline.
 const FIRST_OUTPUT_NS: u64 = 200_000_000;
 /// A process that was asked to end and did not within this time is killed.
 const RETIREMENT_NS: u64 = 1_000_000_000;
-/// So many deaths in a row on the same input are not chance.
-const POISONOUS: u32 = 2;
 /// The camera does not wait longer than this for stages that do not get ready.
 const GRABBER_WAIT_NS: u64 = 5_000_000_000;
-
-#[derive(Debug)]
-struct Member {
-    id: MemberId,
-    started_ns: u64,
-    ready: bool,
-    /// Newest input at the moment it got ready; what came before never reached it.
-    input_at_ready: Option<u64>,
-    /// The stage's newest output when it began to work.
-    output_at_work: Option<u64>,
-    /// Runs a program that has been replaced.
-    outdated: bool,
-    /// Since when it is to end.
-    dying_ns: Option<u64>,
-    stalled: bool,
-}
-
-#[derive(Debug, Default)]
-struct Stage {
-    active: Option<Member>,
-    spare: Option<Member>,
-    failures: u32,
-    start_after_ns: u64,
-    spare_failures: u32,
-    spare_after_ns: u64,
-    output: Option<u64>,
-    /// Newest input at the moment it reported a drop; that much it has dealt with.
-    dropped_up_to: Option<u64>,
-    /// How many processes in a row have died after the same output, and after which.
-    deaths: u32,
-    output_at_death: Option<u64>,
-    /// To be skipped: the input after this output.
-    skip_after: Option<u64>,
-    /// Last time at which the stage did something, or had nothing to do.
-    progress_ns: u64,
-}
 
 /// The state of the group as the rules see it.
 #[derive(Debug)]
@@ -194,18 +161,13 @@ impl Policy {
         }
     }
 
-    /// Takes note of an event; what has to be done about it comes from the next [`tick`](Self::tick).
+    /// Takes note of an event and of when it happened; what has to be done about it comes from the next
+    /// [`tick`](Self::tick).
     pub fn note(&mut self, event: Event, now_ns: u64) {
         match event {
             Event::Ready(id) => self.ready(id, now_ns),
             Event::Exited { id, crashed } => self.exited(id, crashed, now_ns),
-            Event::Output(kind, seq) => {
-                let stage = &mut self.stages[kind as usize];
-                if stage.output < Some(seq) {
-                    stage.output = Some(seq);
-                    stage.progress_ns = now_ns;
-                }
-            }
+            Event::Output(kind, seq) => self.output(kind, seq, now_ns),
             Event::Dropped(kind) => {
                 let input = self.input(kind);
                 let stage = &mut self.stages[kind as usize];
@@ -254,11 +216,13 @@ impl Policy {
         }
     }
 
-    /// The active process of a stage that has input it has not dealt with: the one whose waiting
-    /// for a processor matters.
-    pub fn behind(&self, kind: ProcessKind) -> Option<MemberId> {
+    /// The active process of a stage that is so far behind that it may be about to stall: from here on
+    /// its waiting for a processor matters.
+    pub fn late(&self, kind: ProcessKind, now_ns: u64) -> Option<MemberId> {
         let stage = &self.stages[kind as usize];
-        stage.active.as_ref().filter(|_| self.has_input(kind)).map(|active| active.id)
+        let behind_ns = now_ns.saturating_sub(stage.progress_ns);
+        let is_late = self.has_input(kind) && behind_ns > self.stall_deadline_ns(kind) / LATE_PART;
+        stage.active.as_ref().filter(|_| is_late).map(|active| active.id)
     }
 
     /// When a stage that is behind will have stalled, from now on in nanoseconds; `None` while none is
@@ -315,6 +279,21 @@ impl Policy {
                     stage.progress_ns = now_ns;
                 }
             }
+        }
+    }
+
+    fn output(&mut self, kind: ProcessKind, seq: u64, sent_ns: u64) {
+        // The clock of a stage that had nothing to do starts with its input.
+        let next = ProcessKind::ALL.get(kind as usize + 1).copied();
+        let idle = next.filter(|&next| !self.has_input(next));
+        let stage = &mut self.stages[kind as usize];
+        if stage.output < Some(seq) {
+            stage.output = Some(seq);
+            stage.progress_ns = stage.progress_ns.max(sent_ns);
+        }
+        if let Some(next) = idle {
+            let next = &mut self.stages[next as usize];
+            next.progress_ns = next.progress_ns.max(sent_ns);
         }
     }
 
@@ -439,7 +418,7 @@ impl Policy {
         if !has_input || !stage.is_working() {
             stage.progress_ns = now_ns;
         }
-        now_ns - stage.progress_ns > deadline_ns
+        now_ns.saturating_sub(stage.progress_ns) > deadline_ns
     }
 
     /// How long the active process of a stage may be behind.
@@ -478,43 +457,6 @@ impl Policy {
         let rest_is_working =
             ProcessKind::ALL[1..].iter().all(|&kind| self.stages[kind as usize].is_working());
         rest_is_working || waited_ns > GRABBER_WAIT_NS
-    }
-}
-
-impl Stage {
-    fn is_working(&self) -> bool {
-        self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
-    }
-
-    /// A process of this stage has died by the fault of its input, as far as one can tell.
-    fn died_on_input(&mut self) {
-        let Some(output) = self.output else { return };
-        self.deaths = if self.output_at_death == Some(output) { self.deaths + 1 } else { 1 };
-        self.output_at_death = Some(output);
-        if self.deaths >= POISONOUS {
-            self.deaths = 0;
-            self.skip_after = Some(output);
-        }
-    }
-}
-
-impl Member {
-    /// Whether it has given output since it began to work.
-    fn has_worked(&self, output: Option<u64>) -> bool {
-        output > self.output_at_work
-    }
-
-    fn new(id: MemberId, output_at_work: Option<u64>, now_ns: u64) -> Self {
-        Self {
-            id,
-            started_ns: now_ns,
-            ready: false,
-            input_at_ready: None,
-            output_at_work,
-            outdated: false,
-            dying_ns: None,
-            stalled: false,
-        }
     }
 }
 

@@ -26,8 +26,21 @@ pub struct Progress {
     kept_frames: usize,
     /// The frame of each stage's newest output.
     last_of: [Option<FrameHeader>; ProcessKind::ALL.len()],
+    /// Kept for its memory.
+    outputs: Vec<Output>,
     // Last, so that it outlives the ports.
     _bus: Bus,
+}
+
+/// Something a stage has published.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Output {
+    /// When, but not later than it was seen: others can publish too, and claim what they like.
+    pub t_sent_ns: u64,
+    /// The stage.
+    pub kind: ProcessKind,
+    /// The frame's number.
+    pub seq: u64,
 }
 
 /// A sign of life.
@@ -70,48 +83,54 @@ impl Progress {
             recent_frames: VecDeque::with_capacity(kept_frames),
             kept_frames,
             last_of: [None; ProcessKind::ALL.len()],
+            outputs: Vec::new(),
             _bus: bus,
         })
     }
 
-    /// Calls `report` with each stage's newest output number that is new since the last call.
-    pub fn outputs(&mut self, mut report: impl FnMut(ProcessKind, u64)) -> Result<(), BusError> {
+    /// What is new on the stages' topics, in the order in which it was sent: each frame, and the newest
+    /// output of the other stages.
+    pub fn outputs(&mut self) -> Result<&[Output], BusError> {
+        self.outputs.clear();
+        let now_ns = monotonic_ns();
         while let Some(frame) = self.frames.receive()? {
-            let seq = frame.header().seq;
+            let &FrameHeader { seq, t_sent_ns, .. } = frame.header();
             let last = self.recent_frames.back().map(|last| last.header());
-            if !frame.header().follows(last, monotonic_ns()) {
+            if !frame.header().follows(last, now_ns) {
                 continue;
             }
             if self.recent_frames.len() == self.kept_frames {
                 self.recent_frames.pop_front();
             }
             self.recent_frames.push_back(frame);
-            report(ProcessKind::Grabber, seq);
+            let t_sent_ns = t_sent_ns.min(now_ns);
+            self.outputs.push(Output { t_sent_ns, kind: ProcessKind::Grabber, seq });
         }
-        let Self { runs, detections, world, last_of, .. } = self;
-        let now_ns = monotonic_ns();
-        let mut output = |kind: ProcessKind, frame: &FrameHeader| {
+        let Self { runs, detections, world, last_of, outputs, .. } = self;
+        let mut output = |kind: ProcessKind, frame: &FrameHeader, t_sent_ns: u64| {
             let last = &mut last_of[kind as usize];
             // Other programs can publish on these topics too, rubbish included.
             if frame.follows(last.as_ref(), now_ns) {
                 *last = Some(*frame);
-                report(kind, frame.seq);
+                let t_sent_ns = t_sent_ns.min(now_ns);
+                outputs.push(Output { t_sent_ns, kind, seq: frame.seq });
             }
         };
         while let Some(runs) = runs.receive()? {
-            output(ProcessKind::Classifier, &runs.header().frame);
+            output(ProcessKind::Classifier, &runs.header().frame, runs.header().t_sent_ns);
         }
         while let Some(detections) = detections.receive()? {
             if let Some(detections) = detections.message() {
-                output(ProcessKind::Tracker, &detections.frame);
+                output(ProcessKind::Tracker, &detections.frame, detections.t_sent_ns);
             }
         }
         while let Some(world) = world.receive()? {
             if let Some(world) = world.message() {
-                output(ProcessKind::Filter, &world.frame);
+                output(ProcessKind::Filter, &world.frame, world.t_sent_ns);
             }
         }
-        Ok(())
+        outputs.sort_unstable();
+        Ok(outputs)
     }
 
     /// Calls `report` with each heartbeat since the last call.

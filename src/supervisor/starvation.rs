@@ -38,7 +38,10 @@ impl SchedulerTimes {
     }
 }
 
-/// Follows one process.
+/// What was seen longer ago says nothing about the wait of now: it may have been over many times.
+const FRESH_NS: u64 = 40_000_000;
+
+/// Follows one process, while that is of interest.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ProcessorWait {
     last: Option<(SchedulerTimes, u64)>,
@@ -47,9 +50,13 @@ pub struct ProcessorWait {
 }
 
 impl ProcessorWait {
-    /// Waiting time since the last call, given what the system says now; 0 at first.
+    /// Waiting time since the last call, given what the system says now; 0 when there was none lately.
     pub fn newly_waited_ns(&mut self, times: SchedulerTimes, now_ns: u64) -> u64 {
-        let Some((last, last_ns)) = self.last.replace((times, now_ns)) else { return 0 };
+        let is_fresh = |&(_, last_ns): &(_, u64)| now_ns.saturating_sub(last_ns) <= FRESH_NS;
+        let Some((last, last_ns)) = self.last.replace((times, now_ns)).filter(is_fresh) else {
+            self.counted_ns = 0;
+            return 0;
+        };
         let over_ns = times.waited_ns.saturating_sub(last.waited_ns);
         if over_ns > 0 || times.ran_ns != last.ran_ns {
             let new_ns = over_ns.saturating_sub(self.counted_ns);
@@ -91,6 +98,14 @@ mod tests {
     fn a_wait_that_goes_on_counts_at_once_and_not_again_when_it_is_over() {
         let ready = times(7, 100, true);
         assert_eq!(waited(&[ready, ready, ready, times(8, 112, true)]), [0, 5, 5, 2]);
+    }
+
+    #[test]
+    fn waits_of_long_ago_excuse_nothing() {
+        let mut wait = ProcessorWait::default();
+        assert_eq!(wait.newly_waited_ns(times(7, 100, false), 0), 0);
+        assert_eq!(wait.newly_waited_ns(times(9, 900, true), 5000 * MS), 0);
+        assert_eq!(wait.newly_waited_ns(times(9, 900, true), 5020 * MS), 20 * MS);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! What an earlier supervisor has left behind: a group to take over, processes to end, or rubbish.
 
 use super::{GRACE, Launch, Record, SupervisorError, gateway};
-use common::bus::{Bus, BusError, LivingProcess};
+use common::bus::BusError;
+use common::bus::participants::{self, LivingProcess};
 use common::config::{Config, commented_toml};
 use common::instance::{Instance, create_private};
 use common::memory::{self, GroupMemory};
@@ -50,7 +51,7 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             // so much that clearing it would take longer than a stage can do without a supervisor.
             let is_ours =
                 |name: &str| OWN_NAMES.contains(&name) || ProcessKind::from_name(name).is_some();
-            warn(Bus::clean_up_dead_named(instance, is_ours));
+            warn(participants::remove_dead_named(instance, is_ours));
             remove_logs_of_others(instance, &stages);
             let recorded = |stage: Inherited| Inherited {
                 spare: record.is_spare(stage.kind, stage.pid),
@@ -98,10 +99,10 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
 
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
-    if Bus::living_processes(instance)?.is_empty() {
+    if participants::living(instance)?.is_empty() {
         instance.wipe()?;
     } else {
-        warn(Bus::clean_up_dead(instance));
+        warn(participants::remove_dead(instance));
     }
     Ok(())
 }
@@ -118,7 +119,7 @@ fn warn(cleaned: Result<usize, BusError>) {
 pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
     clean_slate(instance)?;
     instance.remove_gateway_directory()?;
-    if Bus::living_processes(instance)?.is_empty() {
+    if participants::living(instance)?.is_empty() {
         instance.remove_directory()?;
     } else {
         // It is for who takes a group over, and this one has ended.
@@ -164,7 +165,7 @@ fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {
         Some(Inherited { kind, pid: process.pid, spare: None })
     };
     let mut stages: Vec<Inherited> =
-        Bus::living_processes(instance)?.into_iter().filter_map(stage).collect();
+        participants::living(instance)?.into_iter().filter_map(stage).collect();
     stages.sort_by_key(|stage| stage.pid);
     stages.dedup();
     Ok(stages)

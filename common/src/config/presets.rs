@@ -277,8 +277,8 @@ impl Default for FilterConfig {
 impl Default for SupervisorConfig {
     fn default() -> Self {
         Self {
-            stall_frames: 3.0,
-            stall_min_ms: 40.0,
+            stall_frames: 2.5,
+            stall_min_ms: 35.0,
             ready_timeout_ms: 10_000.0,
             backoff_ms: 100.0,
             backoff_max_ms: 5_000.0,

@@ -5,7 +5,7 @@
 //! grants a lease on a file only when nobody else has it open or mapped.
 
 use super::{Finding, bytes};
-use common::bus::Bus;
+use common::bus::participants;
 use common::instance::{Instance, InstanceError};
 use common::memory::SHARED_MEMORY;
 use rustix::process::getuid;
@@ -168,7 +168,7 @@ fn is_alive(instance: &Instance) -> bool {
 
 /// Whether any process of the group lives. When that cannot be found out, one does.
 fn has_processes(instance: &Instance) -> bool {
-    Bus::living_processes(instance).map_or(true, |living| !living.is_empty())
+    participants::living(instance).map_or(true, |living| !living.is_empty())
 }
 
 /// Whether any process, of whatever container, has the file open or mapped; also when that cannot
@@ -194,6 +194,7 @@ fn can_lease(file: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use common::bus::Bus;
     use common::topics;
 
     #[test]

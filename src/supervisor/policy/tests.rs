@@ -267,12 +267,16 @@ fn a_stage_that_waits_for_its_next_start_is_started_at_once_on_request() {
 fn time_without_a_processor_does_not_count() {
     let mut play = Play::new(&[]);
     play.output(ProcessKind::Grabber, 1);
+    let mut excused = 0;
     for _ in 0..25 {
-        let actions = play.run(10);
+        let actions = play.run(15);
         assert!(actions.is_empty(), "{actions:?}");
-        assert!(play.policy.behind(ProcessKind::Classifier).is_some());
-        play.policy.note(Event::Waited(ProcessKind::Classifier, 9 * MS), play.now_ns);
+        if play.policy.late(ProcessKind::Classifier, play.now_ns).is_some() {
+            play.policy.note(Event::Waited(ProcessKind::Classifier, 15 * MS), play.now_ns);
+            excused += 1;
+        }
     }
+    assert!(excused > 10, "{excused}");
 }
 
 #[test]
@@ -303,6 +307,45 @@ fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
     play.exit(ProcessKind::Classifier);
     assert!(!play.run(50).contains(&Action::CleanUp));
     assert!(play.run(100).contains(&Action::CleanUp));
+}
+
+#[test]
+fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
+    use ProcessKind::*;
+    let mut play = Play::new(&[]);
+    for kind in ProcessKind::ALL {
+        play.output(kind, 1);
+    }
+    play.run(5);
+    let last_look_ns = play.now_ns;
+    let sent_ns = |ms: u64| last_look_ns + ms * MS;
+    // Seen 20 ms later: one frame is answered, the other not.
+    for (kind, seq, ms) in [(Grabber, 2, 3), (Classifier, 2, 4), (Grabber, 3, 15)] {
+        play.policy.note(Event::Output(kind, seq), sent_ns(ms));
+    }
+    assert!(play.policy.tick(sent_ns(20)).is_empty());
+    let due_ns = play.policy.stall_due_in_ns(sent_ns(20)).unwrap();
+    assert_eq!(due_ns, (4 + 40 - 20) * MS + 1, "the tracker's: it was given frame 2 at 4 ms");
+    for kind in [Tracker, Filter] {
+        play.policy.note(Event::Output(kind, 2), sent_ns(5));
+    }
+    let due_ns = play.policy.stall_due_in_ns(sent_ns(20)).unwrap();
+    assert_eq!(due_ns, (15 + 40 - 20) * MS + 1, "the classifier's: it was given frame 3 at 15 ms");
+}
+
+#[test]
+fn who_is_only_at_work_is_not_late() {
+    let mut play = Play::new(&[]);
+    for kind in ProcessKind::ALL {
+        play.output(kind, 1);
+    }
+    play.run(5);
+    play.output(ProcessKind::Grabber, 2);
+    let is_late = |play: &Play, ms| {
+        play.policy.late(ProcessKind::Classifier, play.now_ns + ms * MS).is_some()
+    };
+    assert!(!is_late(&play, 9) && is_late(&play, 11));
+    assert!(play.policy.late(ProcessKind::Tracker, play.now_ns + 11 * MS).is_none());
 }
 
 #[test]

@@ -1,0 +1,202 @@
+//! Writing messages into shared memory, and reading them in place.
+
+use super::{BusError, Header, Message, failed};
+use crate::eventcount::EventCount;
+use crate::topics::Topic;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher as IpcPublisher;
+use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample as IpcSample;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::mem::MaybeUninit;
+use std::rc::Rc;
+
+/// Writes messages into shared memory and wakes who sleeps on the topic.
+pub struct Publisher<E: Message, H: Header> {
+    port: IpcPublisher<ipc::Service, [E], H>,
+    bell: Rc<Bell>,
+    topic: &'static str,
+}
+
+/// Wakes who sleeps on a topic.
+struct Bell {
+    published: EventCount,
+    notifier: Option<Notifier<ipc::Service>>,
+}
+
+impl Bell {
+    fn ring(&self) {
+        self.published.advance();
+        if let Some(notifier) = &self.notifier {
+            // A listener that has died, or whose socket is full because it sleeps through
+            // everything, is not the writer's business.
+            let _ = notifier.notify();
+        }
+    }
+}
+
+impl<E: Message, H: Header> Publisher<E, H> {
+    /// A writer that counts its messages, and notifies those who asked for it.
+    pub(super) fn new(
+        port: IpcPublisher<ipc::Service, [E], H>,
+        published: EventCount,
+        notifier: Option<Notifier<ipc::Service>>,
+        topic: &'static str,
+    ) -> Self {
+        Self { port, bell: Rc::new(Bell { published, notifier }), topic }
+    }
+
+    /// Whether a message is one of this writer's own.
+    pub fn has_sent(&self, received: &Received<E, H>) -> bool {
+        received.sample.origin() == self.port.id()
+    }
+
+    /// Borrows a message of `length` elements from shared memory, to be filled in place. It goes
+    /// back unpublished when it is dropped.
+    pub fn loan(&mut self, length: usize) -> Result<Loan<E, H>, BusError> {
+        let sample =
+            self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
+        Ok(Loan { sample, bell: Rc::clone(&self.bell), topic: self.topic })
+    }
+}
+
+impl<E: Message> Publisher<E, ()> {
+    /// Publishes a copy of one element.
+    pub fn publish(&mut self, message: &E) -> Result<(), BusError> {
+        let mut loan = self.loan(1)?;
+        loan.elements()[0] = *message;
+        loan.send()
+    }
+}
+
+/// A message in shared memory that nobody else can see yet.
+pub struct Loan<E: Message, H: Header> {
+    sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
+    bell: Rc<Bell>,
+    topic: &'static str,
+}
+
+impl<E: Message, H: Header> Loan<E, H> {
+    /// The elements. They hold whatever was there before: zeros or an old message.
+    #[allow(unsafe_code)]
+    pub fn elements(&mut self) -> &mut [E] {
+        let elements = self.sample.payload_mut();
+        // SAFETY: the memory is initialised, since the system hands out shared memory filled with
+        // zeros and only messages are ever written to it; and any bytes are a valid `E`, since
+        // every `Message` is `Pod`. The pointer and length come from the slice itself.
+        unsafe { std::slice::from_raw_parts_mut(elements.as_mut_ptr().cast::<E>(), elements.len()) }
+    }
+
+    /// The elements and the header, to be filled together.
+    #[allow(unsafe_code)]
+    pub fn parts(&mut self) -> (&mut [E], &mut H) {
+        let header: *mut H = self.sample.user_header_mut();
+        let elements = self.elements();
+        // SAFETY: header and payload are disjoint parts of the sample, and both borrows end with
+        // the borrow of `self`.
+        (elements, unsafe { &mut *header })
+    }
+
+    /// Publishes the message and wakes who sleeps on the topic.
+    #[allow(unsafe_code)]
+    pub fn send(self) -> Result<(), BusError> {
+        // SAFETY: initialised, see `elements`.
+        let sample = unsafe { self.sample.assume_init() };
+        sample.send().map_err(failed(self.topic, "publish"))?;
+        self.bell.ring();
+        Ok(())
+    }
+}
+
+/// Reads messages in place, in order.
+///
+/// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
+/// been handed over, a reader that has fallen behind finds messages of the dead process and of its
+/// successor, and must get them by their numbers. So all that has come is taken over into a queue of
+/// our own, which is in order, and handed out from there.
+pub struct Subscriber<E: Message, H: Header> {
+    port: IpcSubscriber<ipc::Service, [E], H>,
+    topic: &'static str,
+    seq: fn(&[E], &H) -> u64,
+    /// How many messages the queue may hold.
+    capacity: usize,
+    queue: RefCell<VecDeque<Received<E, H>>>,
+}
+
+impl<E: Message, H: Header> Subscriber<E, H> {
+    /// A reader that holds up to `capacity` messages besides those its caller holds.
+    pub(super) fn new(
+        port: IpcSubscriber<ipc::Service, [E], H>,
+        topic: &Topic<E, H>,
+        capacity: usize,
+    ) -> Self {
+        let queue = RefCell::new(VecDeque::with_capacity(capacity));
+        Self { port, topic: topic.name, seq: topic.seq, capacity, queue }
+    }
+
+    /// The oldest unread message, if there is one.
+    pub fn receive(&self) -> Result<Option<Received<E, H>>, BusError> {
+        let mut queue = self.queue.borrow_mut();
+        while queue.len() < self.capacity {
+            let Some(sample) = self.port.receive().map_err(failed(self.topic, "receive"))? else {
+                break;
+            };
+            let received = Received { sample };
+            let seq = self.seq_of(&received);
+            // Nearly always the place is the last.
+            let before = queue.iter().rev().take_while(|queued| self.seq_of(queued) > seq).count();
+            let place = queue.len() - before;
+            queue.insert(place, received);
+        }
+        Ok(queue.pop_front())
+    }
+
+    fn seq_of(&self, received: &Received<E, H>) -> u64 {
+        (self.seq)(received.elements(), received.header())
+    }
+
+    /// The newest message; all others are passed over.
+    pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
+        self.newest_that(|_| true)
+    }
+
+    /// The newest message that can be believed; all others are passed over.
+    pub fn newest_that(
+        &self,
+        is_believed: impl Fn(&Received<E, H>) -> bool,
+    ) -> Result<Option<Received<E, H>>, BusError> {
+        let mut newest = None;
+        while let Some(received) = self.receive()? {
+            if is_believed(&received) {
+                newest = Some(received);
+            }
+        }
+        Ok(newest)
+    }
+}
+
+/// A message in shared memory; given back when dropped.
+pub struct Received<E: Message, H: Header> {
+    sample: IpcSample<ipc::Service, [E], H>,
+}
+
+impl<E: Message, H: Header> Received<E, H> {
+    /// The elements.
+    pub fn elements(&self) -> &[E] {
+        self.sample.payload()
+    }
+
+    /// The first element: the message, on topics that have one element a message. `None` for a
+    /// slice of no elements, which no process of ours publishes, but another might.
+    pub fn message(&self) -> Option<&E> {
+        self.elements().first()
+    }
+
+    /// The header.
+    pub fn header(&self) -> &H {
+        self.sample.user_header()
+    }
+}

@@ -1,0 +1,91 @@
+//! What the rules know of a stage and of its processes.
+
+use super::MemberId;
+
+/// So many deaths in a row on the same input are not chance.
+const POISONOUS: u32 = 2;
+
+/// A process.
+#[derive(Debug)]
+pub struct Member {
+    /// Its name.
+    pub id: MemberId,
+    /// When it was started.
+    pub started_ns: u64,
+    /// Connected to all its topics.
+    pub ready: bool,
+    /// Newest input at the moment it got ready; what came before never reached it.
+    pub input_at_ready: Option<u64>,
+    /// The stage's newest output when it began to work.
+    pub output_at_work: Option<u64>,
+    /// Runs a program that has been replaced.
+    pub outdated: bool,
+    /// Since when it is to end.
+    pub dying_ns: Option<u64>,
+    /// Killed because it had input and gave no output.
+    pub stalled: bool,
+}
+
+/// A stage: its processes, and how far it has come.
+#[derive(Debug, Default)]
+pub struct Stage {
+    /// Works.
+    pub active: Option<Member>,
+    /// Waits to take over.
+    pub spare: Option<Member>,
+    /// Starts in a row that failed, and how long to wait for the next; of the spare too.
+    pub failures: u32,
+    pub start_after_ns: u64,
+    pub spare_failures: u32,
+    pub spare_after_ns: u64,
+    /// Newest number on its output topic.
+    pub output: Option<u64>,
+    /// Newest input at the moment it reported a drop; that much it has dealt with.
+    pub dropped_up_to: Option<u64>,
+    /// How many processes in a row have died after the same output, and after which.
+    pub deaths: u32,
+    pub output_at_death: Option<u64>,
+    /// To be skipped: the input after this output.
+    pub skip_after: Option<u64>,
+    /// Last time at which the stage did something, or had nothing to do.
+    pub progress_ns: u64,
+}
+
+impl Stage {
+    /// Whether its active process can be expected to work.
+    pub fn is_working(&self) -> bool {
+        self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
+    }
+
+    /// A process of this stage has died by the fault of its input, as far as one can tell.
+    pub fn died_on_input(&mut self) {
+        let Some(output) = self.output else { return };
+        self.deaths = if self.output_at_death == Some(output) { self.deaths + 1 } else { 1 };
+        self.output_at_death = Some(output);
+        if self.deaths >= POISONOUS {
+            self.deaths = 0;
+            self.skip_after = Some(output);
+        }
+    }
+}
+
+impl Member {
+    /// Whether it has given output since it began to work.
+    pub fn has_worked(&self, output: Option<u64>) -> bool {
+        output > self.output_at_work
+    }
+
+    /// Just started.
+    pub fn new(id: MemberId, output_at_work: Option<u64>, now_ns: u64) -> Self {
+        Self {
+            id,
+            started_ns: now_ns,
+            ready: false,
+            input_at_ready: None,
+            output_at_work,
+            outdated: false,
+            dying_ns: None,
+            stalled: false,
+        }
+    }
+}
