@@ -27,6 +27,7 @@ enum TouchlineTrackStatus {
     TOUCHLINE_TRACK_STATUS_MEASURED = 2,
     TOUCHLINE_TRACK_STATUS_COASTING = 3,
     TOUCHLINE_TRACK_STATUS_GATED = 4,
+    TOUCHLINE_TRACK_STATUS_LOCATED = 5,
 };
 
 enum TouchlinePixelFormat {
@@ -367,6 +368,38 @@ typedef struct TouchlineRobotState {
 
 TOUCHLINE_CHECK(sizeof(TouchlineRobotState) == 288);
 
+/* One robot of which only the team is known, as the filter sees it: an opponent whose patches nobody has configured, or a robot that has lost one. It has no number in its team and no heading. */
+typedef struct TouchlineUnknownRobotState {
+    /* A Team number. */
+    uint32_t team;
+    /* Names the track, not the robot: from 1, the same for as long as the robot is followed, and never given to another. A robot that was lost and is found again has a new one. Counting starts over with prior_world_seq being NO_WORLD. */
+    uint32_t track_id;
+    /* A TrackStatus number. */
+    uint32_t status;
+    /* Frames in a row without a usable measurement. */
+    uint32_t frames_unseen;
+    /* Frames since it was first seen. */
+    uint32_t frames_tracked;
+    /* 0–1: 1 when seen in this frame, falling while coasting. */
+    float visibility;
+    /* Where its team patch is at capture time, and so, to within the patch's distance from it, its centre. */
+    double x_mm;
+    /* Where its team patch is at capture time. */
+    double y_mm;
+    /* Velocity. */
+    double vx_mm_s;
+    /* Velocity. */
+    double vy_mm_s;
+    /* Covariance of (x_mm, y_mm, vx_mm_s, vy_mm_s) as place and velocity of the robot's centre, row by row. Most of it is the unknown direction in which the centre lies from the patch. */
+    double covariance[16];
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_x_mm;
+    /* Position predicted to WorldFrame::t_predicted_ns. */
+    double predicted_y_mm;
+} TouchlineUnknownRobotState;
+
+TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotState) == 200);
+
 /* The ball as the filter sees it. */
 typedef struct TouchlineBallState {
     /* A TrackStatus number. */
@@ -469,6 +502,40 @@ typedef struct TouchlineBallMemory {
 
 TOUCHLINE_CHECK(sizeof(TouchlineBallMemory) == 280);
 
+/* One hypothesis about such a robot's motion and the Kalman filter that follows it. */
+typedef struct TouchlineUnknownRobotHypothesis {
+    /* How likely it is; both add up to 1. */
+    double probability;
+    /* x_mm, y_mm, vx_mm_s, vy_mm_s of its team patch at capture time. */
+    double mean[4];
+    /* Upper triangle of the covariance of mean, row by row. */
+    double covariance[10];
+} TouchlineUnknownRobotHypothesis;
+
+TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotHypothesis) == 120);
+
+/* What the filter needs to carry on with such a robot's track exactly. Of no interest to anyone but the filter's successor. */
+typedef struct TouchlineUnknownRobotMemory {
+    /* A Team number. */
+    uint32_t team;
+    /* As in UnknownRobotState; 0 for what has not been seen often enough to be one. */
+    uint32_t track_id;
+    /* A TrackStatus number. */
+    uint32_t status;
+    /* Frames in a row without a usable measurement. */
+    uint32_t frames_unseen;
+    /* Frames since it was first seen. */
+    uint32_t frames_tracked;
+    /* Reserved, 0. */
+    uint32_t reserved;
+    /* Capture time of the newest measurement. */
+    uint64_t t_seen_ns;
+    /* Drives freely, struck. */
+    TouchlineUnknownRobotHypothesis hypotheses[2];
+} TouchlineUnknownRobotMemory;
+
+TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotMemory) == 272);
+
 /* The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped. */
 typedef struct TouchlineWorldFrame {
     /* The frame it belongs to. */
@@ -495,20 +562,32 @@ typedef struct TouchlineWorldFrame {
     uint32_t robot_count;
     /* Valid elements of commands. */
     uint32_t command_count;
+    /* Valid elements of unknown_robots. */
+    uint32_t unknown_robot_count;
+    /* Valid elements of unknown_robot_memories: those of unknown_robots, and what may become one. */
+    uint32_t unknown_memory_count;
+    /* The highest UnknownRobotState::track_id given so far. */
+    uint32_t last_track_id;
+    /* Reserved, 0. */
+    uint32_t reserved;
     /* The commands messages that were used since the prior world, in that order. With these, the prior world and the detections of the frame, this message can be computed again. */
     TouchlineCommandsName commands[32];
     /* Tracked robots, by team and number. */
     TouchlineRobotState robots[32];
+    /* Tracked robots of which only the team is known, by team and track. None of them is among robots. */
+    TouchlineUnknownRobotState unknown_robots[32];
     /* The ball. */
     TouchlineBallState ball;
     /* For the filter's successor: one element for each of robots, in the same order. */
     TouchlineRobotMemory robot_memories[32];
     /* For the filter's successor. */
     TouchlineBallMemory ball_memory;
+    /* For the filter's successor: one element for each of unknown_robots, in the same order, then what has not been seen often enough. */
+    TouchlineUnknownRobotMemory unknown_robot_memories[32];
 } TouchlineWorldFrame;
 
-TOUCHLINE_CHECK(sizeof(TouchlineWorldFrame) == 37224);
-#define TOUCHLINE_WORLD_FRAME_TYPE_NAME "touchline/WorldFrame/3"
+TOUCHLINE_CHECK(sizeof(TouchlineWorldFrame) == 52344);
+#define TOUCHLINE_WORLD_FRAME_TYPE_NAME "touchline/WorldFrame/4"
 
 /* Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11). */
 typedef struct TouchlineWheelCommand {
@@ -710,7 +789,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * frames       u8                           touchline/FrameHeader/1
  * runs         touchline/Run/1              touchline/RunsHeader/2
  * detections   touchline/DetectionFrame/3   ()
- * world        touchline/WorldFrame/3       ()
+ * world        touchline/WorldFrame/4       ()
  * commands     touchline/Commands/1         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()

@@ -1,11 +1,11 @@
-//! The Kalman filter of the ball: constant velocity, less what rolling costs.
+//! The Kalman filter of the ball: constant velocity, less what rolling costs
+//! ([`constant_velocity`](crate::constant_velocity)).
 //!
-//! State (x, y, vx, vy). Over a time T the velocity falls by the factor φ = (1 − friction)^T and
-//! carries the ball T·ψ·v, ψ = (φ − 1)/(T·ln(1 − friction)); the model is linear. Noise is white
-//! acceleration, as for a free robot. Two hypotheses: rolling, and struck, when a kick may change
-//! the velocity by metres per second within a frame.
+//! Two hypotheses: rolling, and struck, when a kick may change the velocity by metres per second
+//! within a frame.
 
 use crate::blend::{Blend, Wrap};
+use crate::constant_velocity::ConstantVelocity;
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use crate::track::Motion;
@@ -17,8 +17,6 @@ use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
 /// No ball is faster; used to tell whether two sightings can be of the same ball.
 const MAX_SPEED_MM_S: f64 = 6000.0;
-/// Friction that would stop the ball at once is taken as this, to keep the logarithm finite.
-const MAX_FRICTION_PER_S: f64 = 0.999;
 
 /// The constants of the filter, from the configuration, in mm and s.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,60 +24,33 @@ pub struct BallMotion {
     noise: Matrix2<f64>,
     /// Acceleration noise by hypothesis.
     accelerations: [f64; BALL_HYPOTHESES],
-    /// −ln(1 − friction): the rate at which the speed decays.
-    decay_per_s: f64,
+    rolling: ConstantVelocity,
 }
 
 impl BallMotion {
     /// As configured.
     pub fn new(config: &FilterConfig) -> Self {
         let rolling = config.ball_acceleration_noise_mm_s2;
-        let friction = config.ball_friction_per_s.clamp(0.0, MAX_FRICTION_PER_S);
         Self {
             noise: Matrix2::identity() * config.ball_noise_mm.powi(2),
             accelerations: [rolling, rolling * config.ball_kick_factor],
-            decay_per_s: -(-friction).ln_1p(),
+            rolling: ConstantVelocity::new(config.ball_friction_per_s),
         }
     }
 
     /// What is believed `dt_s` later under one of the hypotheses (by its index).
     pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
-        let a = self.transition(dt_s);
-        let density = self.accelerations[hypothesis].powi(2) * FilterConfig::NOISE_LASTS_S;
-        let mut q = Matrix4::zeros();
-        for axis in 0..2 {
-            q[(axis, axis)] = density * dt_s.powi(3) / 3.0;
-            q[(axis, axis + 2)] = density * dt_s.powi(2) / 2.0;
-            q[(axis + 2, axis)] = q[(axis, axis + 2)];
-            q[(axis + 2, axis + 2)] = density * dt_s;
-        }
-        belief.mean = a * belief.mean;
-        belief.covariance = a * belief.covariance * a.transpose() + q;
-        belief.symmetrise();
+        self.rolling.predict(belief, self.accelerations[hypothesis], dt_s);
     }
 
     /// Where the ball rolls to.
     pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
-        self.transition(dt_s) * state
+        self.rolling.advance(state, dt_s)
     }
 
     /// How fast its position changes.
     pub fn rates(&self, belief: &Gaussian<4>) -> Rates<2> {
-        Rates {
-            mean: belief.mean.fixed_rows::<2>(2).into_owned(),
-            covariance: belief.covariance.fixed_view::<2, 2>(2, 2).into_owned(),
-        }
-    }
-
-    fn transition(&self, dt_s: f64) -> Matrix4<f64> {
-        let decayed = self.decay_per_s * dt_s;
-        let carried_s = if decayed > 0.0 { -(-decayed).exp_m1() / self.decay_per_s } else { dt_s };
-        let mut a = Matrix4::identity();
-        for axis in 0..2 {
-            a[(axis, axis + 2)] = carried_s;
-            a[(axis + 2, axis + 2)] = (-decayed).exp();
-        }
-        a
+        ConstantVelocity::rates(belief)
     }
 }
 

@@ -8,7 +8,7 @@
 //! that the motion changes ([`Blend::mix`]); after each measurement the odds follow the likelihoods
 //! ([`Blend::weigh`]); what goes out is the mean over all of them ([`Blend::merged`]).
 
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, Innovation};
 use nalgebra::SVector;
 
 /// Puts the angles of a state, or of a difference of states, back into (−π, π].
@@ -66,6 +66,20 @@ impl<const N: usize, const M: usize> Blend<N, M> {
                 hypothesis.probability = weight(hypothesis, ln_likelihood) / total;
             }
         }
+    }
+
+    /// The probability density of a measurement, given its innovation under each hypothesis (`None`:
+    /// impossible); `None` if it lies outside the gate of all.
+    pub fn density<const Z: usize>(
+        &self,
+        innovations: &[Option<Innovation<Z>>; M],
+        gate_chi2: f64,
+    ) -> Option<f64> {
+        let is_inside = innovations.iter().flatten().any(|i| i.distance2 <= gate_chi2);
+        let density = |(i, h): (&Option<Innovation<Z>>, &Hypothesis<N>)| {
+            i.map_or(0.0, |i| i.ln_density.exp() * h.probability)
+        };
+        is_inside.then(|| innovations.iter().zip(&self.hypotheses).map(density).sum())
     }
 
     /// Mean and covariance of the whole.

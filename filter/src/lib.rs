@@ -31,6 +31,9 @@
 //! different inputs and noises, and are [`blend`]ed by how well they explain what is seen. The ball
 //! ([`ball`]) has two: rolling and struck.
 //!
+//! Robots of which only the team is known are followed without heading ([`unknown`]): like the ball, by
+//! where their team patch is.
+//!
 //! # The life of a track
 //!
 //! | in this frame | status | what happens |
@@ -39,6 +42,7 @@
 //! | seen within the gate | `Measured` | predicted and corrected |
 //! | seen outside the gate | `Gated` | predicted only |
 //! | … for the `filter.reinit_after`th time in a row, in places that one robot can reach | `Initialised` | starts over from the measurement |
+//! | not recognised, but one of its team is seen there | `Located` | predicted, and corrected in place; `visibility` falls |
 //! | not seen | `Coasting` | predicted only; `visibility` falls |
 //! | not used for `filter.forget_after_ms` | – | forgotten |
 //! | frame more than a second after the last, or before it | `Initialised` | everything starts over |
@@ -47,12 +51,15 @@
 pub mod ball;
 pub mod blend;
 pub mod commands;
+pub mod constant_velocity;
 pub mod gaussian;
 mod message;
+pub mod place;
 pub mod process;
 pub mod robot;
 pub mod rolling;
 pub mod stage;
 pub mod track;
+pub mod unknown;
 
 pub use stage::{Filter, FilterError};

@@ -190,6 +190,6 @@ pub fn ball_from_message(
 }
 
 /// The status with this number, unless it says that there is no track.
-fn present(number: u32) -> Option<TrackStatus> {
+pub fn present(number: u32) -> Option<TrackStatus> {
     TrackStatus::from_number(number).filter(|&status| status != TrackStatus::Absent)
 }

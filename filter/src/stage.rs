@@ -5,6 +5,7 @@ use crate::commands::{CommandQueue, CommandTiming};
 use crate::message::{self, BallTrack, RobotTrack};
 use crate::robot::{Drive, RobotMotion};
 use crate::track::{Candidate, Motion, Track, TrackRules};
+use crate::unknown::{SeenPatch, UnknownRobots};
 use common::config::{Config, FilterConfig};
 use common::geometry::wrap_angle;
 use common::messages::{
@@ -38,6 +39,8 @@ pub struct Filter {
     shutter: RollingShutter,
     /// By team and number.
     robots: Vec<RobotTrack>,
+    /// Those of which only the team is known, if they are wanted.
+    unknown: Option<UnknownRobots>,
     ball: Option<BallTrack>,
     /// Capture time of the newest frame.
     t_ns: Option<u64>,
@@ -80,6 +83,7 @@ impl Filter {
             rules: TrackRules::new(&config.filter),
             timing: CommandTiming::new(&config.filter),
             shutter: RollingShutter::new(&config.camera),
+            unknown: config.robots.report_unknown.then(|| UnknownRobots::new(config)),
             ball: None,
             t_ns: None,
             seq: WorldFrame::NO_WORLD,
@@ -105,6 +109,9 @@ impl Filter {
             {
                 self.robots.insert(place, track);
             }
+        }
+        if let Some(unknown) = &mut self.unknown {
+            unknown.resume(last);
         }
         self.ball =
             message::ball_from_message(&last.ball, &last.ball_memory, t_ns, &self.ball_motion);
@@ -155,6 +162,7 @@ impl Filter {
         let from_ns = self.start_over_unless_continuous(t_ns);
         self.t_ns = Some(t_ns);
         self.follow_robots(detections, from_ns, t_ns);
+        self.follow_unknown(detections, from_ns, t_ns);
         self.follow_ball(detections, from_ns, t_ns);
         self.write(detections, t_ns, out);
         self.seq = detections.frame.seq;
@@ -166,6 +174,7 @@ impl Filter {
         let before_ns = self.t_ns.unwrap_or(t_ns);
         if t_ns < before_ns || t_ns - before_ns > MAX_PAUSE_NS {
             self.robots.clear();
+            self.unknown.iter_mut().for_each(UnknownRobots::clear);
             self.ball = None;
             return t_ns;
         }
@@ -207,6 +216,16 @@ impl Filter {
                 robots.insert(place, RobotTrack { team, robot_id, track, commands });
             }
         }
+    }
+
+    fn follow_unknown(&mut self, detections: &DetectionFrame, from_ns: u64, t_ns: u64) {
+        let Self { robots, unknown, robot_motion, rules, shutter, .. } = self;
+        let Some(unknown) = unknown else { return };
+        let noise = *unknown.noise();
+        let centers = unknown.center_variance();
+        let seen = detections.robots().iter().filter(|robot| !robot.is_identified());
+        let seen = seen.filter_map(|robot| patch_candidate(robot, centers, &noise, shutter));
+        unknown.follow(seen, robots, robot_motion, (from_ns, t_ns), rules);
     }
 
     fn follow_ball(&mut self, detections: &DetectionFrame, from_ns: u64, t_ns: u64) {
@@ -256,6 +275,11 @@ impl Filter {
             let predicted = self.predicted_robot(robot, t_ns, t_predicted_ns);
             *state = robot.state(&predicted, robot.track.visibility(t_ns, &self.rules));
             *memory = robot.memory();
+        }
+        (out.unknown_robot_count, out.unknown_memory_count) = (0, 0);
+        (out.last_track_id, out.reserved) = (0, 0);
+        if let Some(unknown) = &self.unknown {
+            unknown.write(t_ns, t_predicted_ns, &self.rules, out);
         }
         let ball = self.ball.as_ref();
         let predicted = ball.map(|ball| self.predicted_ball(ball, t_ns, t_predicted_ns));
@@ -344,6 +368,28 @@ fn robot_candidate(robot: &DetectedRobot, motion: &RobotMotion) -> Option<Candid
         measured: Vector3::new(position.x, position.y, wrap_angle(orientation)),
         noise: usable_noise(given).unwrap_or(*motion.noise()),
         confidence,
+    })
+}
+
+/// A detection without a name as a measurement of its team patch. The centre may be anywhere around
+/// that, which the tracker has allowed for by `centers`: no noise, since it stays.
+fn patch_candidate(
+    robot: &DetectedRobot,
+    centers: f64,
+    noise: &Matrix2<f64>,
+    shutter: &RollingShutter,
+) -> Option<SeenPatch> {
+    let [xx, xy, _, yy, ..] = robot.covariance.map(f64::from);
+    let given = Matrix2::new(xx - centers, xy, xy, yy - centers);
+    Some(SeenPatch {
+        team: Team::from_number(robot.team)?,
+        delay_s: shutter.delay_s(robot.y_px.into()),
+        candidate: Candidate {
+            measured: position(robot.x_mm, robot.y_mm)?,
+            noise: usable_noise(given).unwrap_or(*noise),
+            // To be seen in one place again and again is what makes a track of it.
+            confidence: confidence(robot.confidence).map(|_| 1.0)?,
+        },
     })
 }
 

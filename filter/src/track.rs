@@ -171,6 +171,16 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         t_ns.saturating_sub(self.t_seen_ns) as f64 * 1e-9
     }
 
+    /// The probability density of a measurement under what is believed of the track, per unit of each
+    /// component; `None` outside the gate of every hypothesis.
+    pub fn density<T: Motion<N, M, Z>>(
+        &self,
+        candidate: &Candidate<Z>,
+        rules: &TrackRules,
+    ) -> Option<f64> {
+        self.blend.density(&self.innovations::<T>(candidate), rules.gate_chi2)
+    }
+
     /// The candidate with the greatest product of confidence and likelihood among those within the
     /// gate of at least one hypothesis. A doubtful one, that could not start a track, is good
     /// enough to go on with but not to find something again: it must be where the track, seen a

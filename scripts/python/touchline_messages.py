@@ -19,6 +19,7 @@ class TrackStatus(enum.IntEnum):
     MEASURED = 2
     COASTING = 3
     GATED = 4
+    LOCATED = 5
 
 
 class PixelFormat(enum.IntEnum):
@@ -321,6 +322,29 @@ class RobotState(ctypes.Structure):
 assert ctypes.sizeof(RobotState) == 288
 
 
+class UnknownRobotState(ctypes.Structure):
+    """One robot of which only the team is known, as the filter sees it: an opponent whose patches nobody has configured, or a robot that has lost one. It has no number in its team and no heading."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("track_id", ctypes.c_uint32),
+        ("status", ctypes.c_uint32),
+        ("frames_unseen", ctypes.c_uint32),
+        ("frames_tracked", ctypes.c_uint32),
+        ("visibility", ctypes.c_float),
+        ("x_mm", ctypes.c_double),
+        ("y_mm", ctypes.c_double),
+        ("vx_mm_s", ctypes.c_double),
+        ("vy_mm_s", ctypes.c_double),
+        ("covariance", ctypes.c_double * 16),
+        ("predicted_x_mm", ctypes.c_double),
+        ("predicted_y_mm", ctypes.c_double),
+    ]
+
+
+assert ctypes.sizeof(UnknownRobotState) == 200
+
+
 class BallState(ctypes.Structure):
     """The ball as the filter sees it."""
 
@@ -414,6 +438,37 @@ class BallMemory(ctypes.Structure):
 assert ctypes.sizeof(BallMemory) == 280
 
 
+class UnknownRobotHypothesis(ctypes.Structure):
+    """One hypothesis about such a robot's motion and the Kalman filter that follows it."""
+
+    _fields_ = [
+        ("probability", ctypes.c_double),
+        ("mean", ctypes.c_double * 4),
+        ("covariance", ctypes.c_double * 10),
+    ]
+
+
+assert ctypes.sizeof(UnknownRobotHypothesis) == 120
+
+
+class UnknownRobotMemory(ctypes.Structure):
+    """What the filter needs to carry on with such a robot's track exactly. Of no interest to anyone but the filter's successor."""
+
+    _fields_ = [
+        ("team", ctypes.c_uint32),
+        ("track_id", ctypes.c_uint32),
+        ("status", ctypes.c_uint32),
+        ("frames_unseen", ctypes.c_uint32),
+        ("frames_tracked", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("t_seen_ns", ctypes.c_uint64),
+        ("hypotheses", UnknownRobotHypothesis * 2),
+    ]
+
+
+assert ctypes.sizeof(UnknownRobotMemory) == 272
+
+
 class WorldFrame(ctypes.Structure):
     """The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped."""
 
@@ -430,19 +485,25 @@ class WorldFrame(ctypes.Structure):
         ("commands_seq", ctypes.c_uint64),
         ("robot_count", ctypes.c_uint32),
         ("command_count", ctypes.c_uint32),
+        ("unknown_robot_count", ctypes.c_uint32),
+        ("unknown_memory_count", ctypes.c_uint32),
+        ("last_track_id", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
         ("commands", CommandsName * 32),
         ("robots", RobotState * 32),
+        ("unknown_robots", UnknownRobotState * 32),
         ("ball", BallState),
         ("robot_memories", RobotMemory * 32),
         ("ball_memory", BallMemory),
+        ("unknown_robot_memories", UnknownRobotMemory * 32),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/WorldFrame/3"
+        return "touchline/WorldFrame/4"
 
 
-assert ctypes.sizeof(WorldFrame) == 37224
+assert ctypes.sizeof(WorldFrame) == 52344
 
 
 class WheelCommand(ctypes.Structure):

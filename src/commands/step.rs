@@ -50,21 +50,29 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A frame and who is where on it, in millimetres and degrees; in parentheses who was not seen.
+/// A frame and who is where on it, in millimetres and degrees; in parentheses who was not seen, or not
+/// recognised. Robots of which only the team is known have the number of their track behind a `?`.
 fn line(world: &WorldFrame) -> String {
     let text = |status: u32, text: String| match TrackStatus::from_number(status) {
         None | Some(TrackStatus::Absent) => String::new(),
         Some(TrackStatus::Initialised | TrackStatus::Measured) => format!("  {text}"),
-        Some(TrackStatus::Coasting | TrackStatus::Gated) => format!("  ({text})"),
+        Some(TrackStatus::Coasting | TrackStatus::Gated | TrackStatus::Located) => {
+            format!("  ({text})")
+        }
     };
     let robots = world.robots().iter().map(|robot| {
         let team = Team::from_number(robot.team).map_or("?", Team::name);
         let (x, y, degrees) = (robot.x_mm, robot.y_mm, robot.orientation.to_degrees());
         text(robot.status, format!("{team} {} {x:.0} {y:.0} {degrees:.0}°", robot.robot_id))
     });
+    let unknown = world.unknown_robots().iter().map(|robot| {
+        let team = Team::from_number(robot.team).map_or("?", Team::name);
+        let (x, y) = (robot.x_mm, robot.y_mm);
+        text(robot.status, format!("{team} ?{} {x:.0} {y:.0}", robot.track_id))
+    });
     let ball = &world.ball;
     let ball = text(ball.status, format!("ball {:.0} {:.0}", ball.x_mm, ball.y_mm));
-    format!("frame {}:{}{ball}", world.frame.seq, robots.collect::<String>())
+    format!("frame {}:{}{ball}", world.frame.seq, robots.chain(unknown).collect::<String>())
 }
 
 #[cfg(test)]
@@ -86,5 +94,9 @@ mod tests {
         }
         (world.ball.status, world.ball.y_mm) = (TrackStatus::Measured as u32, 5.0);
         assert_eq!(line(&world), "frame 17:  blue 3 -12 0 90°  (blue 3 -12 0 90°)  ball 0 5");
+        (world.robot_count, world.unknown_robot_count) = (0, 1);
+        let unknown = &mut world.unknown_robots[0];
+        (unknown.status, unknown.track_id, unknown.x_mm) = (TrackStatus::Measured as u32, 12, 7.0);
+        assert_eq!(line(&world), "frame 17:  yellow ?12 7 0  ball 0 5");
     }
 }

@@ -214,7 +214,7 @@ impl Collector {
             return Ok(());
         }
         self.base.found = Found {
-            robots: detection.robots().len() as u32,
+            robots: detection.robots().iter().filter(|it| it.is_identified()).count() as u32,
             ball: !detection.balls().is_empty(),
             regions: detection.region_count,
             ..self.base.found
@@ -261,6 +261,7 @@ impl Collector {
             return Ok(());
         }
         self.latency.world(world);
+        self.base.found.unknown_robots = world.unknown_robots().len() as u32;
         if let Some(truth) = self.truth_of(world.frame.seq)? {
             let present = |status: u32| status != TrackStatus::Absent as u32;
             let robots: Vec<ReportedRobot> = world

@@ -1,7 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Breakdown, CameraDevice, Errors, Gateway, Light, Percentiles, Report};
+use super::report::{Breakdown, CameraDevice, Errors, Found, Gateway, Light, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
@@ -192,8 +192,11 @@ fn body(report: &Report) -> String {
     let ball = if found.ball { "the ball" } else { "no ball" };
     let _ = writeln!(
         text,
-        "  found        {} of {} robots, {ball}, {} regions",
-        found.robots, found.robots_configured, found.regions
+        "  found        {} of {} robots{}, {ball}, {} regions",
+        found.robots,
+        found.robots_configured,
+        unknown(found),
+        found.regions
     );
     if let Some(light) = &report.light {
         let _ = writeln!(text, "  light        {}", light_words(light));
@@ -230,6 +233,14 @@ fn body(report: &Report) -> String {
         );
     }
     text
+}
+
+/// Robots of which only the team is known, if there are any.
+fn unknown(found: &Found) -> String {
+    match found.unknown_robots {
+        0 => String::new(),
+        count => format!(" and {count} unknown"),
+    }
 }
 
 /// Where the median frame's time goes; `→` is the way from one process to the next.
@@ -316,7 +327,7 @@ fn line(report: &Report) -> String {
     let frames = &report.frames;
     let restarts: u64 = report.stages.values().map(|stage| stage.restarts).sum();
     let mut text = format!(
-        "{:>6.1} s  {:.1} fps  {} captured  {} in world  {} missing  {} restarts  world after {:.0} µs (p99 {:.0})  {}/{} robots  {}",
+        "{:>6.1} s  {:.1} fps  {} captured  {} in world  {} missing  {} restarts  world after {:.0} µs (p99 {:.0})  {}/{} robots{}  {}",
         report.elapsed_s,
         report.rate.captured,
         frames.captured,
@@ -327,6 +338,7 @@ fn line(report: &Report) -> String {
         report.latency_us.capture_to_world.p99,
         report.found.robots,
         report.found.robots_configured,
+        unknown(&report.found),
         if report.found.ball { "ball" } else { "no ball" },
     );
     if let Some(device) = report.camera.device.as_ref().filter(|it| it.state != "streaming") {

@@ -254,10 +254,12 @@ pub struct Gateway {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Found {
-    /// Robots in the newest detections.
+    /// Robots in the newest detections of which it is known who they are.
     pub robots: u32,
     /// Robots configured.
     pub robots_configured: u32,
+    /// Robots in the newest `world` of which only the team is known.
+    pub unknown_robots: u32,
     /// Whether there was a ball.
     pub ball: bool,
     /// Regions.

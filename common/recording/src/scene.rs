@@ -3,7 +3,7 @@
 //! Only those parts of the schemas are here that are used; viewers take what is missing for empty.
 
 use common::config::FieldConfig;
-use common::messages::{RobotState, Team, TrackStatus, WorldFrame};
+use common::messages::{RobotState, Team, TrackStatus, UnknownRobotState, WorldFrame};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -182,9 +182,17 @@ fn color(team: u32) -> Color {
     }
 }
 
+fn team(number: u32) -> &'static str {
+    Team::from_number(number).map_or("unknown", Team::name)
+}
+
 fn name(robot: &RobotState) -> String {
-    let team = Team::from_number(robot.team).map_or("unknown", Team::name);
-    format!("{team} {}", robot.robot_id)
+    format!("{} {}", team(robot.team), robot.robot_id)
+}
+
+/// A number behind a question mark is that of a track, and no robot's.
+fn name_of_unknown(robot: &UnknownRobotState) -> String {
+    format!("{} ?{}", team(robot.team), robot.track_id)
 }
 
 fn is_present(status: u32) -> bool {
@@ -237,10 +245,19 @@ pub fn field_scene(field: &FieldConfig, t_wall_ns: u64) -> Vec<u8> {
     json(&SceneUpdate { deletions: Vec::new(), entities: vec![entity] })
 }
 
-/// Robots and ball: a `foxglove.SceneUpdate`.
+/// A robot's name, above it.
+fn label(pose: Pose, text: String) -> Text {
+    Text { pose, billboard: true, font_size: 14.0, scale_invariant: true, color: WHITE, text }
+}
+
+/// Robots and ball: a `foxglove.SceneUpdate`. Robots of which only the team is known are drawn as discs
+/// around their team patch.
 pub fn world_scene(world: &WorldFrame, robot_size_mm: f64, ball_diameter_mm: f64) -> Vec<u8> {
     let timestamp = time(world.frame.t_capture_wall_ns);
     let size = robot_size_mm / 1000.0;
+    let visibility = |visibility: f32| {
+        vec![KeyValue { key: "visibility".into(), value: format!("{visibility:.2}") }]
+    };
     let mut entities: Vec<Entity> = robots(world)
         .map(|robot| {
             let at = |z_m| pose(robot.x_mm, robot.y_mm, z_m, robot.orientation);
@@ -249,10 +266,7 @@ pub fn world_scene(world: &WorldFrame, robot_size_mm: f64, ball_diameter_mm: f64
                 frame_id: FRAME_ID,
                 id: name(robot),
                 lifetime: LIFETIME,
-                metadata: vec![KeyValue {
-                    key: "visibility".into(),
-                    value: format!("{:.2}", robot.visibility),
-                }],
+                metadata: visibility(robot.visibility),
                 cubes: vec![Cube {
                     pose: at(ROBOT_HEIGHT_M / 2.0),
                     size: Vector3 { x: size, y: size, z: ROBOT_HEIGHT_M },
@@ -266,18 +280,29 @@ pub fn world_scene(world: &WorldFrame, robot_size_mm: f64, ball_diameter_mm: f64
                     head_diameter: 0.4 * size,
                     color: WHITE,
                 }],
-                texts: vec![Text {
-                    pose: at(2.5 * ROBOT_HEIGHT_M),
-                    billboard: true,
-                    font_size: 14.0,
-                    scale_invariant: true,
-                    color: WHITE,
-                    text: name(robot),
-                }],
+                texts: vec![label(at(2.5 * ROBOT_HEIGHT_M), name(robot))],
                 ..Default::default()
             }
         })
         .collect();
+    let unknown = world.unknown_robots().iter().filter(|robot| is_present(robot.status));
+    entities.extend(unknown.map(|robot| {
+        let at = |z_m| pose(robot.x_mm, robot.y_mm, z_m, 0.0);
+        Entity {
+            timestamp,
+            frame_id: FRAME_ID,
+            id: name_of_unknown(robot),
+            lifetime: LIFETIME,
+            metadata: visibility(robot.visibility),
+            spheres: vec![Cube {
+                pose: at(ROBOT_HEIGHT_M / 2.0),
+                size: Vector3 { x: size, y: size, z: ROBOT_HEIGHT_M },
+                color: Color { a: 0.5, ..color(robot.team) },
+            }],
+            texts: vec![label(at(2.5 * ROBOT_HEIGHT_M), name_of_unknown(robot))],
+            ..Default::default()
+        }
+    }));
     if is_present(world.ball.status) {
         let diameter = ball_diameter_mm / 1000.0;
         entities.push(Entity {
@@ -337,6 +362,14 @@ mod tests {
             orientation: std::f64::consts::PI,
             ..RobotState::zeroed()
         };
+        world.unknown_robot_count = 1;
+        world.unknown_robots[0] = UnknownRobotState {
+            team: Team::Yellow as u32,
+            track_id: 12,
+            status: TrackStatus::Measured as u32,
+            x_mm: -100.0,
+            ..UnknownRobotState::zeroed()
+        };
         world.ball.status = TrackStatus::Coasting as u32;
         world
     }
@@ -347,7 +380,9 @@ mod tests {
             serde_json::from_slice(&world_scene(&world(), 75.0, 42.7)).unwrap();
         let entities = scene["entities"].as_array().unwrap();
         let ids: Vec<&str> = entities.iter().map(|e| e["id"].as_str().unwrap()).collect();
-        assert_eq!(ids, ["blue 3", "ball"], "the second robot has no track");
+        assert_eq!(ids, ["blue 3", "yellow ?12", "ball"], "the second robot has no track");
+        assert!(entities[1]["arrows"].as_array().unwrap().is_empty());
+        assert_eq!(entities[1]["spheres"][0]["pose"]["position"]["x"], -0.1);
         let pose = &entities[0]["cubes"][0]["pose"];
         assert_eq!((&pose["position"]["x"], &pose["position"]["y"]), (&0.25.into(), &0.0.into()));
         assert_eq!(pose["orientation"]["z"], 1.0);

@@ -320,7 +320,7 @@ pub struct RobotsConfig {
     pub patches: Vec<PatchConfig>,
     /// Report robots of which only the team's colour can be told, without number and heading:
     /// opponents whose patches nobody knows, robots that have lost a patch. They are in `detections`,
-    /// not in `world`.
+    /// and followed in `world`, in a list of their own.
     pub report_unknown: bool,
     /// The robots that may be on the pitch.
     #[schemars(length(max = MAX_ROBOTS))]

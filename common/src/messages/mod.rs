@@ -25,6 +25,7 @@ mod run;
 mod stale;
 pub mod structure;
 mod truth;
+mod unknown_robot;
 mod world;
 
 pub use camera::{CameraReport, CameraState, read_text, write_text};
@@ -45,6 +46,10 @@ pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use stale::ClearStale;
 use structure::List;
 pub use truth::{TruthFrame, TruthRobot};
+pub use unknown_robot::{
+    MAX_UNKNOWN_ROBOTS, UNKNOWN_HYPOTHESES, UnknownRobotHypothesis, UnknownRobotMemory,
+    UnknownRobotState,
+};
 pub use world::{
     BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, CommandsName, MAX_QUEUED_COMMANDS,
     MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, ROBOT_HYPOTHESES, RobotHypothesis, RobotMemory,

@@ -31,6 +31,8 @@ impl ClearStale for WorldFrame {
         clear(&mut self.commands, self.command_count);
         clear(&mut self.robots, self.robot_count);
         clear(&mut self.robot_memories, self.robot_count);
+        clear(&mut self.unknown_robots, self.unknown_robot_count);
+        clear(&mut self.unknown_robot_memories, self.unknown_memory_count);
     }
 }
 

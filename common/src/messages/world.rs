@@ -1,6 +1,6 @@
 //! The filter's output: where everything is, at capture time and when the next command will act.
 
-use super::{FrameHeader, filled};
+use super::{FrameHeader, MAX_UNKNOWN_ROBOTS, UnknownRobotMemory, UnknownRobotState, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
@@ -22,14 +22,24 @@ pub enum TrackStatus {
     Coasting = 3,
     /// Predicted only: what was seen lay outside the gate and was ignored.
     Gated = 4,
+    /// Predicted, and corrected in place by a robot of its team that could not be told from others: its
+    /// identification patch is hidden. Who is not told apart for long is forgotten like who is not seen.
+    Located = 5,
 }
 
 impl TrackStatus {
     /// The status with this number in a message, if there is one.
     pub fn from_number(number: u32) -> Option<Self> {
-        [Self::Absent, Self::Initialised, Self::Measured, Self::Coasting, Self::Gated]
-            .into_iter()
-            .find(|&status| status as u32 == number)
+        [
+            Self::Absent,
+            Self::Initialised,
+            Self::Measured,
+            Self::Coasting,
+            Self::Gated,
+            Self::Located,
+        ]
+        .into_iter()
+        .find(|&status| status as u32 == number)
     }
 }
 
@@ -46,7 +56,7 @@ pub const MAX_USED_COMMANDS: usize = 32;
 
 /// One robot as the filter sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/RobotState/1")]
+#[type_name("touchline/RobotState/2")]
 #[repr(C)]
 pub struct RobotState {
     /// A [`Team`](super::Team) number.
@@ -205,7 +215,7 @@ pub struct BallMemory {
 /// The filtered state of the match after one frame. A filter that starts anew continues from the
 /// last one of these, and comes to the same results as one that never stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/WorldFrame/3")]
+#[type_name("touchline/WorldFrame/4")]
 #[repr(C)]
 pub struct WorldFrame {
     /// The frame it belongs to.
@@ -234,17 +244,31 @@ pub struct WorldFrame {
     pub robot_count: u32,
     /// Valid elements of `commands`.
     pub command_count: u32,
+    /// Valid elements of `unknown_robots`.
+    pub unknown_robot_count: u32,
+    /// Valid elements of `unknown_robot_memories`: those of `unknown_robots`, and what may become one.
+    pub unknown_memory_count: u32,
+    /// The highest [`UnknownRobotState::track_id`] given so far.
+    pub last_track_id: u32,
+    /// Reserved, 0.
+    pub reserved: u32,
     /// The `commands` messages that were used since the prior `world`, in that order. With these, the
     /// prior `world` and the detections of the frame, this message can be computed again.
     pub commands: [CommandsName; MAX_USED_COMMANDS],
     /// Tracked robots, by team and number.
     pub robots: [RobotState; MAX_ROBOTS],
+    /// Tracked robots of which only the team is known, by team and track. None of them is among
+    /// `robots`.
+    pub unknown_robots: [UnknownRobotState; MAX_UNKNOWN_ROBOTS],
     /// The ball.
     pub ball: BallState,
     /// For the filter's successor: one element for each of `robots`, in the same order.
     pub robot_memories: [RobotMemory; MAX_ROBOTS],
     /// For the filter's successor.
     pub ball_memory: BallMemory,
+    /// For the filter's successor: one element for each of `unknown_robots`, in the same order, then
+    /// what has not been seen often enough.
+    pub unknown_robot_memories: [UnknownRobotMemory; MAX_UNKNOWN_ROBOTS],
 }
 
 const _: () = assert!(size_of::<RobotState>() == 24 + 33 * 8);
@@ -256,7 +280,12 @@ const _: () =
 const _: () = assert!(size_of::<BallMemory>() == BALL_HYPOTHESES * 120 + 40);
 const _: () = assert!(
     size_of::<WorldFrame>()
-        == 144 + MAX_USED_COMMANDS * 16 + MAX_ROBOTS * 288 + 192 + MAX_ROBOTS * 840 + 280
+        == 160
+            + MAX_USED_COMMANDS * 16
+            + MAX_ROBOTS * (288 + 840)
+            + 192
+            + 280
+            + MAX_UNKNOWN_ROBOTS * (200 + 272)
 );
 
 impl WorldFrame {
@@ -273,5 +302,10 @@ impl WorldFrame {
     /// Tracked robots.
     pub fn robots(&self) -> &[RobotState] {
         filled(&self.robots, self.robot_count)
+    }
+
+    /// Tracked robots of which only the team is known. None of them is among [`robots`](Self::robots).
+    pub fn unknown_robots(&self) -> &[UnknownRobotState] {
+        filled(&self.unknown_robots, self.unknown_robot_count)
     }
 }

@@ -351,9 +351,13 @@ impl Drawing<'_> {
             .filter(|robot| !is_found(robot.team as u32, robot.id))
             .map(|robot| short_name(robot.team as u32, robot.id))
             .collect();
+        let known = seen.robots().iter().filter(|robot| robot.is_identified()).count();
+        let unknown = match seen.robots().len() - known {
+            0 => String::new(),
+            count => format!(" and {count} unknown"),
+        };
         let found = format!(
-            "{} of {} robots, {}, {} regions, {} rejected",
-            seen.robots().len(),
+            "{known} of {} robots{unknown}, {}, {} regions, {} rejected",
             robots.len(),
             if seen.balls().is_empty() { "no ball" } else { "ball" },
             seen.regions().len(),

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 const COLUMNS: &str = "source,seq,t_capture_ns,what,robot_id,x_mm,y_mm,orientation_rad,v_mm_s,\
-                       omega_rad_s,vx_mm_s,vy_mm_s,quality";
+                       omega_rad_s,vx_mm_s,vy_mm_s,quality,track_id";
 
 /// Writes poses as a table, frames as pictures, or both.
 pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
@@ -84,6 +84,8 @@ struct Table {
 struct Row {
     what: &'static str,
     robot_id: Option<u32>,
+    /// Of a robot without a number.
+    track_id: Option<u32>,
     x_mm: f64,
     y_mm: f64,
     orientation: Option<f64>,
@@ -128,13 +130,14 @@ impl Table {
         let source = entry.channel.name();
         for row in rows {
             let Row { what, x_mm, y_mm, .. } = row;
-            let id = row.robot_id.map(|id| id.to_string()).unwrap_or_default();
+            let name = |id: Option<u32>| id.map(|id| id.to_string()).unwrap_or_default();
+            let (id, track_id) = (name(row.robot_id), name(row.track_id));
             let number = |value: Option<f64>| value.map(|v| v.to_string()).unwrap_or_default();
             let (v, omega) = (row.speed.map(|speed| speed.0), row.speed.map(|speed| speed.1));
             let (vx, vy) = (row.velocity.map(|v| v.0), row.velocity.map(|v| v.1));
             writeln!(
                 self.file,
-                "{source},{seq},{t_ns},{what},{id},{x_mm},{y_mm},{},{},{},{},{},{}",
+                "{source},{seq},{t_ns},{what},{id},{x_mm},{y_mm},{},{},{},{},{},{},{track_id}",
                 number(row.orientation),
                 number(v),
                 number(omega),
@@ -155,10 +158,10 @@ fn team(number: u32) -> &'static str {
 fn of_detections(message: &DetectionFrame) -> Vec<Row> {
     let robots = message.robots().iter().map(|robot| Row {
         what: team(robot.team),
-        robot_id: Some(robot.robot_id),
+        robot_id: robot.is_identified().then_some(robot.robot_id),
         x_mm: robot.x_mm.into(),
         y_mm: robot.y_mm.into(),
-        orientation: Some(robot.orientation.into()),
+        orientation: robot.is_identified().then_some(robot.orientation.into()),
         quality: Some(robot.confidence.into()),
         ..Row::default()
     });
@@ -186,6 +189,16 @@ fn of_world(message: &WorldFrame) -> Vec<Row> {
         quality: Some(robot.visibility.into()),
         ..Row::default()
     });
+    let unknown = message.unknown_robots().iter().filter(|robot| is_present(robot.status));
+    let unknown = unknown.map(|robot| Row {
+        what: team(robot.team),
+        track_id: Some(robot.track_id),
+        x_mm: robot.x_mm,
+        y_mm: robot.y_mm,
+        velocity: Some((robot.vx_mm_s, robot.vy_mm_s)),
+        quality: Some(robot.visibility.into()),
+        ..Row::default()
+    });
     let ball = &message.ball;
     let ball = is_present(ball.status).then(|| Row {
         what: "ball",
@@ -195,7 +208,7 @@ fn of_world(message: &WorldFrame) -> Vec<Row> {
         quality: Some(ball.visibility.into()),
         ..Row::default()
     });
-    robots.chain(ball).collect()
+    robots.chain(unknown).chain(ball).collect()
 }
 
 fn of_truth(message: &TruthFrame) -> Vec<Row> {

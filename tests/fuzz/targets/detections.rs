@@ -45,6 +45,13 @@ fn check(world: &WorldFrame) {
         assert!(robot.v_mm_s.is_finite() && robot.omega.is_finite(), "{robot:?}");
         assert!(robot.covariance.iter().all(|number| number.is_finite()), "{robot:?}");
     }
+    for robot in world.unknown_robots().iter().filter(|robot| !is_absent(robot.status)) {
+        let numbers = [robot.x_mm, robot.y_mm, robot.predicted_x_mm, robot.predicted_y_mm];
+        assert!(numbers.iter().all(|number| number.abs() < FAR_MM), "{robot:?}");
+        assert!(robot.vx_mm_s.is_finite() && robot.vy_mm_s.is_finite(), "{robot:?}");
+        assert!(robot.covariance.iter().all(|number| number.is_finite()), "{robot:?}");
+        assert!(robot.track_id > 0, "{robot:?}");
+    }
     let ball = &world.ball;
     if !is_absent(ball.status) {
         let numbers = [ball.x_mm, ball.y_mm, ball.predicted_x_mm, ball.predicted_y_mm];
@@ -55,7 +62,9 @@ fn check(world: &WorldFrame) {
 
 fuzz_target!(|bytes: &[u8]| {
     let mut bytes = Bytes(bytes);
-    let mut filter = Filter::new(&Config::default()).expect("the defaults can be used");
+    let mut config = Config::default();
+    config.robots.report_unknown = true;
+    let mut filter = Filter::new(&config).expect("the defaults can be used");
     let mut detections: Box<DetectionFrame> = bytemuck::zeroed_box();
     let mut world: Box<WorldFrame> = bytemuck::zeroed_box();
     let mut t_ns = 1_000_000_000_u64;
@@ -69,7 +78,10 @@ fuzz_target!(|bytes: &[u8]| {
                 let robot: &mut DetectedRobot = &mut detections.robots[slot];
                 bytes.fill(robot);
                 if kind % 8 == 1 {
-                    (robot.team, robot.robot_id) = (robot.team % 2, robot.robot_id % 5);
+                    (robot.team, robot.robot_id) = (robot.team % 2, robot.robot_id % 6);
+                    if robot.robot_id == 5 {
+                        robot.robot_id = DetectedRobot::UNKNOWN_ID;
+                    }
                     (robot.x_mm, robot.y_mm) = (robot.x_mm % 1100.0, robot.y_mm % 900.0);
                     robot.confidence = 0.9;
                 }
@@ -92,7 +104,9 @@ fuzz_target!(|bytes: &[u8]| {
                 let place = usize::from(bytes.byte().unwrap_or(0)) % 4;
                 bytes.fill(&mut world.robot_memories[place].hypotheses[0]);
                 bytes.fill(&mut world.robots[place]);
+                bytes.fill(&mut world.unknown_robot_memories[place]);
                 world.robot_count = world.robot_count.max(1);
+                world.unknown_memory_count = world.unknown_memory_count.max(1);
                 filter.resume(&world);
             }
             6 => filter.resume(&world),

@@ -1,0 +1,117 @@
+//! How a robot moves of which only the team is known.
+
+use crate::blend::{Blend, Wrap};
+use crate::constant_velocity::ConstantVelocity;
+use crate::gaussian::Gaussian;
+use crate::rolling::Rates;
+use crate::track::Motion;
+use common::config::{Config, FilterConfig, PatchRole};
+use common::layout::Layout;
+use common::messages::UNKNOWN_HYPOTHESES;
+use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
+
+/// Uncertainty of the velocity of one seen for the first time.
+const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
+/// No robot is faster.
+const MAX_SPEED_MM_S: f64 = 4000.0;
+/// How fast robots turn, 1σ, rad/s: what the patch moves against the centre.
+const TURNING_SIGMA: f64 = 4.0;
+
+/// The constants of the filter, from the configuration, in mm and s.
+///
+/// What is followed is the team patch, which is measured to a millimetre from frame to frame; by how
+/// much it is away from the robot's centre, in a direction that nobody knows, is added to what goes
+/// out. As noise of the measurement that distance would be a lie: it is not new in every frame, and a
+/// filter would believe to have averaged it away after a few.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UnknownMotion {
+    motion: ConstantVelocity,
+    noise: Matrix2<f64>,
+    /// Acceleration noise by hypothesis.
+    accelerations: [f64; UNKNOWN_HYPOTHESES],
+    patch_mm: Vector2<f64>,
+}
+
+impl UnknownMotion {
+    /// As configured.
+    pub fn new(config: &Config) -> Self {
+        let FilterConfig { position_noise_mm, acceleration_noise_mm_s2, collision_factor, .. } =
+            config.filter;
+        let layout = Layout::new(&config.robots);
+        let patch = layout.patches.iter().find(|patch| patch.role == PatchRole::Team);
+        Self {
+            motion: ConstantVelocity::new(0.0),
+            noise: Matrix2::identity() * position_noise_mm.powi(2),
+            accelerations: [1.0, collision_factor].map(|factor| factor * acceleration_noise_mm_s2),
+            patch_mm: patch.map_or_else(Vector2::zeros, |patch| patch.centroid_mm.into()),
+        }
+    }
+
+    /// Where the team patch is in a robot's frame.
+    pub fn patch_mm(&self) -> &Vector2<f64> {
+        &self.patch_mm
+    }
+
+    /// What is believed of the patch `dt_s` later under one of the hypotheses (by its index).
+    pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
+        self.motion.predict(belief, self.accelerations[hypothesis], dt_s);
+    }
+
+    /// Where it moves to.
+    pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
+        self.motion.advance(state, dt_s)
+    }
+
+    /// How fast the patch's position changes.
+    pub fn rates(&self, belief: &Gaussian<4>) -> Rates<2> {
+        ConstantVelocity::rates(belief)
+    }
+
+    /// What is believed of the centre, from what is believed of the patch.
+    pub fn center(&self, patch: Gaussian<4>) -> Gaussian<4> {
+        let place = self.center_variance();
+        let velocity = place * TURNING_SIGMA.powi(2);
+        let unknown = Matrix4::from_diagonal(&Vector4::new(place, place, velocity, velocity));
+        Gaussian { covariance: patch.covariance + unknown, ..patch }
+    }
+
+    /// Variance of each coordinate of the centre as seen from the patch: of a point on a circle.
+    pub fn center_variance(&self) -> f64 {
+        self.patch_mm.norm_squared() / 2.0
+    }
+}
+
+impl Motion<4, UNKNOWN_HYPOTHESES, 2> for UnknownMotion {
+    const WRAP: Wrap<4> = no_angles::<4>;
+    const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
+    /// From driving freely, struck to the same.
+    const ODDS: [[f64; UNKNOWN_HYPOTHESES]; UNKNOWN_HYPOTHESES] = [[0.99, 0.01], [0.9, 0.1]];
+
+    fn noise(&self) -> &Matrix2<f64> {
+        &self.noise
+    }
+
+    fn initial(&self, measured: &Vector2<f64>) -> Blend<4, UNKNOWN_HYPOTHESES> {
+        let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
+        let belief = Gaussian {
+            mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&Vector4::new(
+                self.noise[(0, 0)],
+                self.noise[(1, 1)],
+                speed_variance,
+                speed_variance,
+            )),
+        };
+        Blend::new(belief, [0.9, 0.1])
+    }
+
+    fn reach(&self, dt_s: f64) -> Vector2<f64> {
+        self.noise.diagonal().map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
+    }
+
+    fn limits(&self) -> Vector4<f64> {
+        Vector4::repeat(1e6)
+    }
+}
+
+fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
