@@ -5,9 +5,8 @@
 mod support;
 
 use bytemuck::Zeroable;
-use classifier::lamp::PitchProbe;
-use classifier::{BayerImage, Classifier, Picture};
-use common::config::{Config, LightConfig};
+use classifier::Classifier;
+use common::config::{Config, Preset};
 use common::messages::{
     DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame,
 };
@@ -46,21 +45,6 @@ struct Outcome {
     known: Lost,
     wrong: u64,
     robots: u64,
-}
-
-/// The default match with the colours' light written down, as `touchline learn` does.
-fn config() -> Config {
-    let mut config = Config::default();
-    let camera = &config.camera;
-    let mut pixels = vec![0; (camera.width * camera.height) as usize];
-    SyntheticMatch::new(&config).unwrap().render(&mut pixels, camera.width as usize);
-    let image =
-        BayerImage::new(&pixels, camera.width, camera.height, camera.width, camera.bayer_order)
-            .unwrap();
-    let pitch_rgb = PitchProbe::new(&config).unwrap().measure(&Picture::Bayer(image));
-    // Painted light acts on floor and patches alike.
-    config.light = LightConfig { pitch_rgb, brightness: 1.0, ..LightConfig::default() };
-    config
 }
 
 /// Plays a match in which a lamp gives `light(s)` times its light after s seconds.
@@ -135,8 +119,39 @@ impl Outcome {
 }
 
 #[test]
+fn presets_know_the_pitch_that_their_colors_are_made_for() {
+    for preset in Preset::ALL {
+        let config = preset.config();
+        let camera = &config.camera;
+        let mut pixels = vec![0; (camera.width * camera.height) as usize];
+        SyntheticMatch::new(&config).unwrap().render(&mut pixels, camera.width as usize);
+        let mut classifier = Classifier::new(&config).unwrap();
+        let (mut header, mut runs) = (RunsHeader::default(), vec![Run::zeroed(); MAX_RUNS]);
+        classifier.step(&camera.frame_header(), &pixels, &mut header, &mut runs).unwrap();
+        assert_eq!(classifier.light().gains, [1.0; 3], "{preset:?}");
+    }
+}
+
+#[test]
+fn the_defaults_hold_under_brighter_and_darker_lamps() {
+    for brightness in [0.7, 0.8, 1.2, 1.3] {
+        let mut config = Config::default();
+        config.synthetic.brightness = brightness;
+        let outcome = play(&config, 2.0, |_| 1.0);
+        assert_eq!(outcome.seen.frames, 0, "×{brightness}");
+        outcome.check(&format!("×{brightness}"));
+    }
+    // It is the light that would lose them.
+    let mut config = Config::default();
+    config.synthetic.brightness = 1.3;
+    config.light.follow = false;
+    let outcome = play(&config, 1.0, |_| 1.0);
+    assert!(outcome.seen.frames > 100, "{outcome:?}");
+}
+
+#[test]
 fn a_step_of_the_light_loses_nobody() {
-    let config = config();
+    let config = Config::default();
     for part in [0.7, 1.3] {
         let light = |s: f64| if (1.0..2.0).contains(&s) { part } else { 1.0 };
         play(&config, 3.0, light).check(&format!("a step to {part} and back"));
@@ -145,7 +160,7 @@ fn a_step_of_the_light_loses_nobody() {
 
 #[test]
 fn light_that_fades_to_half_loses_nobody() {
-    let mut config = config();
+    let mut config = Config::default();
     config.camera.fps = 40.0;
     play(&config, 30.0, |s| 1.0 - 0.5 * s / 30.0).check("to half the light in 30 s");
 }
@@ -154,17 +169,17 @@ fn light_that_fades_to_half_loses_nobody() {
 #[test]
 fn flicker_loses_nobody() {
     let flicker = |s: f64| 1.0 + 0.2 * (s * 100.0 * std::f64::consts::TAU).sin();
-    play(&config(), 3.0, flicker).check("flicker of 100 Hz");
+    play(&Config::default(), 3.0, flicker).check("flicker of 100 Hz");
 }
 
 /// A group that is shown a match whose lamps fade and come back.
 #[test]
 fn how_the_light_is_corrected_is_in_the_status() {
     let scratch = Scratch::new("fading");
-    let followed = config();
-    let (width, height) = (followed.camera.width, followed.camera.height);
+    let config = Config::default();
+    let (width, height) = (config.camera.width, config.camera.height);
     let mut pixels = vec![0; (width * height) as usize];
-    SyntheticMatch::new(&followed).unwrap().render(&mut pixels, width as usize);
+    SyntheticMatch::new(&config).unwrap().render(&mut pixels, width as usize);
     for number in 0..40 {
         let light = 1.0 - 0.4 * (f64::from(number) / 39.0);
         let faded = pixels.iter().map(|&pixel| (f64::from(pixel) * light).round() as u8);
@@ -174,10 +189,8 @@ fn how_the_light_is_corrected_is_in_the_status() {
     let source = format!("images:{}", scratch.path.display());
     let green = |status: &Value| status["light"]["gains"][1].as_f64();
 
-    let pitch_rgb = followed.light.pitch_rgb.unwrap();
-    let text =
-        format!("[camera]\nfps = 20\n[light]\npitch_rgb = {pitch_rgb:?}\nbrightness = 1.0\n");
-    let mut group = Group::start("fading-followed", &text, &["--source", &source]);
+    let text = "[camera]\nfps = 20\n[light]\nbrightness = 1.0\n";
+    let mut group = Group::start("fading-followed", text, &["--source", &source]);
     group.wait_until_working();
     let dark = group.wait_for("a gain in the dark", |status| green(status) > Some(1.5));
     assert_eq!(dark["light"]["followed"], true, "{dark:#}");
@@ -189,7 +202,8 @@ fn how_the_light_is_corrected_is_in_the_status() {
     assert!(table.contains("  light        followed: red ×"), "{table}");
     drop(group);
 
-    let mut group = Group::start("fading-alone", "[camera]\nfps = 20\n", &["--source", &source]);
+    let text = "[camera]\nfps = 20\n[light]\nfollow = false\n";
+    let mut group = Group::start("fading-alone", text, &["--source", &source]);
     let status = group.wait_for("a word on the light", |status| status["light"].is_object());
     assert_eq!(status["light"]["followed"], false, "{status:#}");
     assert_eq!(status["light"]["gains"], serde_json::json!([1.0, 1.0, 1.0]), "{status:#}");

@@ -9,7 +9,7 @@
 #[path = "../tests/reference/mod.rs"]
 mod reference;
 
-use common::config::{ColorConfig, Config};
+use common::config::{ColorConfig, Config, LightConfig};
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run, RunsHeader};
 use reference::{Frame, Noise, encode};
 use std::hint::black_box;
@@ -78,8 +78,9 @@ fn main() -> Result<(), ClassifierError> {
 fn config(width: u32, height: u32, classes: usize) -> Config {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (width, height);
-    // All of the picture, as if the field filled it.
+    // All of the picture, as if the field filled it, and as it is.
     config.field.mask = false;
+    config.light = LightConfig::default();
     let mut noise = Noise(99);
     for class in config.colors.len()..classes {
         let mut channel = || {

@@ -129,7 +129,8 @@ impl PitchProbe {
 impl Lamp {
     /// The configured light; `None` if the lamps are not to be followed.
     pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
-        let LightConfig { pitch_rgb: Some(rgb), brightness, .. } = config.light else {
+        let LightConfig { follow: true, pitch_rgb: Some(rgb), brightness, .. } = config.light
+        else {
             return Ok(None);
         };
         let parts = |value: f64| {
@@ -349,7 +350,10 @@ mod tests {
         let strange = lamp.gains(&picture(&config, &magenta)).unwrap();
         assert!(strange.iter().all(|steps| steps.abs() <= MOST_STEPS), "{strange:?}");
         assert!(is_at_bound(strange) && !is_at_bound([20, -20, 0]), "{strange:?}");
-        assert_eq!(Lamp::new(&Config::default()).unwrap(), None);
+        let of = |light| Lamp::new(&Config { light, ..Config::default() }).unwrap();
+        let off = LightConfig { follow: false, ..config.light.clone() };
+        assert!(of(config.light.clone()).is_some() && of(off).is_none());
+        assert_eq!(of(LightConfig::default()), None);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::ClassTables;
 use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, rgb_at};
 use crate::picture::Picture;
 use crate::zones::{ZonedTables, Zones};
-use common::config::Config;
+use common::config::{Config, LightConfig};
 use common::geometry::GeometryError;
 use nalgebra::{SMatrix, SVector};
 
@@ -180,8 +180,10 @@ impl ShadedTables {
     /// As configured; `None` if light is taken to be even, or too little of the pitch is seen. `tables`
     /// are any.
     pub fn new(config: &Config, tables: &ClassTables) -> Result<Option<Self>, GeometryError> {
-        let unevenness = config.light.unevenness;
-        if config.light.pitch_rgb.is_none() || unevenness <= 0.0 {
+        let LightConfig { follow: true, pitch_rgb: Some(_), unevenness, .. } = config.light else {
+            return Ok(None);
+        };
+        if unevenness <= 0.0 {
             return Ok(None);
         }
         let Some(shading) = Shading::new(config)? else { return Ok(None) };

@@ -2,7 +2,7 @@
 
 mod reference;
 
-use common::config::{ColorConfig, Config};
+use common::config::{ColorConfig, Config, LightConfig};
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, PixelLayout, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, encode, runs_of_labels};
@@ -13,6 +13,7 @@ fn classify(header: &FrameHeader, pixels: &[u8], colors: &[ColorConfig]) -> Vec<
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (header.width, header.height);
     config.colors = colors.to_vec();
+    config.light = LightConfig::default();
     // The geometry is that of other pictures.
     config.field.mask = false;
     let mut specified = None;

@@ -3,7 +3,7 @@
 
 mod reference;
 
-use common::config::{Config, Pair};
+use common::config::{Config, LightConfig, Pair};
 use common::messages::{BayerOrder, PixelFormat, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, runs_of_labels};
@@ -22,6 +22,7 @@ fn config(width: u32, height: u32, size: f64, offset: Pair, areas: Vec<Vec<Pair>
         ];
     }
     config.field.also_look_at_mm = areas;
+    config.light = LightConfig::default();
     config
 }
 

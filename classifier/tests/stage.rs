@@ -2,7 +2,7 @@
 
 mod reference;
 
-use common::config::{ColorConfig, Config};
+use common::config::{ColorConfig, Config, LightConfig};
 use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, color};
@@ -21,6 +21,7 @@ fn config(width: u32, height: u32, colors: &[ColorConfig]) -> Config {
     config.camera.width = width;
     config.camera.height = height;
     config.colors = colors.to_vec();
+    config.light = LightConfig::default();
     // The geometry is that of other pictures.
     config.field.mask = false;
     config

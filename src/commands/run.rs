@@ -1,6 +1,6 @@
 //! `touchline run`.
 
-use super::painted_light::{is_other_light, standard_light};
+use super::painted_light::{follow_painted_light, is_other_light};
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use crate::monitor::{Monitor, Output, summary};
@@ -60,12 +60,8 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
         config.camera.fps = fps;
     }
     let source = absolute(args.source.clone())?;
-    // The presets' colours are made for the standard lamps of the synthetic match.
-    if matches!(source, Source::Synthetic)
-        && config.light.pitch_rgb.is_none()
-        && is_other_light(&config)
-    {
-        config.light = standard_light(&config)?;
+    if matches!(source, Source::Synthetic) && is_other_light(&config) {
+        follow_painted_light(&mut config);
     }
     let frames = args.frames.or(args.seconds.map(|seconds| frames_in(seconds, config.camera.fps)));
     Ok((Launch { instance: instance.clone(), source, frames }, config))

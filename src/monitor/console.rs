@@ -275,7 +275,7 @@ fn camera_lines(text: &mut String, device: &CameraDevice) {
 /// How the light is corrected, and what is wrong with it.
 fn light_words(light: &Light) -> String {
     if !light.followed {
-        return "taken as it is: there is no light.pitch_rgb to compare with".into();
+        return "not followed: light.follow is off, or there is no light.pitch_rgb".into();
     }
     let [red, green, blue] = light.gains;
     let mut text = format!("followed: red ×{red:.2}, green ×{green:.2}, blue ×{blue:.2}");

@@ -270,7 +270,7 @@ pub struct Found {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Light {
-    /// Whether it does: `light.pitch_rgb` is configured.
+    /// Whether it does: `light.follow` is on, and there is a `light.pitch_rgb`.
     pub followed: bool,
     /// What red, green and blue are multiplied with; 1 is as the colours were set.
     pub gains: [f64; 3],

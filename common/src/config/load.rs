@@ -211,7 +211,11 @@ impl<'a> Document<'a> {
             Some(name) => Preset::deserialize(name.clone())?,
             None => Preset::default(),
         };
-        let base = preset.config();
+        let mut base = preset.config();
+        if self.values.contains_key("colors") {
+            // The preset's pitch is seen as that which the preset's colours are made for.
+            base.light.pitch_rgb = None;
+        }
         let mut values = self.values.clone();
         let geometry = values.remove("geometry");
         let mut config = merge(&base, values)?;
@@ -520,6 +524,21 @@ mod tests {
         (robot.team, robot.id) = (crate::messages::Team::Blue, 7);
         robot.colors = vec!["red".into(), "green".into()];
         assert_eq!(config, expected);
+    }
+
+    #[test]
+    fn the_presets_pitch_belongs_to_the_presets_colors() {
+        let preset = Config::default();
+        assert!(preset.light.pitch_rgb.is_some());
+        assert_eq!(parse("[light]\nbrightness = 1").light.pitch_rgb, preset.light.pitch_rgb);
+        let text = commented_toml(&preset);
+        assert_eq!(parse(&text), preset);
+        // Colours of one's own are set for a pitch that nobody knows, unless it is given.
+        let is_pitch = |line: &&str| line.starts_with("pitch_rgb");
+        let without: Vec<&str> = text.lines().filter(|line| !is_pitch(line)).collect();
+        let config = parse(&without.join("\n"));
+        assert_eq!(config.light.pitch_rgb, None);
+        assert_eq!(parse(&commented_toml(&config)), config);
     }
 
     #[test]

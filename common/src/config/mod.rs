@@ -161,8 +161,11 @@ pub struct GeometryConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightConfig {
+    /// Whether that is done. false: pictures are taken as they are.
+    pub follow: bool,
     /// Red, green and blue of the empty pitch when the colours were set, as `touchline learn`
-    /// writes it. Left out, pictures are taken as they are.
+    /// writes it. The preset's belongs to the preset's colours, which are those of the synthetic
+    /// match. Where a file has colours of its own and leaves this out, nothing is followed.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(inner(range(min = 0, max = 255)), extend("examples" = [[48.5, 50, 41.2]]))]
     pub pitch_rgb: Option<[f64; 3]>,

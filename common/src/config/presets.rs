@@ -78,7 +78,7 @@ impl Preset {
             field: FieldConfig::default(),
             camera: CameraConfig::default(),
             geometry: GeometryConfig::default(),
-            light: LightConfig::default(),
+            light: LightConfig { pitch_rgb: Some(STANDARD_PITCH), ..LightConfig::default() },
             colors: standard_colors(),
             teams: TeamsConfig::default(),
             ball: BallConfig::default(),
@@ -207,7 +207,7 @@ impl Default for GeometryConfig {
 
 impl Default for LightConfig {
     fn default() -> Self {
-        Self { pitch_rgb: None, brightness: 0.5, unevenness: 0.0, glare: false }
+        Self { follow: true, pitch_rgb: None, brightness: 0.5, unevenness: 0.0, glare: false }
     }
 }
 
@@ -357,6 +357,10 @@ impl GeometryConfig {
         }
     }
 }
+
+/// The synthetic pitch as it looks, in the median over it, under the lamps that [`standard_colors`] are
+/// made for.
+const STANDARD_PITCH: [f64; 3] = [24.9, 28.2, 27.2];
 
 /// Colours of the synthetic pitch, and boxes that hold them from its bright middle to its corners.
 ///

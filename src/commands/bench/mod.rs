@@ -4,6 +4,7 @@
 //! meets all of them, and medians are reported. "Hot" is the same frame again and again; "cold" is one
 //! of so many that none is in a cache, as it is when a camera has just written it.
 
+mod light;
 mod pictures;
 mod stages;
 
@@ -11,6 +12,7 @@ use super::CommandError;
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
 use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
+use light::LightRow;
 use pictures::{Content, Picture};
 use serde::Serialize;
 use stages::Stages;
@@ -45,6 +47,7 @@ struct Outcome {
     processors: usize,
     rows: Vec<Row>,
     stages: Stages,
+    light: Vec<LightRow>,
 }
 
 /// One picture.
@@ -97,11 +100,13 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
         rows.push(row);
     }
     let stages = stages::measure(budget)?;
+    let light = light::measure(4 * budget)?;
     if args.json {
-        let outcome = Outcome { cpu, processors, rows, stages };
+        let outcome = Outcome { cpu, processors, rows, stages, light };
         println!("{}", serde_json::to_string_pretty(&outcome)?);
     } else {
         stages.show(processors);
+        light::show(&light);
     }
     Ok(ExitCode::SUCCESS)
 }

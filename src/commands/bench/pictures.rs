@@ -1,6 +1,6 @@
 //! Pictures to measure with: dark ground, squares of the classes' colours, or noise.
 
-use common::config::{ColorConfig, Config, GeometryConfig};
+use common::config::{ColorConfig, Config, GeometryConfig, LightConfig};
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
 use std::fmt;
 
@@ -44,8 +44,9 @@ impl Picture {
     pub fn new(width: u32, height: u32, classes: usize, content: Content) -> Self {
         let mut config = Config::default();
         (config.camera.width, config.camera.height) = (width, height);
-        // All of it is looked at.
+        // All of it is looked at, as it is.
         config.field.mask = false;
+        config.light = LightConfig::default();
         config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
         config.colors = (0..classes).map(color).collect();
         let order = BayerOrder::Rggb;

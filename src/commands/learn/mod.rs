@@ -32,7 +32,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         Some(samples) => labelled(&Labels::load(samples)?, &args.pictures, &config)?,
         None => unlabelled(&args.pictures, &config)?,
     };
-    config.light.pitch_rgb = match args.fixed_light {
+    config.light.pitch_rgb = match args.fixed_light || !config.light.follow {
         true => None,
         false => pitch_color(&config, &lessons)?,
     };

@@ -91,7 +91,7 @@ fn by_class(floor: &Samples, picture: &Samples) -> BTreeMap<u8, Vec<Pair>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commands::painted_light::standard_light;
+    use crate::commands::painted_light::painted;
     use crate::commands::pipeline::Pipeline;
     use common::messages::Team;
     use grabber::synthetic::SyntheticMatch;
@@ -100,7 +100,7 @@ mod tests {
     /// Some pictures of a match under a lamp, with what is seen of it for labels.
     fn lessons(config: &Config) -> Vec<Lesson> {
         let mut game = SyntheticMatch::new(config).unwrap();
-        let light = standard_light(config).unwrap();
+        let light = painted(config.preset.config().light);
         let mut pipeline = Pipeline::new(&Config { light, ..config.clone() }).unwrap();
         let mut lesson = || {
             (0..60).for_each(|_| game.advance());

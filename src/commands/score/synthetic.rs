@@ -4,7 +4,7 @@
 //! and what was found is compared with the truth.
 
 use crate::commands::CommandError;
-use crate::commands::painted_light::standard_light;
+use crate::commands::painted_light::follow_painted_light;
 use crate::commands::pipeline::Pipeline;
 use crate::monitor::accuracy::{ReportedRobot, Scorer};
 use common::config::{Config, Preset};
@@ -94,9 +94,7 @@ fn play_scene(
     change(&mut config);
     let width = config.camera.width as usize;
     let mut pixels = vec![0; width * config.camera.height as usize];
-    if config.light.pitch_rgb.is_none() {
-        config.light = standard_light(&config)?;
-    }
+    follow_painted_light(&mut config);
     let mut game = SyntheticMatch::new(&config)?;
     let mut pipeline = Pipeline::new(&config)?;
     let mut scorer = Scorer::new();
