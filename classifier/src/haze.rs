@@ -16,6 +16,7 @@ use crate::kernels::{Kernel, Written};
 use crate::lamp::rgb_at;
 use crate::mask::{FieldMask, Span};
 use crate::picture::Picture;
+use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
@@ -154,6 +155,12 @@ impl Haze {
             return 0;
         }
         *window[..count].select_nth_unstable(2 * count / 5).1
+    }
+
+    /// Identifies what the picture looked at last is classified with, where `tables` is the version of those
+    /// for no haze.
+    pub fn version(&self, tables: u64) -> u64 {
+        version_by_parts(tables, b"haze", &self.levels)
     }
 
     /// Classifies the picture that was looked at last, each part with the tables for its haze.

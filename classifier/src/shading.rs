@@ -16,6 +16,7 @@
 use crate::ClassTables;
 use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, rgb_at};
 use crate::picture::Picture;
+use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
 use common::config::{Config, LightConfig};
 use common::geometry::GeometryError;
@@ -220,6 +221,16 @@ impl ShadedTables {
     /// The zones of the picture looked at last.
     pub fn zones(&self) -> &Zones {
         &self.zones
+    }
+
+    /// Identifies what the picture looked at last is classified with, where `tables` is the version of those
+    /// for the middle of the pitch: the same for the same zones, and that of the tables where all is middle.
+    pub fn version(&self, tables: u64) -> u64 {
+        let zones = self.zones.of_tiles();
+        match zones.iter().all(|&zone| usize::from(zone) == MIDDLE) {
+            true => tables,
+            false => version_by_parts(tables, b"zones", zones),
+        }
     }
 
     /// For each zone and channel what each value becomes, where the gains of the middle of the pitch are

@@ -99,24 +99,29 @@ impl Classifier {
         let Self { kernel, tables, gains, lit_tables, mask, shaded, one_zone, haze, .. } = self;
         let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(&picture).then_some(haze));
         self.is_under_glare = hazy.is_some();
-        let written = match hazy {
-            Some(haze) => haze.classify(kernel, &picture, lit_tables, mask, out),
+        let middle = lit_tables.version();
+        let (written, class_table_version) = match hazy {
+            Some(haze) => {
+                let written = haze.classify(kernel, &picture, lit_tables, mask, out);
+                (written, haze.version(middle))
+            }
             None => {
-                let zoned = match shaded {
+                let (zoned, version) = match shaded {
                     Some(shaded) => {
                         shaded.look_at(&picture);
-                        shaded.under(tables, *gains)
+                        let version = shaded.version(middle);
+                        (shaded.under(tables, *gains), version)
                     }
-                    None => ZonedTables::everywhere(lit_tables, one_zone),
+                    None => (ZonedTables::everywhere(lit_tables, one_zone), middle),
                 };
-                kernel.classify(&picture, zoned, mask, out)
+                (kernel.classify(&picture, zoned, mask, out), version)
             }
         };
         *out_header = RunsHeader {
             frame: *header,
             t_frame_taken_ns: 0,
             t_sent_ns: 0,
-            class_table_version: self.lit_tables.version(),
+            class_table_version,
             run_count: written.count,
             flags: if written.is_cut_off { RunsHeader::OVERFLOW } else { 0 },
         };

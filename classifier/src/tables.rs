@@ -252,6 +252,14 @@ fn version(colors: &[ColorConfig]) -> u64 {
     hash.0
 }
 
+/// A version made of that of some tables and of which parts of a picture they are changed for, and how.
+pub(crate) fn version_by_parts(tables: u64, what: &[u8], parts: &[u8]) -> u64 {
+    let mut hash = Fnv1a(tables);
+    hash.write(what);
+    hash.write(parts);
+    hash.0
+}
+
 struct Fnv1a(u64);
 
 impl Fnv1a {

@@ -151,6 +151,43 @@ fn every_level_follows_uneven_light_from_frame_to_frame() {
     }
 }
 
+/// What identifies the tables of a frame.
+fn version(config: &Config, frame: &Frame) -> u64 {
+    let mut classifier = Classifier::new(config).unwrap();
+    let (mut header, mut runs) = (RunsHeader::default(), vec![Run::default(); 50_000]);
+    classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).unwrap();
+    header.class_table_version
+}
+
+#[test]
+fn frames_with_other_zones_have_other_tables_by_name() {
+    let uneven = config(1.0);
+    let even =
+        Config { light: LightConfig { unevenness: 0.0, ..uneven.light.clone() }, ..uneven.clone() };
+    let [dark, darker] = [0.6, 0.3].map(|corner| frame(&uneven, corner, 5));
+    assert_ne!(version(&uneven, &dark), version(&even, &dark));
+    assert_ne!(version(&uneven, &dark), version(&uneven, &darker));
+    assert_eq!(version(&uneven, &dark), version(&uneven, &dark));
+    // Nothing is corrected where nothing is uneven.
+    let flat = frame(&uneven, 1.0, 5);
+    assert_eq!(version(&uneven, &flat), version(&even, &flat));
+
+    // The same where glare is taken off.
+    let glaring = LightConfig { glare: true, ..even.light.clone() };
+    let glaring = Config { light: glaring, ..even.clone() };
+    assert_eq!(version(&glaring, &flat), version(&even, &flat));
+    let under_glare = |from: usize| {
+        let mut frame = flat.clone();
+        for row in frame.pixels.chunks_exact_mut(640).skip(150).take(180) {
+            row[from..from + 160].iter_mut().for_each(|pixel| *pixel = pixel.saturating_add(90));
+        }
+        version(&glaring, &frame)
+    };
+    let [left, right] = [120, 360].map(under_glare);
+    assert!(left != right && left != version(&glaring, &flat), "{left} {right}");
+    assert_eq!(left, under_glare(120));
+}
+
 #[test]
 fn what_is_no_pitch_is_survived() {
     let config = config(1.0);

@@ -213,7 +213,7 @@ pub struct DetectionFrame {
     pub t_runs_taken_ns: u64,
     /// When the tracker handed this message on.
     pub t_sent_ns: u64,
-    /// The colour tables the runs were made with.
+    /// What the runs were made with, as [`RunsHeader`](super::RunsHeader) says.
     pub class_table_version: u64,
     /// Frame number of the `world` that was used as prediction; [`DetectionFrame::NO_WORLD`] for none.
     pub prior_world_seq: u64,

@@ -51,8 +51,9 @@ pub struct RunsHeader {
     pub t_frame_taken_ns: u64,
     /// When the classifier handed the runs on.
     pub t_sent_ns: u64,
-    /// Identifies the colour tables (a hash of the configured colours): runs made with different
-    /// tables are not comparable.
+    /// Identifies what the pixels were classified with: a hash of the configured colours, of the light's
+    /// gains, and of which parts of the picture have which tables where light is uneven or there is
+    /// glare. Two frames of the same version had the same tables at every pixel.
     pub class_table_version: u64,
     /// Valid elements of the payload.
     pub run_count: u32,
