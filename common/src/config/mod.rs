@@ -8,6 +8,7 @@
 
 mod access;
 mod camera;
+mod complaint;
 mod document;
 mod filter;
 mod layouts;
@@ -25,9 +26,10 @@ use serde::{Deserialize, Serialize};
 
 pub use access::AccessConfig;
 pub use camera::{CameraConfig, GenicamConfig, SettingValue, V4l2Config};
+pub use complaint::{Complaint, Complaints, Place};
 pub use document::{commented_toml, schema_json};
 pub use filter::FilterConfig;
-pub use load::{Complaint, Complaints, ConfigError, Place, check, check_file};
+pub use load::{ConfigError, check, check_file};
 pub use presets::Preset;
 pub use problem::Problem;
 pub use processes::{SchedulingConfig, SpareStage, StageCpus, SupervisorConfig, WakeUpStrategy};

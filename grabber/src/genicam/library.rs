@@ -4,7 +4,7 @@
 //! camera needs it. These are the functions that are used, with the signatures of Aravis' header
 //! files (0.8, whose interface is frozen).
 
-// A foreign library cannot be called otherwise; `objects` wraps it.
+// A foreign library cannot be called otherwise; `objects` and `stream` wrap it.
 #![allow(unsafe_code)]
 
 use libloading::Library as SharedLibrary;

@@ -1,6 +1,6 @@
 //! GigE Vision and USB3 Vision cameras, by way of the library Aravis.
 //!
-//! `library` loads it, `objects` makes its functions safe, this file does the work: it opens a
+//! `library` loads it, `objects` and `stream` make its functions safe, this file does the work: it opens a
 //! camera, sets it up as configured, and has the library write pictures straight into shared
 //! memory.
 
@@ -10,6 +10,7 @@ mod formats;
 mod library;
 mod listing;
 mod objects;
+mod stream;
 
 pub use listing::list;
 
@@ -19,8 +20,9 @@ use crate::camera::{
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::{CameraConfig, SettingValue};
 use common::messages::CameraState;
-use objects::{Camera, Complaint, Received, error_code};
+use objects::{Camera, Complaint, error_code};
 use std::time::Duration;
+use stream::Received;
 
 /// The name of the library's own simulated cameras.
 const SIMULATED: &str = "Fake_";
@@ -258,7 +260,7 @@ impl Session for Opened {
 
 struct GenicamStream {
     // Both are only absent while `self` is being dropped.
-    stream: Option<objects::Stream>,
+    stream: Option<stream::Stream>,
     camera: Option<Camera>,
     width: u32,
     height: u32,
