@@ -157,7 +157,7 @@ typedef struct TouchlineRunsHeader {
     uint64_t t_frame_taken_ns;
     /* When the classifier handed the runs on. */
     uint64_t t_sent_ns;
-    /* Identifies the colour tables (a hash of the configured colours): runs made with different tables are not comparable. */
+    /* Identifies what the pixels were classified with: a hash of the configured colours, of the light's gains, and of which parts of the picture have which tables where light is uneven or there is glare. Two frames of the same version had the same tables at every pixel. */
     uint64_t class_table_version;
     /* Valid elements of the payload. */
     uint32_t run_count;
@@ -291,7 +291,7 @@ typedef struct TouchlineDetectionFrame {
     uint64_t t_runs_taken_ns;
     /* When the tracker handed this message on. */
     uint64_t t_sent_ns;
-    /* The colour tables the runs were made with. */
+    /* What the runs were made with, as RunsHeader says. */
     uint64_t class_table_version;
     /* Frame number of the world that was used as prediction; DetectionFrame::NO_WORLD for none. */
     uint64_t prior_world_seq;

@@ -19,6 +19,7 @@ use crate::picture::{BayerImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
 use common::config::{Config, LightConfig};
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
+use common::prefetch::prefetch;
 
 /// Steps of gains, and of what is measured, in an octave; a step is 4.4 %.
 const STEPS_PER_OCTAVE: i32 = 16;
@@ -105,17 +106,16 @@ impl PitchProbe {
     fn looks(&self, picture: &Picture) -> Option<PitchLooks> {
         let mut ratios = [[0u64; RATIO_BINS]; 2];
         let mut levels = [0u64; LEVEL_BINS];
-        for &[x, y] in &self.sites {
-            let [red, green, blue] = rgb_at(picture, usize::from(x), usize::from(y));
+        for_each_color(picture, &self.sites, |[red, green, blue]| {
             levels[LOG[usize::from(green)] as usize] += 1;
             if green <= DARK || red.max(green).max(blue) > CLIPPED {
-                continue;
+                return;
             }
             for (bins, value) in ratios.iter_mut().zip([red, blue]) {
                 let ratio = i32::from(LOG[usize::from(value)]) - i32::from(LOG[usize::from(green)]);
                 bins[(ratio + RATIO_ZERO) as usize] += u64::from(green);
             }
-        }
+        });
         let is_enough = ratios[0].iter().sum::<u64>() >= FEWEST_SITES * u64::from(DARK);
         is_enough.then_some(())?;
         Some(PitchLooks {
@@ -241,6 +241,42 @@ fn median(bins: &[u64]) -> Option<i64> {
     None
 }
 
+/// The colours of places, one after the other, as [`rgb_at`] gives them. Quick where many of one row, or a
+/// few, stand together.
+pub(crate) fn for_each_color(picture: &Picture, sites: &[[u16; 2]], mut take: impl FnMut([u8; 3])) {
+    let image = match picture {
+        Picture::Bayer(image) if image.shift().is_none() => image,
+        _ => {
+            let color = |&[x, y]: &[u16; 2]| rgb_at(picture, usize::from(x), usize::from(y));
+            return sites.iter().map(color).for_each(take);
+        }
+    };
+    // All places begin the pattern at the same of its pixels.
+    let channels = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| image.order().channel_at(x, y));
+    let [red, blue] =
+        [0, 2].map(|channel| channels.iter().position(|&c| c == channel).unwrap_or(0));
+    let is_green_first = channels[0] == 1;
+    let mut rows = sites.chunk_by(|a, b| a[1] == b[1]).peekable();
+    while let Some(row) = rows.next() {
+        let y = usize::from(row[0][1]);
+        let (upper, lower) = (image.row(y), image.row(y + 1));
+        if let Some(next) = rows.peek() {
+            let (y, end) = (usize::from(next[0][1]), usize::from(next[next.len() - 1][0]) + 2);
+            for next_row in [y, y + 1] {
+                prefetch(&image.row(next_row)[usize::from(next[0][0])..end]);
+            }
+        }
+        for &[x, _] in row {
+            let x = usize::from(x);
+            let (a, b) = (&upper[x..x + 2], &lower[x..x + 2]);
+            let pattern = [a[0], a[1], b[0], b[1]];
+            let greens = if is_green_first { [a[0], b[1]] } else { [a[1], b[0]] };
+            let green = (u16::from(greens[0]) + u16::from(greens[1])) / 2;
+            take([pattern[red], green as u8, pattern[blue]]);
+        }
+    }
+}
+
 /// The colour of a place: of a Bayer picture, that of the four pixels from there on.
 pub(crate) fn rgb_at(picture: &Picture, x: usize, y: usize) -> [u8; 3] {
     match picture {
@@ -315,6 +351,22 @@ mod tests {
                 let value = corrected[channel][usize::from(*seen)];
                 assert!(value.abs_diff(*expected) <= 2, "{channel}: {value}, not {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn many_colors_are_the_same_as_each() {
+        for order in BayerOrder::ALL {
+            let config = set_for([60.0, 60.0, 48.0], order);
+            let frame: Vec<u8> =
+                (0..640 * 480u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+            let picture = picture(&config, &frame);
+            let mut sites = PitchProbe::new(&config).unwrap().into_sites();
+            sites.extend([[0, 0], [638, 478], [638, 0], [0, 478]]);
+            let mut found = Vec::new();
+            for_each_color(&picture, &sites, |color| found.push(color));
+            let each = sites.iter().map(|&[x, y]| rgb_at(&picture, x.into(), y.into()));
+            assert!(found.len() > 1000 && each.eq(found), "{order:?}");
         }
     }
 

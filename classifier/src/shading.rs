@@ -14,7 +14,7 @@
 //! a fixed order, so the same frame gives the same zones on every machine.
 
 use crate::ClassTables;
-use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, rgb_at};
+use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, for_each_color};
 use crate::picture::Picture;
 use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
@@ -133,9 +133,9 @@ impl Shading {
         let mut begin = 0;
         for (end, says) in &self.cells {
             self.values.clear();
-            self.values.extend(self.sites[begin..*end].iter().map(|&[x, y]| {
-                LOG[usize::from(rgb_at(picture, usize::from(x), usize::from(y))[1])]
-            }));
+            for_each_color(picture, &self.sites[begin..*end], |[_, green, _]| {
+                self.values.push(LOG[usize::from(green)]);
+            });
             let middle = self.values.len() / 2;
             let median = f64::from(*self.values.select_nth_unstable(middle).1);
             surface += says * median;

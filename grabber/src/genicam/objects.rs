@@ -5,7 +5,7 @@
 
 use super::library::{ErrorPlace, GError, Library, Object, library};
 use super::stream::Stream;
-use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
+use std::ffi::{CStr, CString, c_char, c_int, c_uint};
 use std::ptr::{null, null_mut};
 
 /// What the library complains about.
