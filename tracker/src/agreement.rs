@@ -5,8 +5,9 @@
 //! degrees. What then still tells the pose is every single pixel: at the right pose pixels of each
 //! patch's colour lie in that patch, and few others do. So the pose is moved, by ever smaller steps,
 //! to where the sum over all pixels around is greatest: a pixel counts for the patch it lies in,
-//! weighted by how far inside it lies, when it has the patch's colour, and against it when it has
-//! another or none.
+//! weighted by how far inside it lies, when it has the patch's colour, and half as much against it when
+//! it has another or none. Since a patch covers as many pixels wherever it lies, those against it are
+//! known from those for it, and only pixels of some colour need be looked at.
 
 use crate::pattern::Pattern;
 use common::config::RobotsConfig;
@@ -14,9 +15,8 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::topmost_patch;
 use common::messages::{DetectionFrame, MAX_PATCHES};
 
-/// A pixel of another patch's colour, or of none, counts this much.
-const STRANGER: f32 = -0.5;
-const BLANK: f32 = -0.5;
+/// A pixel of another colour than the patch's, or of none, counts so much against it.
+const AGAINST: f32 = 0.5;
 /// The rims of patches fade over this distance: demosaicing mixes pixels with their neighbours, and a
 /// sum that changes gradually shows the way to its greatest value.
 const FADE_MM: f64 = 6.0;
@@ -46,24 +46,26 @@ const MAX_TRIALS: u32 = 160;
 pub(crate) struct Shares {
     reach_mm: f64,
     columns: usize,
-    patches: usize,
     /// For each cell, the share of each patch.
     cells: Vec<[f32; MAX_PATCHES]>,
     /// For each patch, the sum of its shares in square millimetres.
     areas_mm2: [f32; MAX_PATCHES],
 }
 
-/// The pixels around a robot.
+/// The pixels around a robot that have a colour.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Surroundings {
     pixels: Vec<Pixel>,
     /// What each stands for.
     pixel_mm2: f32,
+    /// From where their places are counted.
+    origin: FieldPoint,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Pixel {
-    place: FieldPoint,
+    x_mm: f32,
+    y_mm: f32,
     /// Bit i: it has colour class i.
     class_bit: u32,
 }
@@ -89,8 +91,7 @@ impl Shares {
             areas_mm2.iter_mut().zip(share).for_each(|(area, share)| *area += share);
         }
         areas_mm2.iter_mut().for_each(|area| *area *= (CELL_MM * CELL_MM) as f32);
-        let patches = robots.patches.len().min(MAX_PATCHES);
-        Self { reach_mm, columns, patches, cells, areas_mm2 }
+        Self { reach_mm, columns, cells, areas_mm2 }
     }
 }
 
@@ -123,17 +124,12 @@ impl Surroundings {
             camera.field_from_image(point, pattern.height_mm)
         };
         let (origin, right, down) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0));
-        let side = (2 * steps + 1) as usize;
-        for j in -steps..=steps {
-            for i in -steps..=steps {
-                let (dx, dy) = ((i * step) as f64, (j * step) as f64);
-                let place = FieldPoint::new(
-                    origin.x_mm + dx * (right.x_mm - origin.x_mm) + dy * (down.x_mm - origin.x_mm),
-                    origin.y_mm + dx * (right.y_mm - origin.y_mm) + dy * (down.y_mm - origin.y_mm),
-                );
-                self.pixels.push(Pixel { place, class_bit: 0 });
-            }
-        }
+        self.origin = origin;
+        let (right, down) = (
+            [right.x_mm - origin.x_mm, right.y_mm - origin.y_mm],
+            [down.x_mm - origin.x_mm, down.y_mm - origin.y_mm],
+        );
+        let off = [pose.position.x_mm - origin.x_mm, pose.position.y_mm - origin.y_mm];
         // What the regions show of it.
         let (left, top) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
@@ -142,55 +138,57 @@ impl Surroundings {
                 || i64::from(region.right) < left
                 || i64::from(region.top) > bottom
                 || i64::from(region.bottom) < top;
-            if apart {
+            let class_bit = 1u32.checked_shl(region.class).unwrap_or(0);
+            if apart || class_bit == 0 {
                 continue;
             }
-            let class_bit = 1u32.checked_shl(region.class).unwrap_or(0);
             for run in frame.runs_of(region) {
-                let dy = i64::from(run.row) - top;
-                if dy < 0 || i64::from(run.row) > bottom || dy % step != 0 {
+                let y = i64::from(run.row);
+                if y < top || y > bottom || (y - top) % step != 0 {
                     continue;
                 }
                 let first = (i64::from(run.begin) - left).max(0);
                 let end = (i64::from(run.end) - left).min(last - left + 1);
-                let mut dx = first + (step - first % step) % step;
-                while dx < end {
-                    let index = (dy / step) as usize * side + (dx / step) as usize;
-                    self.pixels[index].class_bit = class_bit;
-                    dx += step;
+                let first = first + (step - first % step) % step;
+                for x in (first..end).step_by(step as usize) {
+                    let (dx, dy) = ((left + x - column) as f64, (y - row) as f64);
+                    let at = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
+                    if (at[0] - off[0]).hypot(at[1] - off[1]) <= reach_mm {
+                        let [x_mm, y_mm] = at.map(|value| value as f32);
+                        self.pixels.push(Pixel { x_mm, y_mm, class_bit });
+                    }
                 }
             }
         }
-        let reach2 = reach_mm * reach_mm;
-        self.pixels.retain(|pixel| {
-            let (dx, dy) =
-                (pixel.place.x_mm - pose.position.x_mm, pixel.place.y_mm - pose.position.y_mm);
-            dx * dx + dy * dy <= reach2
-        });
     }
 
-    /// For each patch, what speaks for and against it.
+    /// For each patch, what speaks for and against it, in pixels.
     fn sums(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> [f32; MAX_PATCHES] {
-        let mut sums = [0.0; MAX_PATCHES];
-        let scale = 1.0 / CELL_MM;
+        let mut agree = [0.0; MAX_PATCHES];
+        let scale = 1.0 / CELL_MM as f32;
         let (sin, cos) = pose.orientation.sin_cos();
-        let columns = shares.columns as f64;
+        let (sin, cos) = (sin as f32 * scale, cos as f32 * scale);
+        let middle = (shares.reach_mm / CELL_MM) as f32;
+        let columns = shares.columns as f32;
+        let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
+        let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
         for pixel in &self.pixels {
-            let (dx, dy) =
-                (pixel.place.x_mm - pose.position.x_mm, pixel.place.y_mm - pose.position.y_mm);
-            let x = (cos * dx + sin * dy + shares.reach_mm) * scale;
-            let y = (cos * dy - sin * dx + shares.reach_mm) * scale;
+            let (dx, dy) = (pixel.x_mm - center_x, pixel.y_mm - center_y);
+            let x = cos * dx + sin * dy + middle;
+            let y = cos * dy - sin * dx + middle;
             if !(x >= 0.0 && y >= 0.0 && x < columns && y < columns) {
                 continue;
             }
             let cell = &shares.cells[y as usize * shares.columns + x as usize];
-            let otherwise = if pixel.class_bit == 0 { BLANK } else { STRANGER };
-            for patch in 0..shares.patches {
-                let agrees = accepted[patch] & pixel.class_bit != 0;
-                sums[patch] += cell[patch] * if agrees { 1.0 } else { otherwise };
+            for ((agree, share), accepted) in agree.iter_mut().zip(cell).zip(accepted) {
+                *agree += if accepted & pixel.class_bit != 0 { *share } else { 0.0 };
             }
         }
-        sums
+        let per_mm2 = if self.pixel_mm2 > 0.0 { AGAINST / self.pixel_mm2 } else { 0.0 };
+        for (agree, area_mm2) in agree.iter_mut().zip(shares.areas_mm2) {
+            *agree = (1.0 + AGAINST) * *agree - area_mm2 * per_mm2;
+        }
+        agree
     }
 
     fn total(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> f32 {

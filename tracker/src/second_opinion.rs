@@ -16,8 +16,8 @@ use crate::pattern::Pattern;
 use common::geometry::Pose;
 use common::messages::{DetectionFrame, MAX_PATCHES, Team};
 
-/// Most team patches that get a second opinion in a frame; each takes about a fifth of a millisecond.
-pub(crate) const MAX_OPINIONS: usize = 32;
+/// Most team patches that get a second opinion in a frame; each takes up to a third of a millisecond.
+pub(crate) const MAX_OPINIONS: usize = 24;
 /// A robot that seems to stand so far outside the pitch may still prove to stand on it.
 const START_SLACK_MM: f64 = 15.0;
 /// Half of the team patch must agree, after what disagrees has been taken off …
