@@ -25,7 +25,7 @@ const KEPT_TRUTH: usize = 512;
 const RATE_PERIOD_NS: u64 = 1_000_000_000;
 
 /// How often memory is looked at, and when for the first time.
-const MEMORY_PERIOD_NS: u64 = 10_000_000_000;
+const MEMORY_PERIOD_NS: u64 = 30_000_000_000;
 const MEMORY_FIRST_NS: u64 = 1_500_000_000;
 
 /// The monitor's eyes and memory.

@@ -38,7 +38,7 @@ const LONGEST_POLL: Duration = Duration::from_millis(50);
 /// … and whenever this part of a buffer has filled, so that nothing is overwritten meanwhile.
 const POLLS_PER_BUFFER: f64 = 4.0;
 /// How often the status is published.
-const STATUS_PERIOD: Duration = Duration::from_millis(250);
+const STATUS_PERIOD: Duration = Duration::from_millis(500);
 
 /// What the monitor publishes on.
 struct Outlets {
