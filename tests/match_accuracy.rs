@@ -1,21 +1,20 @@
 //! How well robots and ball are known: synthetic matches through the cores of all stages, offline,
 //! scored against the truth.
 
+mod offline;
+
 use bytemuck::Zeroable;
-use classifier::Classifier;
 use common::config::Config;
 use common::geometry::wrap_angle;
 use common::messages::{
-    BallHypothesis, DetectionFrame, FrameHeader, MAX_RUNS, RobotHypothesis, Run, RunsHeader,
-    TruthFrame, TruthRobot, WorldFrame,
+    BallHypothesis, DetectionFrame, RobotHypothesis, TruthFrame, TruthRobot, WorldFrame,
 };
 use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use offline::Offline;
 use std::collections::VecDeque;
-use tracker::Tracker;
 
-const START_NS: u64 = 5_000_000_000;
 /// Half a second, as in the report.
 const STANDING_FRAMES: u32 = 40;
 
@@ -98,50 +97,28 @@ fn play(config: &Config, seeds: std::ops::Range<u64>, frames: u64) -> Outcome {
 }
 
 fn play_one(config: &Config, frames: u64, outcome: &mut Outcome) {
-    let camera = &config.camera;
-    let period_ns = (1e9 / camera.fps).round() as u64;
-    let mut game = SyntheticMatch::new(config).unwrap();
-    let mut classifier = Classifier::new(config).unwrap();
-    let mut tracker = Tracker::new(config).unwrap();
-    let mut filter = Filter::new(config).unwrap();
-    let mut pixels = vec![0; (camera.width * camera.height) as usize];
-    let mut runs = vec![Run::zeroed(); MAX_RUNS];
-    let mut runs_header = RunsHeader::default();
-    let mut seen = Box::new(DetectionFrame::zeroed());
-    let mut world = Box::new(WorldFrame::zeroed());
+    let mut offline = Offline::new(config);
     // What was predicted for frames to come.
     let mut predicted: VecDeque<(u64, Box<WorldFrame>)> = VecDeque::new();
-    for seq in 0..frames {
-        let header =
-            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
-        game.render(&mut pixels, camera.width as usize);
-        classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
-        let prior = (seq > 0).then_some(&*world);
-        tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), prior, &mut seen);
-        // Predictions are for a command that leaves at once.
-        seen.t_sent_ns = header.t_capture_ns;
-        filter.step(&seen, &mut world);
-        let mut commands = *game.commands();
-        commands.seq = seq;
-        commands.t_sent_ns = header.t_capture_ns;
-        filter.command(&commands);
-        if seq >= 40 {
-            score(&game, &seen, &world, outcome);
-            while predicted.front().is_some_and(|(for_seq, _)| *for_seq < seq) {
-                predicted.pop_front();
-            }
-            if let Some((for_seq, before)) = predicted.front()
-                && *for_seq == seq
-            {
-                score_predictions(&game, before, outcome);
-            }
-            let ahead_ns = world.t_predicted_ns - header.t_capture_ns;
-            if ahead_ns.is_multiple_of(period_ns) {
-                predicted.push_back((seq + ahead_ns / period_ns, world.clone()));
-            }
+    offline.play(frames, |offline| {
+        let (seq, world) = (offline.header.seq, &offline.world);
+        if seq < 40 {
+            return;
         }
-        game.advance();
-    }
+        score(&offline.game, &offline.seen, world, outcome);
+        while predicted.front().is_some_and(|(for_seq, _)| *for_seq < seq) {
+            predicted.pop_front();
+        }
+        if let Some((for_seq, before)) = predicted.front()
+            && *for_seq == seq
+        {
+            score_predictions(&offline.game, before, outcome);
+        }
+        let ahead_ns = world.t_predicted_ns - offline.header.t_capture_ns;
+        if ahead_ns.is_multiple_of(offline.period_ns) {
+            predicted.push_back((seq + ahead_ns / offline.period_ns, world.clone()));
+        }
+    });
 }
 
 fn score(game: &SyntheticMatch, seen: &DetectionFrame, world: &WorldFrame, outcome: &mut Outcome) {
@@ -318,47 +295,29 @@ fn normalised<const N: usize>(off: SVector<f64, N>, covariance: SMatrix<f64, N, 
 }
 
 fn consistency(config: &Config, frames: u64) -> Consistency {
-    let camera = &config.camera;
-    let period_ns = (1e9 / camera.fps).round() as u64;
-    let mut game = SyntheticMatch::new(config).unwrap();
-    let mut classifier = Classifier::new(config).unwrap();
-    let mut tracker = Tracker::new(config).unwrap();
-    let mut filter = Filter::new(config).unwrap();
+    let mut offline = Offline::new(config);
     // A spare that sees nothing says what was predicted.
     let mut spare = Filter::new(config).unwrap();
-    let mut pixels = vec![0; camera.frame_bytes()];
-    let mut runs = vec![Run::zeroed(); MAX_RUNS];
-    let mut runs_header = RunsHeader::default();
-    let mut seen = Box::new(DetectionFrame::zeroed());
     let mut nothing = Box::new(DetectionFrame::zeroed());
-    let mut world = Box::new(WorldFrame::zeroed());
     let mut predicted = Box::new(WorldFrame::zeroed());
     let mut outcome = Consistency::default();
-    let mut commands = None;
     for seq in 0..frames {
-        let header =
-            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
-        game.render(&mut pixels, camera.width as usize);
-        classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
-        tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), None, &mut seen);
+        offline.look(|_| ());
         if seq > 0 {
-            spare.resume(&world);
-            commands.iter().for_each(|commands| spare.command(commands));
-            nothing.frame = header;
+            spare.resume(&offline.world);
+            spare.command(&offline.commands);
+            nothing.frame = offline.header;
             spare.step(&nothing, &mut predicted);
         }
-        filter.step(&seen, &mut world);
-        let mut sent = *game.commands();
-        (sent.seq, sent.t_sent_ns) = (seq, header.t_capture_ns);
-        filter.command(&sent);
-        commands = Some(sent);
+        offline.think();
         if seq >= 80 {
+            let Offline { game, seen, world, .. } = &offline;
             for truth in game.truth().robots().iter().filter(|robot| robot.visible != 0) {
-                compare_robot(truth, &seen, &predicted, &world, &mut outcome);
+                compare_robot(truth, seen, &predicted, world, &mut outcome);
             }
-            compare_ball(game.truth(), &seen, &predicted, &mut outcome);
+            compare_ball(game.truth(), seen, &predicted, &mut outcome);
         }
-        game.advance();
+        offline.advance();
     }
     outcome
 }

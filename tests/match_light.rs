@@ -2,22 +2,19 @@
 //! all stages, offline, frame after frame, the lamps turned up and down; and how a group shows what it
 //! does about that.
 
+mod offline;
 mod support;
 
 use bytemuck::Zeroable;
 use classifier::Classifier;
 use common::config::{Config, Preset};
-use common::messages::{
-    DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame,
-};
-use filter::Filter;
+use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame};
 use grabber::synthetic::SyntheticMatch;
+use offline::Offline;
 use serde_json::Value;
 use std::collections::HashMap;
 use support::{Group, Scratch};
-use tracker::Tracker;
 
-const START_NS: u64 = 5_000_000_000;
 /// No robot may be lost for more frames in a row.
 const MOST_LOST: u32 = 5;
 
@@ -49,36 +46,18 @@ struct Outcome {
 
 /// Plays a match in which a lamp gives `light(s)` times its light after s seconds.
 fn play(config: &Config, seconds: f64, light: impl Fn(f64) -> f64) -> Outcome {
-    let camera = &config.camera;
-    let period_ns = (1e9 / camera.fps).round() as u64;
-    let mut game = SyntheticMatch::new(config).unwrap();
-    let mut classifier = Classifier::new(config).unwrap();
-    let mut tracker = Tracker::new(config).unwrap();
-    let mut filter = Filter::new(config).unwrap();
-    let mut pixels = vec![0; (camera.width * camera.height) as usize];
-    let mut runs = vec![Run::zeroed(); MAX_RUNS];
-    let mut runs_header = RunsHeader::default();
-    let mut seen = Box::new(DetectionFrame::zeroed());
-    let mut world = Box::new(WorldFrame::zeroed());
+    let mut offline = Offline::new(config);
     let mut outcome = Outcome::default();
-    for seq in 0..(seconds * camera.fps) as u64 {
-        let header =
-            FrameHeader { seq, t_capture_ns: START_NS + seq * period_ns, ..camera.frame_header() };
-        game.render(&mut pixels, camera.width as usize);
-        let light = light(seq as f64 / camera.fps);
-        for pixel in &mut pixels {
-            *pixel = (f64::from(*pixel) * light).round().min(255.0) as u8;
-        }
-        classifier.step(&header, &pixels, &mut runs_header, &mut runs).unwrap();
-        let prior = (seq > 0).then_some(&*world);
-        tracker.step(&runs_header, runs_header.valid(&runs), Some(&pixels), prior, &mut seen);
-        filter.step(&seen, &mut world);
-        let mut commands = *game.commands();
-        commands.seq = seq;
-        commands.t_sent_ns = header.t_capture_ns;
-        filter.command(&commands);
-        outcome.note(&game, &seen, &world);
-        game.advance();
+    for frame in 0..(seconds * config.camera.fps) as u64 {
+        let light = light(frame as f64 / config.camera.fps);
+        offline.look(|pixels| {
+            for pixel in pixels {
+                *pixel = (f64::from(*pixel) * light).round().min(255.0) as u8;
+            }
+        });
+        offline.think();
+        outcome.note(&offline.game, &offline.seen, &offline.world);
+        offline.advance();
     }
     outcome
 }

@@ -125,19 +125,19 @@ impl PoseErrors {
 
 /// Of non-negative errors, in millimetres or degrees.
 #[derive(Debug)]
-struct Distribution {
+pub(super) struct Distribution {
     sum_of_squares: f64,
     /// In thousandths.
     histogram: Histogram<u64>,
 }
 
 impl Distribution {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let histogram = Histogram::new_with_max(1_000_000, 3).expect("these bounds are allowed");
         Self { sum_of_squares: 0.0, histogram }
     }
 
-    fn add(&mut self, error: f64) {
+    pub fn add(&mut self, error: f64) {
         self.sum_of_squares += error * error;
         self.histogram.saturating_record((error * 1000.0) as u64);
     }
@@ -146,11 +146,11 @@ impl Distribution {
         self.histogram.len()
     }
 
-    fn rms(&self) -> f64 {
+    pub fn rms(&self) -> f64 {
         (self.sum_of_squares / self.count().max(1) as f64).sqrt()
     }
 
-    fn p99(&self) -> f64 {
+    pub fn p99(&self) -> f64 {
         self.histogram.value_at_quantile(0.99) as f64 / 1000.0
     }
 

@@ -8,6 +8,7 @@ use super::latency::LatencyMeter;
 use super::report::{
     Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage,
 };
+use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
 use common::bus::{Bus, BusError, Subscriber};
@@ -45,6 +46,7 @@ pub struct Collector {
     known_truth: VecDeque<TruthFrame>,
     detection_scorer: Scorer,
     world_scorer: Scorer,
+    unknown_scorer: UnknownScorer,
     latency: LatencyMeter,
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
@@ -123,6 +125,7 @@ impl Collector {
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
             detection_scorer: Scorer::new(),
             world_scorer: Scorer::new(),
+            unknown_scorer: UnknownScorer::new(config),
             latency: LatencyMeter::default(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
@@ -238,6 +241,7 @@ impl Collector {
                 })
                 .collect();
             let ball = detection.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);
+            let truth = self.unknown_scorer.named_only(&truth);
             self.detection_scorer.score(&truth, &robots, ball);
         }
         Ok(())
@@ -278,6 +282,8 @@ impl Collector {
                 .collect();
             let ball = &world.ball;
             let ball = present(ball.status).then_some([ball.x_mm, ball.y_mm]);
+            self.unknown_scorer.score(&truth, world);
+            let truth = self.unknown_scorer.named_only(&truth);
             self.world_scorer.score(&truth, &robots, ball);
         }
         Ok(())
@@ -365,7 +371,9 @@ impl Collector {
         let working =
             |stage: &Stage| stage.processes.iter().any(|process| process.state == "active");
         let accuracy = match (self.detection_scorer.errors(), self.world_scorer.errors()) {
-            (Some(detections), Some(world)) => Some(Accuracy { detections, world }),
+            (Some(detections), Some(world)) => {
+                Some(Accuracy { detections, world, unknown: self.unknown_scorer.errors() })
+            }
             _ => None,
         };
         let camera = Camera { device: self.camera.device(), ..self.base.camera.clone() };

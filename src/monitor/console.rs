@@ -231,6 +231,18 @@ fn body(report: &Report) -> String {
             "  {:<12} {:>30} {:>14} {:>14} {:>14}",
             "", "rms / p99", "rms / p99", "rms / max", "rms / max"
         );
+        if let Some(unknown) = &accuracy.unknown {
+            let _ = writeln!(
+                text,
+                "  {:<12} {:>7.2}% followed, {} changes of number, {} ghosts, patch {:.2} / {:.2} mm",
+                "unknown",
+                unknown.followed_ratio * 100.0,
+                unknown.switches,
+                unknown.ghosts,
+                unknown.patch_rms_mm,
+                unknown.patch_p99_mm,
+            );
+        }
     }
     text
 }

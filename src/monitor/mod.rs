@@ -13,6 +13,7 @@ mod console;
 mod flow;
 mod latency;
 pub mod report;
+mod unknown;
 mod usage;
 mod view;
 

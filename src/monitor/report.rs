@@ -313,6 +313,25 @@ pub struct Accuracy {
     pub detections: Errors,
     /// Of the filter's world, at capture time.
     pub world: Errors,
+    /// Of robots in it of which only the team is known; absent when there was none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown: Option<UnknownErrors>,
+}
+
+/// Errors of robots of which only the team is known.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct UnknownErrors {
+    /// Share of those visible that were followed.
+    pub followed_ratio: f64,
+    /// Tracks where nobody is, counted in each frame.
+    pub ghosts: u64,
+    /// How often a robot was followed under another number than before.
+    pub switches: u64,
+    /// Root of the mean squared distance of the team patch, of which the position is.
+    pub patch_rms_mm: f64,
+    /// Ninety-nine of a hundred distances are below.
+    pub patch_p99_mm: f64,
 }
 
 /// Errors of poses.

@@ -303,6 +303,7 @@ impl Default for SyntheticConfig {
     fn default() -> Self {
         Self {
             seed: 1,
+            unknown_opponents: 0,
             max_speed_mm_s: 1500.0,
             max_acceleration_mm_s2: 3000.0,
             slip: 0.0,

@@ -10,6 +10,11 @@ pub struct SyntheticConfig {
     /// The same seed gives the same match, pixel for pixel.
     #[schemars(range(max = i64::MAX))]
     pub seed: u64,
+    /// So many robots play in each team of which `robots.identities` lists nobody. They wear the
+    /// identification colours of those that are listed: opponents of which only the team's colour is
+    /// known. With `robots.report_unknown` they are followed.
+    #[schemars(range(max = 16))]
+    pub unknown_opponents: u32,
     /// Fastest a robot drives.
     #[schemars(range(min = 0, max = 100_000))]
     pub max_speed_mm_s: f64,

@@ -40,7 +40,7 @@ mod sprite;
 mod tests;
 
 use bytemuck::Zeroable;
-use common::config::Config;
+use common::config::{Config, IdentityConfig};
 use common::geometry::GeometryError;
 use common::messages::{Commands, MAX_ROBOTS, Team, TruthFrame, TruthRobot, WheelCommand};
 use motion::WheelSpeeds;
@@ -94,6 +94,7 @@ pub struct SyntheticMatch {
 impl SyntheticMatch {
     /// The match at frame 0: robots spread over the field, most already moving, some standing.
     pub fn new(config: &Config) -> Result<Self, SyntheticError> {
+        let config = &with_unknown_opponents(config);
         let robots = config.robots.identities.len();
         if robots > MAX_ROBOTS {
             return Err(SyntheticError::TooManyRobots { robots });
@@ -196,6 +197,24 @@ impl SyntheticMatch {
             };
         }
     }
+}
+
+/// The configuration with robots of a team that has none, if such are to play.
+fn with_unknown_opponents(config: &Config) -> Config {
+    let mut config = config.clone();
+    let listed = config.robots.identities.clone();
+    for team in Team::ALL {
+        if listed.is_empty() || listed.iter().any(|robot| robot.team == team) {
+            continue;
+        }
+        let opponents = (0..config.synthetic.unknown_opponents).zip(listed.iter().cycle());
+        config.robots.identities.extend(opponents.map(|(id, robot)| IdentityConfig {
+            team,
+            id,
+            colors: robot.colors.clone(),
+        }));
+    }
+    config
 }
 
 /// Refuses zero, negative, infinite and absent numbers.
