@@ -38,7 +38,7 @@
 //!
 //! The noises of a steered robot are those of real wheels, which slip. In a synthetic match whose
 //! robots slip as much (`synthetic.slip = 1`) innovations are distributed as they should be
-//! (`tests/match_accuracy.rs`); where robots obey to the letter they are far smaller than claimed.
+//! (`tests/match_consistency.rs`); where robots obey to the letter they are far smaller than claimed.
 //!
 //! # The error that stays
 //!

@@ -29,6 +29,8 @@ pub struct Offline {
     /// Of the current frame.
     pub header: FrameHeader,
     pub period_ns: u64,
+    /// Whether the filter hears what robots are told.
+    pub hears_commands: bool,
     classifier: Classifier,
     tracker: Tracker,
     filter: Filter,
@@ -52,6 +54,7 @@ impl Offline {
             commands: Commands::zeroed(),
             header: FrameHeader { t_capture_ns: START_NS, ..camera.frame_header() },
             period_ns: (1e9 / camera.fps).round() as u64,
+            hears_commands: true,
             classifier: Classifier::new(config).unwrap(),
             tracker: Tracker::new(config).unwrap(),
             filter: Filter::new(config).unwrap(),
@@ -73,12 +76,15 @@ impl Offline {
         seen.t_sent_ns = header.t_capture_ns;
     }
 
-    /// Filters what was seen, up to `world`, and hears what robots are told upon it.
+    /// Filters what was seen, up to `world`, and hears what robots are told upon it, unless that is to
+    /// be kept from it.
     pub fn think(&mut self) {
         self.filter.step(&self.seen, &mut self.world);
         self.commands = *self.game.commands();
         (self.commands.seq, self.commands.t_sent_ns) = (self.header.seq, self.header.t_capture_ns);
-        self.filter.command(&self.commands);
+        if self.hears_commands {
+            self.filter.command(&self.commands);
+        }
     }
 
     /// On to the next frame.
