@@ -230,9 +230,9 @@ fn a_stage_that_dies_with_the_supervisor_repeats_nothing() {
     }
     group.replace_supervisor();
     read_on(300, &group);
-    let first = numbers[0];
-    let expected: Vec<u64> = (first..first + numbers.len() as u64).collect();
-    assert_eq!(numbers, expected, "one after the other");
+    // A busy machine may start the filter so late that frames have been overwritten; that they come
+    // once and in order is promised all the same.
+    assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
 }
