@@ -96,24 +96,28 @@ impl Shares {
 }
 
 impl Surroundings {
-    /// Looks at the pixels around a robot near `pose`.
+    /// Looks at the pixels around a team patch at `place`, wherever around it the robot may turn out to
+    /// be: what is not looked at would count against it.
     pub fn look_at(
         &mut self,
         pattern: &Pattern,
         camera: &CameraModel,
         frame: &DetectionFrame,
-        pose: &Pose,
+        place: FieldPoint,
     ) {
         self.pixels.clear();
-        let center = camera.image_from_field(pose.position, pattern.height_mm);
+        let center = camera.image_from_field(place, pattern.height_mm);
         let area_mm2 = camera.pixel_area_mm2(center, pattern.height_mm);
-        let reach_mm = pattern.size_mm * 0.75 + START_ERROR_MM;
+        let robot_mm = pattern.size_mm * 0.75 + START_ERROR_MM;
+        let [x_mm, y_mm] = pattern.patches[pattern.team_patch].centroid_mm;
+        let reach_mm = robot_mm + x_mm.hypot(y_mm);
         let reach_px = reach_mm / area_mm2.sqrt();
         if !(center.x_px.is_finite() && center.y_px.is_finite() && reach_px < 1e4) {
             return;
         }
+        let robot_px = robot_mm / area_mm2.sqrt();
         let step =
-            ((std::f64::consts::PI * reach_px * reach_px / MAX_PIXELS).sqrt().ceil()).max(1.0);
+            ((std::f64::consts::PI * robot_px * robot_px / MAX_PIXELS).sqrt().ceil()).max(1.0);
         self.pixel_mm2 = (area_mm2 * step * step) as f32;
         let step = step as i64;
         let (column, row) = (center.x_px.round() as i64, center.y_px.round() as i64);
@@ -129,7 +133,7 @@ impl Surroundings {
             [right.x_mm - origin.x_mm, right.y_mm - origin.y_mm],
             [down.x_mm - origin.x_mm, down.y_mm - origin.y_mm],
         );
-        let off = [pose.position.x_mm - origin.x_mm, pose.position.y_mm - origin.y_mm];
+        let off = [place.x_mm - origin.x_mm, place.y_mm - origin.y_mm];
         // What the regions show of it.
         let (left, top) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
@@ -358,7 +362,8 @@ mod tests {
             // A checkerboard of holes, and one identification patch gone at all.
             let frame = painted(&config, &pose, |column, row| (column / 2 + row / 2) % 3 != 0);
             let mut surroundings = Surroundings::default();
-            surroundings.look_at(&pattern, &camera, &frame, &pose);
+            let team_patch = pose.field_from_robot(pattern.patches[pattern.team_patch].centroid_mm);
+            surroundings.look_at(&pattern, &camera, &frame, team_patch);
             let start = Pose {
                 position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
                 orientation: pose.orientation + 0.3,
@@ -392,7 +397,7 @@ mod tests {
         let mut surroundings = Surroundings::default();
         for x_mm in [f64::NAN, 1e12, -5000.0] {
             let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
-            surroundings.look_at(&pattern, &camera, &frame, &pose);
+            surroundings.look_at(&pattern, &camera, &frame, pose.position);
             let fitted = surroundings.fit(&pattern.shares, &[1; MAX_PATCHES], pose);
             assert!(!fitted.orientation.is_nan());
         }

@@ -17,7 +17,7 @@ use common::geometry::Pose;
 use common::messages::{DetectionFrame, MAX_PATCHES, Team};
 
 /// Most team patches that get a second opinion in a frame; each takes up to a third of a millisecond.
-pub(crate) const MAX_OPINIONS: usize = 24;
+pub(crate) const MAX_OPINIONS: usize = 32;
 /// A robot that seems to stand so far outside the pitch may still prove to stand on it.
 const START_SLACK_MM: f64 = 15.0;
 /// Half of the team patch must agree, after what disagrees has been taken off …
@@ -60,8 +60,10 @@ pub(crate) fn ask(
     // A floor beside the pitch may be full of what looks like team patches.
     let is_inside = |pose: &&Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
     let starts = by_shape.iter().flatten().chain(paired).filter(is_inside);
-    let Some(first) = starts.clone().next() else { return false };
-    surroundings.look_at(pattern, scene.camera, frame, first);
+    if starts.clone().next().is_none() {
+        return false;
+    }
+    surroundings.look_at(pattern, scene.camera, frame, team_patch.position);
     let any = accepted_by_any(pattern, team);
     let total = |accepted: &Accepted, pose: &Pose| -> f32 {
         surroundings.agreement(&pattern.shares, accepted, pose).iter().sum()
