@@ -14,6 +14,7 @@ impl Config {
     pub fn problems(&self) -> Vec<Problem> {
         let mut problems = self.out_of_bounds();
         self.check_field(&mut problems);
+        self.check_opponents(&mut problems);
         self.check_colors(&mut problems);
         self.check_roles(&mut problems);
         self.check_robots(&mut problems);
@@ -58,6 +59,17 @@ impl Config {
             problems.push(Problem::new("synthetic.seed", message));
         }
         problems
+    }
+
+    fn check_opponents(&self, problems: &mut Vec<Problem>) {
+        let lists = |team| self.robots.identities.iter().any(|robot| robot.team == team);
+        if self.synthetic.unknown_opponents > 0
+            && Team::ALL.into_iter().filter(|&team| lists(team)).count() != 1
+        {
+            let message = "opponents are unknown where robots of one team only are listed";
+            let problem = Problem::new("synthetic.unknown_opponents", message);
+            problems.push(problem.related("robots.identities"));
+        }
     }
 
     fn check_field(&self, problems: &mut Vec<Problem>) {
@@ -299,6 +311,9 @@ mod tests {
             config.field.center_circle_radius_mm = 950.0;
         });
         refused("robots.wheel_base_mm", "75 mm", |config| config.robots.wheel_base_mm = 110.0);
+        refused("synthetic.unknown_opponents", "one team only", |config| {
+            config.synthetic.unknown_opponents = 5;
+        });
         refused("supervisor.backoff_max_ms", "100 ms", |config| {
             config.supervisor.backoff_max_ms = 50.0;
         });
