@@ -305,6 +305,10 @@ fn the_unit_file_is_understood() {
 #[test]
 fn the_wall_clock_is_only_for_people() {
     let reasons = [
+        (
+            "common/src/bus/participants.rs",
+            "a file's time, only ever asked whether it is another one",
+        ),
         ("common/src/clock.rs", "where it is read"),
         ("grabber/src/camera/link.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/camera/timeline.rs", "for people: t_capture_wall_ns"),
