@@ -5,16 +5,14 @@
 //! within a frame.
 
 use crate::blend::{Blend, Wrap};
-use crate::constant_velocity::ConstantVelocity;
+use crate::constant_velocity::{self, ConstantVelocity, no_angles};
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::FilterConfig;
 use common::messages::BALL_HYPOTHESES;
-use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{Matrix2, Vector2, Vector4};
 
-/// Uncertainty of the velocity of a ball seen for the first time.
-const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
 /// No ball is faster; used to tell whether two sightings can be of the same ball.
 const MAX_SPEED_MM_S: f64 = 6000.0;
 
@@ -65,34 +63,23 @@ impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
     }
 
     fn initial(&self, measured: &Vector2<f64>) -> Blend<4, BALL_HYPOTHESES> {
-        let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
-        let belief = Gaussian {
-            mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&Vector4::new(
-                self.noise[(0, 0)],
-                self.noise[(1, 1)],
-                speed_variance,
-                speed_variance,
-            )),
-        };
-        Blend::new(belief, [0.9, 0.1])
+        Blend::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
     }
 
     fn reach(&self, dt_s: f64) -> Vector2<f64> {
-        self.noise.diagonal().map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
+        constant_velocity::reach(&self.noise, MAX_SPEED_MM_S * dt_s)
     }
 
     fn limits(&self) -> Vector4<f64> {
-        Vector4::repeat(1e6)
+        constant_velocity::limits()
     }
 }
-
-fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use common::config::Config;
+    use nalgebra::Matrix4;
 
     #[test]
     fn a_rolling_ball_slows_down() {

@@ -7,10 +7,16 @@
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use common::config::FilterConfig;
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 
 /// Friction that would stop a thing at once is taken as this, to keep the logarithm finite.
 const MAX_FRICTION_PER_S: f64 = 0.999;
+/// Uncertainty of the velocity of a thing seen for the first time.
+const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
+/// A state that is farther from 0 than this, in mm and s, is none.
+const MOST: f64 = 1e6;
+/// How many deviations of a measurement a thing may seem to have gone farther than it has.
+const SIGMAS: f64 = 6.0;
 
 /// How a thing moves that nobody steers, in mm and s.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,3 +73,26 @@ impl ConstantVelocity {
         a
     }
 }
+
+/// What is believed of a thing seen for the first time.
+pub fn first_seen(measured: &Vector2<f64>, noise: &Matrix2<f64>) -> Gaussian<4> {
+    let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
+    let variances = Vector4::new(noise[(0, 0)], noise[(1, 1)], speed_variance, speed_variance);
+    Gaussian {
+        mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
+        covariance: Matrix4::from_diagonal(&variances),
+    }
+}
+
+/// How far apart two sightings of a thing can be that goes `most_mm` at most between them.
+pub fn reach(noise: &Matrix2<f64>, most_mm: f64) -> Vector2<f64> {
+    noise.diagonal().map(|variance| most_mm + SIGMAS * variance.sqrt())
+}
+
+/// Beyond these there is no state.
+pub fn limits() -> Vector4<f64> {
+    Vector4::repeat(MOST)
+}
+
+/// No component of such a state is an angle.
+pub fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}

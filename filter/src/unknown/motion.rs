@@ -1,17 +1,15 @@
 //! How a robot moves of which only the team is known.
 
 use crate::blend::{Blend, Wrap};
-use crate::constant_velocity::ConstantVelocity;
+use crate::constant_velocity::{self, ConstantVelocity, no_angles};
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::{Config, FilterConfig, PatchRole};
 use common::layout::Layout;
 use common::messages::UNKNOWN_HYPOTHESES;
-use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
-/// Uncertainty of the velocity of one seen for the first time.
-const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
 /// No robot is faster.
 const MAX_SPEED_MM_S: f64 = 4000.0;
 /// How fast robots turn, 1σ, rad/s: what the patch moves against the centre.
@@ -92,26 +90,14 @@ impl Motion<4, UNKNOWN_HYPOTHESES, 2> for UnknownMotion {
     }
 
     fn initial(&self, measured: &Vector2<f64>) -> Blend<4, UNKNOWN_HYPOTHESES> {
-        let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
-        let belief = Gaussian {
-            mean: Vector4::new(measured[0], measured[1], 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&Vector4::new(
-                self.noise[(0, 0)],
-                self.noise[(1, 1)],
-                speed_variance,
-                speed_variance,
-            )),
-        };
-        Blend::new(belief, [0.9, 0.1])
+        Blend::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
     }
 
     fn reach(&self, dt_s: f64) -> Vector2<f64> {
-        self.noise.diagonal().map(|variance| MAX_SPEED_MM_S * dt_s + 6.0 * variance.sqrt())
+        constant_velocity::reach(&self.noise, MAX_SPEED_MM_S * dt_s)
     }
 
     fn limits(&self) -> Vector4<f64> {
-        Vector4::repeat(1e6)
+        constant_velocity::limits()
     }
 }
-
-fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
