@@ -1,11 +1,11 @@
 //! What correcting the light costs the classifier: frames of a synthetic match under uneven lamps, taken
 //! as they are and with one correction after the other switched on.
 
-use super::{COLD_BYTES, CommandError, FEWEST_ROUNDS, median, timed};
+use super::pictures::match_frames;
+use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use classifier::{Classifier, SimdChoice, SimdLevel};
 use common::config::{Config, LightConfig};
 use common::messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
-use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -36,16 +36,7 @@ pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
     let mut config = Config::default();
     config.synthetic.gradient = 0.4;
     config.synthetic.vignette = 0.5;
-    let mut scene = SyntheticMatch::new(&config)?;
-    let bytes = config.camera.frame_bytes();
-    let frames: Vec<Vec<u8>> = (0..(COLD_BYTES / bytes).clamp(3, 128))
-        .map(|_| {
-            let mut pixels = vec![0; bytes];
-            scene.render(&mut pixels, config.camera.width as usize);
-            scene.advance();
-            pixels
-        })
-        .collect();
+    let frames = match_frames(&config)?;
     let brighter: Vec<Vec<u8>> = frames
         .iter()
         .map(|frame| frame.iter().map(|&value| (f64::from(value) * BRIGHTER) as u8).collect())

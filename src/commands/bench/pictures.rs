@@ -1,7 +1,9 @@
 //! Pictures to measure with: dark ground, squares of the classes' colours, or noise.
 
+use super::{COLD_BYTES, CommandError};
 use common::config::{ColorConfig, Config, GeometryConfig, LightConfig};
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
+use grabber::synthetic::SyntheticMatch;
 use std::fmt;
 
 /// What is in a picture.
@@ -20,6 +22,19 @@ impl fmt::Display for Content {
             Self::Noise => write!(f, "noise"),
         }
     }
+}
+
+/// Frames of a match, so many that none is in a cache any more when its turn comes again.
+pub fn match_frames(config: &Config) -> Result<Vec<Vec<u8>>, CommandError> {
+    let mut scene = SyntheticMatch::new(config)?;
+    let bytes = config.camera.frame_bytes();
+    let frames = (0..(COLD_BYTES / bytes).clamp(3, 128)).map(|_| {
+        let mut pixels = vec![0; bytes];
+        scene.render(&mut pixels, config.camera.width as usize);
+        scene.advance();
+        pixels
+    });
+    Ok(frames.collect())
 }
 
 /// A Bayer frame and the configuration that goes with it.

@@ -1,12 +1,12 @@
 //! The stages on a frame of the synthetic match, as configured by default, and what follows for the
 //! frame rate.
 
-use super::{COLD_BYTES, CommandError, FEWEST_ROUNDS, median, timed};
+use super::pictures::match_frames;
+use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use classifier::Classifier;
 use common::config::Config;
 use common::messages::{DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, WorldFrame};
 use filter::Filter;
-use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -68,17 +68,8 @@ impl Stages {
 /// Takes the frames of a match through the stages, one after the other.
 pub fn measure(budget: Duration) -> Result<Stages, CommandError> {
     let config = Config::default();
-    let mut scene = SyntheticMatch::new(&config)?;
-    let bytes = config.camera.frame_bytes();
-    let count = (COLD_BYTES / bytes).clamp(3, 128);
-    let frames: Vec<Vec<u8>> = (0..count)
-        .map(|_| {
-            let mut pixels = vec![0; bytes];
-            scene.render(&mut pixels, config.camera.width as usize);
-            scene.advance();
-            pixels
-        })
-        .collect();
+    let frames = match_frames(&config)?;
+    let (count, bytes) = (frames.len(), config.camera.frame_bytes());
     let mut classifier = Classifier::new(&config)?;
     let mut tracker = Tracker::new(&config)?;
     let mut filter = Filter::new(&config)?;
