@@ -1,5 +1,5 @@
 //! The Kalman filter of the ball: constant velocity, less what rolling costs
-//! ([`constant_velocity`](crate::constant_velocity)).
+//! ([`constant_velocity`]).
 //!
 //! Two hypotheses: rolling, and struck, when a kick may change the velocity by metres per second
 //! within a frame.
