@@ -130,7 +130,11 @@ fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
     // The run may end with incomplete frames, behind which no whole one tells of a gap.
     let at_the_end = 800 - captured - missing;
     assert!(at_the_end < 10, "{report:#}");
-    assert!((missing..=missing + at_the_end + 1).contains(&(incomplete + lost)), "{report:#}");
+    // Nothing is missing without having been counted. What is counted before the first whole frame, from
+    // which numbers begin, and while the run ends, is missing nowhere: more than ten in a row at 18 %
+    // would be one run in thirty million.
+    let explained = missing..=missing + at_the_end + 10;
+    assert!(explained.contains(&(incomplete + lost)), "{report:#}");
     assert_eq!(count(&report["stages"]["grabber"]["dropped"]["incomplete"]), incomplete);
     eprintln!("{captured} captured, {missing} missing: {incomplete} incomplete, {lost} lost whole");
 }
