@@ -19,9 +19,20 @@ pub struct Span {
 }
 
 impl Span {
-    /// From the first column of any of the spans to the last; `None` if there are none.
-    pub fn around(spans: impl IntoIterator<Item = Self>) -> Option<Self> {
-        spans.into_iter().reduce(|a, b| Self { begin: a.begin.min(b.begin), end: a.end.max(b.end) })
+    /// From the first column of some spans in order to their last; `None` if there are none.
+    #[inline(always)]
+    pub fn hull(spans: &[Self]) -> Option<Self> {
+        match spans {
+            [] => None,
+            [first, .., last] => Some(Self { begin: first.begin, end: last.end }),
+            [only] => Some(*only),
+        }
+    }
+
+    /// The shortest that holds both.
+    #[inline(always)]
+    pub fn hull_with(self, other: Self) -> Self {
+        Self { begin: self.begin.min(other.begin), end: self.end.max(other.end) }
     }
 
     /// The columns that are in both; none, with any ends, if there are none.

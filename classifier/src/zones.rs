@@ -74,11 +74,17 @@ impl Zones {
         usize::from(self.of_tile[tile])
     }
 
+    /// The zones of the tiles that a row goes through, from left to right.
+    #[inline]
+    pub fn tiles_of_row(&self, row: usize) -> &[u8] {
+        let line = row / self.tile_px * self.columns;
+        &self.of_tile[line..line + self.columns]
+    }
+
     /// A stretch of a row, divided by zone: from left to right, neighbours differ.
     #[inline]
     pub fn divide(&self, row: usize, span: Span) -> impl Iterator<Item = (Span, usize)> {
-        let line = row / self.tile_px * self.columns;
-        let line = &self.of_tile[line..line + self.columns];
+        let line = self.tiles_of_row(row);
         let mut begin = span.begin;
         std::iter::from_fn(move || {
             if begin >= span.end {

@@ -1,67 +1,56 @@
-//! Bilinear demosaicing (eqs. 1–3) of a register full of pixels.
+//! Bilinear demosaicing (eqs. 1–3) of registers full of sites of one kind.
 //!
-//! A row lies in memory as the sensor sends it, sites of its own colour and green ones in turns. A
-//! register loaded one byte to the left or right of another holds every pixel's neighbour, so all
-//! means are of whole registers, and what belongs to the sites of one kind is picked with a mask of
-//! every other byte. The four Bayer orders are two such masks and who is called red.
+//! In the [planes](super::planes) of a row, a site's neighbours left and right are in the other
+//! plane: one at its own index, and the other one before it (sites in even columns) or behind it (odd
+//! ones). So all means are of whole registers, and nothing has to be picked from them afterwards. The
+//! four Bayer orders are the column parity of the sites that are not green, and who is called red.
 
 use super::lanes::Lanes;
-use super::scalar::Sites;
+use super::planes::Planes;
 use fearless_simd::prelude::*;
 
-/// Which pixels of a block are at the sites of the row's own colour; the others are green.
-#[derive(Clone, Copy)]
-pub struct ColoredLanes<S: Simd>(S::mask8s);
-
-impl<S: Lanes> ColoredLanes<S> {
-    /// Of the block that begins in column `start`.
-    #[inline(always)]
-    pub fn new(simd: S, sites: Sites, start: usize) -> Self {
-        const EVERY_OTHER: u64 = 0x5555_5555_5555_5555;
-        let bits = EVERY_OTHER << ((start ^ sites.colored_parity) & 1);
-        Self(S::mask8s::from_bitmask(simd, bits & (!0 >> (64 - S::u8s::LEN))))
-    }
-}
-
-/// A block's pixels in one row, and their neighbours left and right.
-#[derive(Clone, Copy)]
-struct Triple<S: Simd> {
-    left: S::u8s,
-    here: S::u8s,
-    right: S::u8s,
-}
-
-impl<S: Lanes> Triple<S> {
-    /// Of a row that begins one pixel before the block.
-    #[inline(always)]
-    fn load(simd: S, row: &[u8]) -> Self {
-        let lanes = S::u8s::LEN;
-        Self {
-            left: S::u8s::from_slice(simd, &row[..lanes]),
-            here: S::u8s::from_slice(simd, &row[1..lanes + 1]),
-            right: S::u8s::from_slice(simd, &row[2..lanes + 2]),
-        }
-    }
-}
-
-/// The own colour of the row, green, and the other colour of a block's pixels, exactly. The rows
-/// are the one above, the row itself and the one below, and begin one pixel before the block.
+/// A register full of pixels of one parity, from index `at` of a plane.
 #[inline(always)]
-pub fn colors<S: Lanes>(
+fn here<S: Lanes>(simd: S, row: Planes, parity: usize, at: usize) -> S::u8s {
+    S::u8s::from_slice(simd, &row[parity][at..at + S::u8s::LEN])
+}
+
+/// The neighbours of these pixels, in the other plane: those of the same index, and the others.
+#[inline(always)]
+fn beside<S: Lanes>(simd: S, row: Planes, parity: usize, at: usize) -> (S::u8s, S::u8s) {
+    (here(simd, row, 1 - parity, at), here(simd, row, 1 - parity, at + 2 * parity - 1))
+}
+
+/// The own colour of the row, green, and the other colour, exactly, of a register full of coloured
+/// sites, which are in columns of this parity. The rows are the one above, the row itself and the one
+/// below.
+#[inline(always)]
+pub fn at_colored_sites<S: Lanes>(
     simd: S,
-    rows: [&[u8]; 3],
-    ColoredLanes(at_colored): ColoredLanes<S>,
+    [above, row, below]: [Planes; 3],
+    parity: usize,
+    at: usize,
 ) -> [S::u8s; 3] {
-    let above = Triple::load(simd, rows[0]);
-    let here = Triple::load(simd, rows[1]);
-    let below = Triple::load(simd, rows[2]);
-    let cross = exact_mean4(simd, above.here, below.here, here.left, here.right);
-    let diagonal = exact_mean4(simd, above.left, above.right, below.left, below.right);
-    [
-        at_colored.select(here.here, simd.mean(here.left, here.right)),
-        at_colored.select(cross, here.here),
-        at_colored.select(diagonal, simd.mean(above.here, below.here)),
-    ]
+    let (up, down) = (here(simd, above, parity, at), here(simd, below, parity, at));
+    let (left, right) = beside(simd, row, parity, at);
+    let (up_left, up_right) = beside(simd, above, parity, at);
+    let (down_left, down_right) = beside(simd, below, parity, at);
+    let green = exact_mean4(simd, up, down, left, right);
+    let other = exact_mean4(simd, up_left, up_right, down_left, down_right);
+    [here(simd, row, parity, at), green, other]
+}
+
+/// The same of a register full of green sites.
+#[inline(always)]
+pub fn at_green_sites<S: Lanes>(
+    simd: S,
+    [above, row, below]: [Planes; 3],
+    parity: usize,
+    at: usize,
+) -> [S::u8s; 3] {
+    let (up, down) = (here(simd, above, parity, at), here(simd, below, parity, at));
+    let (left, right) = beside(simd, row, parity, at);
+    [simd.mean(left, right), here(simd, row, parity, at), simd.mean(up, down)]
 }
 
 /// (a + b + c + d + 2) / 4, rounded down. The mean of two means is that, or 1 more if it had to be
@@ -75,37 +64,35 @@ fn exact_mean4<S: Lanes>(simd: S, a: S::u8s, b: S::u8s, c: S::u8s, d: S::u8s) ->
 /// By how much [`rough_colors`] may be too high.
 pub const EXCESS: u8 = 1;
 
-/// As [`colors`], of a block in two rows at once, but means of four may be 1 too high. The rows are
-/// the one above the two, the two, and the one below; where pixels are coloured in the upper of the
-/// two, they are green in the lower.
+/// The same of all sites of two rows, but means of four may be 1 too high. The rows are the one above the
+/// two, the two, and the one below, each from one pixel before the register; `P` is the column parity
+/// of the upper row's coloured sites.
 ///
-/// Two rows share what is loaded and what is the mean of left and right: 12 loads and 10 means for
-/// both, where [`colors`] takes 9 loads and 8 means, and the corrections, for each.
+/// Two rows share what is loaded and what is the mean of left and right: 14 loads and 14 means for
+/// four registers full of pixels.
 #[inline(always)]
-pub fn rough_colors<S: Lanes>(
-    simd: S,
-    rows: [&[u8]; 4],
-    ColoredLanes(at_colored): ColoredLanes<S>,
-) -> [[S::u8s; 3]; 2] {
-    let row0 = Triple::load(simd, rows[0]);
-    let row1 = Triple::load(simd, rows[1]);
-    let row2 = Triple::load(simd, rows[2]);
-    let row3 = Triple::load(simd, rows[3]);
-    let across0 = simd.mean(row0.left, row0.right);
-    let across1 = simd.mean(row1.left, row1.right);
-    let across2 = simd.mean(row2.left, row2.right);
-    let across3 = simd.mean(row3.left, row3.right);
-    let upright = simd.mean(row0.here, row2.here);
-    let upper = [
-        at_colored.select(row1.here, across1),
-        at_colored.select(simd.mean(upright, across1), row1.here),
-        at_colored.select(simd.mean(across0, across2), upright),
-    ];
-    let upright = simd.mean(row1.here, row3.here);
-    let lower = [
-        at_colored.select(across2, row2.here),
-        at_colored.select(row2.here, simd.mean(upright, across2)),
-        at_colored.select(upright, simd.mean(across1, across3)),
-    ];
-    [upper, lower]
+pub fn rough_colors<S: Lanes, const P: usize>(simd: S, rows: [Planes; 4]) -> [[[S::u8s; 3]; 2]; 2] {
+    // Sites of the upper row's colour and below them, and those between.
+    let (on0, on1) = (here(simd, rows[0], P, 1), here(simd, rows[1], P, 1));
+    let (on2, on3) = (here(simd, rows[2], P, 1), here(simd, rows[3], P, 1));
+    let (off0, off1) = (here(simd, rows[0], 1 - P, 1), here(simd, rows[1], 1 - P, 1));
+    let (off2, off3) = (here(simd, rows[2], 1 - P, 1), here(simd, rows[3], 1 - P, 1));
+    // Means of left and right.
+    let around_on0 = simd.mean(off0, here(simd, rows[0], 1 - P, 2 * P));
+    let around_on1 = simd.mean(off1, here(simd, rows[1], 1 - P, 2 * P));
+    let around_on2 = simd.mean(off2, here(simd, rows[2], 1 - P, 2 * P));
+    let around_off1 = simd.mean(on1, here(simd, rows[1], P, 2 - 2 * P));
+    let around_off2 = simd.mean(on2, here(simd, rows[2], P, 2 - 2 * P));
+    let around_off3 = simd.mean(on3, here(simd, rows[3], P, 2 - 2 * P));
+    let upper_on =
+        [on1, simd.mean(simd.mean(on0, on2), around_on1), simd.mean(around_on0, around_on2)];
+    let upper_off = [around_off1, off1, simd.mean(off0, off2)];
+    let lower_on = [around_on2, on2, simd.mean(on1, on3)];
+    let lower_off =
+        [off2, simd.mean(simd.mean(off1, off3), around_off2), simd.mean(around_off1, around_off3)];
+    if P == 0 {
+        [[upper_on, upper_off], [lower_on, lower_off]]
+    } else {
+        [[upper_off, upper_on], [lower_off, lower_on]]
+    }
 }

@@ -13,6 +13,12 @@ use std::arch::aarch64::*;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
+/// Widest register.
+pub const MAX_LANES: usize = 64;
+
+/// Narrowest register.
+pub const MIN_LANES: usize = 16;
+
 /// Registers of bytes, as many as the machine has room for.
 ///
 /// Everything here, and everything that calls it up to `vectorize`, is `#[inline(always)]`: a
@@ -32,6 +38,14 @@ pub trait Lanes: Simd {
     /// (a + b + 1) / 2, rounded down, of each pair of bytes. One instruction wherever there is one,
     /// which the library does not offer; it would be four of those that it does.
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
+
+    /// A bit for each pixel that passes the prefilter.
+    #[inline(always)]
+    fn passing(self, [a, b, c]: [Self::u8s; 3], filters: [Self::Table; 3]) -> u64 {
+        let buckets =
+            self.look_up(filters[0], a) & self.look_up(filters[1], b) & self.look_up(filters[2], c);
+        !buckets.simd_eq(0).to_bitmask() & (!0 >> (MAX_LANES - Self::u8s::LEN))
+    }
 }
 
 /// A table of 16 entries in each 16 bytes of a register.

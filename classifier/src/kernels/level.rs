@@ -3,7 +3,7 @@
 
 use super::lanes::Lanes;
 use super::self_test;
-use super::vector::{Scratch, Setup, classify_bayer, classify_color};
+use super::{Scratch, Setup, bayer, color};
 use super::{Written, scalar};
 use crate::picture::Picture;
 use common::messages::Run;
@@ -126,8 +126,8 @@ fn run<S: Lanes>(
     simd.vectorize(
         #[inline(always)]
         || match picture {
-            Picture::Bayer(image) => classify_bayer(simd, image, setup, scratch, out),
-            Picture::Color(image) => classify_color(simd, image, setup, scratch, out),
+            Picture::Bayer(image) => bayer::classify(simd, image, setup, &mut scratch.bayer, out),
+            Picture::Color(image) => color::classify(simd, image, setup, &mut scratch.color, out),
         },
     )
 }

@@ -1,15 +1,19 @@
 //! Where the time goes: from pixels to runs.
 //!
-//! [`scalar`] is the specification. `vector` gives the same runs, bit for bit, with whichever
+//! [`scalar`] is the specification. `bayer` and `color` give the same runs, bit for bit, with whichever
 //! instruction set the machine has; which one that is, [`SimdLevel`] knows.
 
+mod bayer;
+mod classes;
+mod color;
 mod demosaic;
+mod filters;
 mod lanes;
 mod level;
+mod planes;
 mod prefilter;
 pub mod scalar;
 mod self_test;
-mod vector;
 
 use crate::mask::FieldMask;
 use crate::picture::Picture;
@@ -17,9 +21,12 @@ use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use common::messages::Run;
 use prefilter::Prefilter;
-use vector::{Scratch, Setup};
 
 pub use level::{SimdChoice, SimdLevel};
+
+/// So many rows before they are needed, rows are asked for: far enough for them to come, and not so
+/// many that the first are gone again.
+const ROWS_AHEAD: usize = 4;
 
 /// From pictures to runs with the instructions of one [`SimdLevel`].
 #[derive(Debug, Clone)]
@@ -50,7 +57,7 @@ impl Kernel {
         mask: &FieldMask,
         out: &mut [Run],
     ) -> Written {
-        let ZonedTables { tables, zones } = zoned;
+        let ZonedTables { tables, .. } = zoned;
         let known = self.prefilters.len();
         self.prefilters.extend(tables.iter().skip(known).map(Prefilters::new));
         for (prefilters, tables) in self.prefilters.iter_mut().zip(tables) {
@@ -58,15 +65,32 @@ impl Kernel {
                 *prefilters = Prefilters::new(tables);
             }
         }
-        self.scratch.fit(picture.width(), zones.columns());
         let setup = Setup { zoned, prefilters: &self.prefilters, mask };
         self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
 
+/// Memory that the fast kernels reuse.
+#[derive(Debug, Clone, Default)]
+struct Scratch {
+    bayer: bayer::Scratch,
+    color: color::Scratch,
+}
+
+/// What the fast kernels work with besides the picture.
+#[derive(Clone, Copy)]
+struct Setup<'a> {
+    /// Decide in the end.
+    zoned: ZonedTables<'a>,
+    /// By zone.
+    prefilters: &'a [Prefilters],
+    /// The pixels to look at.
+    mask: &'a FieldMask,
+}
+
 /// What belongs to a version of the tables.
-#[derive(Debug, Clone)]
-pub struct Prefilters {
+#[derive(Debug, Clone, Copy)]
+struct Prefilters {
     version: u64,
     rgb: Prefilter,
     yuv: Prefilter,
@@ -79,6 +103,13 @@ impl Prefilters {
             rgb: Prefilter::new(tables.rgb(), demosaic::EXCESS),
             yuv: Prefilter::new(tables.yuv(), 0),
         }
+    }
+}
+
+impl Prefilters {
+    /// Lets pass what either does.
+    fn or(&self, other: &Self) -> Self {
+        Self { version: 0, rgb: self.rgb.or(&other.rgb), yuv: self.yuv.or(&other.yuv) }
     }
 }
 

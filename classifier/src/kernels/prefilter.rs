@@ -72,6 +72,19 @@ impl Prefilter {
     }
 }
 
+impl Prefilter {
+    /// Lets pass what either does.
+    pub fn or(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|channel| {
+            let (a, b) = (&self.0[channel], &other.0[channel]);
+            ChannelFilter {
+                coarse: std::array::from_fn(|index| a.coarse[index] | b.coarse[index]),
+                fine: std::array::from_fn(|index| a.fine[index] | b.fine[index]),
+            }
+        }))
+    }
+}
+
 /// Colours that share a bit. For each channel, bit v is set if a value whose upper six bits are v may
 /// belong to one of them.
 #[derive(Debug, Clone, Copy)]

@@ -1,0 +1,286 @@
+//! The fast kernel for mosaics.
+//!
+//! It goes over the rows in pairs, and over each pair in two steps.
+//!
+//! 1. The whole rows, a register full of pixels at a time: demosaic roughly, look up in the
+//!    [prefilter](super::prefilter), and note the blocks where something may be, with a bit for each
+//!    pixel. Nothing but these notes is written, and no branch depends on the picture.
+//! 2. The noted blocks: demosaic exactly, classify the pixels whose bit is set with the same tables
+//!    and the same code as [`scalar`](super::scalar), and join them to runs.
+
+use super::classes::Classes;
+use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
+use super::filters::{BlockFilters, RowFilters};
+use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
+use super::planes::{MARGIN, Planes, Ring};
+use super::scalar::{Sites, after, before};
+use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
+use crate::mask::Span;
+use crate::picture::BayerImage;
+use crate::zones::ZonedTables;
+use common::messages::Run;
+use common::prefetch::prefetch;
+use fearless_simd::prelude::*;
+use std::ops::Range;
+
+/// Memory that the kernel reuses from row to row and frame to frame.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    ring: Ring,
+    noted: Vec<Noted>,
+    filters: BlockFilters,
+}
+
+/// A block in which something may be.
+#[derive(Debug, Clone, Copy, Default)]
+struct Noted {
+    /// Which one of the row.
+    index: usize,
+    /// Of each of the two rows, in even and odd columns: bit i if pixel i has passed the prefilter.
+    passing: [[u64; 2]; 2],
+}
+
+impl Scratch {
+    /// Forgets the last picture, and makes room for one of this width.
+    fn fit(&mut self, width: usize) {
+        self.ring.fit(width);
+        self.filters.begin();
+        let blocks = width.div_ceil(2 * MIN_LANES);
+        if self.noted.len() < blocks {
+            self.noted.resize(blocks, Noted::default());
+        }
+    }
+}
+
+/// As [`scalar::classify`](super::scalar::classify) of a Bayer picture.
+#[inline(always)]
+pub fn classify<S: Lanes>(
+    simd: S,
+    image: &BayerImage,
+    setup: Setup,
+    scratch: &mut Scratch,
+    out: &mut [Run],
+) -> Written {
+    let mut runs = RunWriter::new(out);
+    let (width, height) = (image.width(), image.height());
+    let Setup { zoned, prefilters, mask } = setup;
+    let block = 2 * S::u8s::LEN;
+    scratch.fit(width);
+    let Scratch { ring, noted, filters } = scratch;
+    for upper in (0..height).step_by(2) {
+        // The last row may be alone; then what is found in the one below it does not count.
+        let lower = after(upper, height);
+        let is_pair = upper + 1 < height;
+        let spans = [mask.spans(upper), if is_pair { mask.spans(lower) } else { &[] }];
+        let around = match (Span::hull(spans[0]), Span::hull(spans[1])) {
+            (Some(upper), Some(lower)) => upper.hull_with(lower),
+            (Some(only), None) | (None, Some(only)) => only,
+            (None, None) => continue,
+        };
+        for next in [upper + ROWS_AHEAD, lower + ROWS_AHEAD] {
+            if next < height {
+                prefetch(image.row(next));
+            }
+        }
+        let numbers = [before(upper), upper, lower, after(lower, height)];
+        for row in numbers {
+            ring.hold(simd, image, row);
+        }
+        let [row0, row1, row2, row3] = numbers;
+        let rows = [ring.row(row0), ring.row(row1), ring.row(row2), ring.row(row3)];
+        let blocks = around.begin / block..around.end.div_ceil(block);
+        let filters = filters.of_row(prefilters, zoned.zones, upper, width.div_ceil(block), block);
+        let sites = [Sites::of(image, upper), Sites::of(image, lower)];
+        let count = find_apart(simd, rows, sites[0], blocks, filters, noted);
+        if count == 0 {
+            continue;
+        }
+        for (index, spans) in spans.into_iter().enumerate() {
+            let rows = [rows[index], rows[index + 1], rows[index + 2]];
+            let zone = filters.only_zone();
+            let row = upper + index;
+            let part = Row { rows, sites: sites[index], row, spans, width, zoned, zone };
+            let mut row_runs = RowRuns::new(&mut runs, row);
+            classify_row_apart(simd, &part, &noted[..count], index, &mut row_runs);
+            row_runs.finish();
+        }
+        if runs.is_cut_off {
+            break;
+        }
+    }
+    runs.written()
+}
+
+/// [`find`] as a function of its own, which has all registers for itself.
+#[inline(never)]
+fn find_apart<S: Lanes>(
+    simd: S,
+    rows: [Planes; 4],
+    sites: Sites,
+    blocks: Range<usize>,
+    filters: RowFilters,
+    noted: &mut [Noted],
+) -> usize {
+    simd.vectorize(
+        #[inline(always)]
+        || match sites.colored_parity {
+            0 => find::<S, 0>(simd, rows, sites.has_red, blocks, filters, noted),
+            _ => find::<S, 1>(simd, rows, sites.has_red, blocks, filters, noted),
+        },
+    )
+}
+
+/// Step 1 for two rows: notes blocks, returns how many. `P` is the column parity of the upper row's
+/// coloured sites.
+#[inline(always)]
+fn find<S: Lanes, const P: usize>(
+    simd: S,
+    rows: [Planes; 4],
+    has_red: bool,
+    blocks: Range<usize>,
+    filters: RowFilters,
+    noted: &mut [Noted],
+) -> usize {
+    let lanes = S::u8s::LEN;
+    // All of the same length, which spares a check at each access.
+    let [row0, row1, row2, row3] = rows;
+    let (first, pixels) = (MARGIN + blocks.start * lanes - 1, blocks.len() * lanes);
+    let (row0, row1) = (within(row0, first, pixels), within(row1, first, pixels));
+    let (row2, row3) = (within(row2, first, pixels), within(row3, first, pixels));
+    let [own, other] = if has_red { [0, 2] } else { [2, 0] };
+    let mut count = 0;
+    let mut begin = 0;
+    for index in blocks {
+        if begin + lanes > pixels {
+            break;
+        }
+        let rows = [
+            within(row0, begin, lanes),
+            within(row1, begin, lanes),
+            within(row2, begin, lanes),
+            within(row3, begin, lanes),
+        ];
+        let filter = &filters.of_block(index).rgb.0;
+        let own = simd.table(&filter[own]);
+        let green = simd.table(&filter[1]);
+        let other = simd.table(&filter[other]);
+        let [[upper_even, upper_odd], [lower_even, lower_odd]] = rough_colors::<S, P>(simd, rows);
+        // What is red in one row is blue in the other.
+        let upper_even = simd.passing(upper_even, [own, green, other]);
+        let upper_odd = simd.passing(upper_odd, [own, green, other]);
+        let lower_even = simd.passing(lower_even, [other, green, own]);
+        let lower_odd = simd.passing(lower_odd, [other, green, own]);
+        noted[count] = Noted { index, passing: [[upper_even, upper_odd], [lower_even, lower_odd]] };
+        count += usize::from(upper_even | upper_odd | lower_even | lower_odd != 0);
+        begin += lanes;
+    }
+    count
+}
+
+/// Some pixels of each plane of a row, and one more before and behind them.
+#[inline(always)]
+fn within<'a>([even, odd]: Planes<'a>, begin: usize, pixels: usize) -> Planes<'a> {
+    [&even[begin..begin + pixels + 2], &odd[begin..begin + pixels + 2]]
+}
+
+/// A row, and what is needed to classify it.
+#[derive(Clone, Copy)]
+struct Row<'a> {
+    /// The one above, the row, and the one below.
+    rows: [Planes<'a>; 3],
+    sites: Sites,
+    row: usize,
+    /// What is to be looked at.
+    spans: &'a [Span],
+    width: usize,
+    zoned: ZonedTables<'a>,
+    /// If all of it is in one.
+    zone: Option<usize>,
+}
+
+/// [`classify_row`] as a function of its own, which has all registers for itself.
+#[inline(never)]
+fn classify_row_apart<S: Lanes>(
+    simd: S,
+    row: &Row,
+    noted: &[Noted],
+    index: usize,
+    runs: &mut RowRuns,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || classify_row(simd, row, noted, index, runs),
+    );
+}
+
+/// Step 2 for one of the two rows: those of the noted blocks where something may be in it.
+#[inline(always)]
+fn classify_row<S: Lanes>(simd: S, row: &Row, noted: &[Noted], index: usize, runs: &mut RowRuns) {
+    let lanes = S::u8s::LEN;
+    let mut colors = [[[0; MAX_LANES]; 3]; 2];
+    for noted in noted {
+        let passing = noted.passing[index];
+        if passing == [0; 2] {
+            continue;
+        }
+        let (parity, at) = (row.sites.colored_parity, MARGIN + lanes * noted.index);
+        let colored = at_colored_sites(simd, row.rows, parity, at);
+        let green = at_green_sites(simd, row.rows, 1 - parity, at);
+        for channel in 0..3 {
+            let place = if row.sites.has_red { channel } else { 2 - channel };
+            colored[channel].store_slice(&mut colors[parity][place][..lanes]);
+            green[channel].store_slice(&mut colors[1 - parity][place][..lanes]);
+        }
+        let start = 2 * lanes * noted.index;
+        let block = Span { begin: start, end: row.width.min(start + 2 * lanes) };
+        let mut classes = Classes::new();
+        for span in row.spans {
+            let span = span.within(block);
+            match row.zone {
+                Some(zone) => row.classify(&colors, passing, start, (span, zone), &mut classes),
+                None => {
+                    for part in row.zoned.zones.divide(row.row, span) {
+                        row.classify(&colors, passing, start, part, &mut classes);
+                    }
+                }
+            }
+        }
+        classes.hand_in(simd, start, block.end - start, runs);
+    }
+}
+
+impl Row<'_> {
+    /// Classifies the pixels of a block that have passed, as far as they are in a span, which is in one
+    /// zone.
+    #[inline(always)]
+    fn classify(
+        &self,
+        colors: &[[[u8; MAX_LANES]; 3]; 2],
+        passing: [u64; 2],
+        start: usize,
+        (span, zone): (Span, usize),
+        classes: &mut Classes,
+    ) {
+        let tables = &self.zoned.tables[zone];
+        for parity in 0..2 {
+            let mut pixels = passing[parity] & every_other(span, start, parity);
+            while pixels != 0 {
+                let lane = pixels.trailing_zeros() as usize % MAX_LANES;
+                pixels &= pixels - 1;
+                let [red, green, blue] = &colors[parity];
+                let class = tables.classify([red[lane], green[lane], blue[lane]]);
+                classes.set(2 * lane + parity, class);
+            }
+        }
+    }
+}
+
+/// Bit i for each column `start + 2 i + parity` of a span that lies in the block that begins in column
+/// `start`.
+#[inline(always)]
+fn every_other(span: Span, start: usize, parity: usize) -> u64 {
+    let index = |column: usize| (column.saturating_sub(start) + 1 - parity) / 2;
+    let (begin, end) = (index(span.begin), index(span.end));
+    debug_assert!(span.end - start <= 2 * MAX_LANES);
+    if begin < end { !0 >> (64 - (end - begin)) << begin } else { 0 }
+}

@@ -1,0 +1,51 @@
+//! From the classes of a block of pixels to runs.
+
+use super::RowRuns;
+use super::lanes::{Lanes, MAX_LANES};
+use crate::BACKGROUND;
+use crate::mask::Span;
+use fearless_simd::prelude::*;
+
+/// Pixels of the longest block.
+pub const MAX_BLOCK: usize = 2 * MAX_LANES;
+
+/// The classes of a block's pixels.
+pub struct Classes {
+    /// Before them, that of the pixel before the block.
+    bytes: [u8; 1 + MAX_BLOCK],
+}
+
+impl Classes {
+    /// All are background.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { bytes: [BACKGROUND; 1 + MAX_BLOCK] }
+    }
+
+    /// Sets the class of a pixel.
+    #[inline(always)]
+    pub fn set(&mut self, index: usize, class: u8) {
+        self.bytes[index + 1] = class;
+    }
+
+    /// Hands the first `count` pixels in, which begin in column `start`. Where the class changes is
+    /// found by comparing all with themselves, shifted by one.
+    #[inline(always)]
+    pub fn hand_in<S: Lanes>(mut self, simd: S, start: usize, count: usize, runs: &mut RowRuns) {
+        runs.skip_to(start);
+        self.bytes[0] = runs.class;
+        let lanes = S::u8s::LEN;
+        for first in (0..count).step_by(lanes) {
+            let before = S::u8s::from_slice(simd, &self.bytes[first..first + lanes]);
+            let here = S::u8s::from_slice(simd, &self.bytes[first + 1..first + 1 + lanes]);
+            let valid = Span { begin: 0, end: count }.bits(first, lanes);
+            let mut changes = !here.simd_eq(before).to_bitmask() & valid;
+            while changes != 0 {
+                let index = first + changes.trailing_zeros() as usize % MAX_LANES;
+                runs.change(start + index, self.bytes[index + 1]);
+                changes &= changes - 1;
+            }
+        }
+        runs.reached = start + count;
+    }
+}

@@ -1,0 +1,176 @@
+//! The fast kernel for pictures whose pixels have all their colours: RGB and YUV.
+
+use super::classes::Classes;
+use super::filters::BlockFilters;
+use super::lanes::{Lanes, MAX_LANES};
+use super::prefilter::Prefilter;
+use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
+use crate::mask::Span;
+use crate::picture::{ColorImage, ColorRow};
+use crate::yuv::rgb_from_yuv;
+use common::messages::Run;
+use common::prefetch::prefetch;
+use fearless_simd::prelude::*;
+
+/// Memory that the kernel reuses from row to row and frame to frame.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    /// A row's three channels, and the same in RGB.
+    channels: [Vec<u8>; 6],
+    filters: BlockFilters,
+}
+
+impl Scratch {
+    /// Forgets the last picture, and makes room for one of this width: for whole blocks, and for pixels in pairs.
+    fn fit(&mut self, width: usize) {
+        self.filters.begin();
+        for channel in &mut self.channels {
+            channel.resize(width.next_multiple_of(MAX_LANES), 0);
+        }
+    }
+}
+
+/// As [`scalar::classify`](super::scalar::classify) of a picture in RGB or YUV.
+#[inline(always)]
+pub fn classify<S: Lanes>(
+    simd: S,
+    image: &ColorImage,
+    setup: Setup,
+    scratch: &mut Scratch,
+    out: &mut [Run],
+) -> Written {
+    let Setup { zoned, prefilters, mask } = setup;
+    let lanes = S::u8s::LEN;
+    let mut runs = RunWriter::new(out);
+    // All zones have the same colours.
+    let (is_yuv, needs_rgb) = (image.is_yuv(), zoned.tables[0].needs_rgb());
+    scratch.fit(image.width());
+    let Scratch { channels: [a, b, c, red, green, blue], filters } = scratch;
+    for row in 0..image.height() {
+        let spans = mask.spans(row);
+        let Some(around) = Span::hull(spans) else { continue };
+        if row + ROWS_AHEAD < image.height() {
+            image.row(row + ROWS_AHEAD).parts().into_iter().for_each(prefetch);
+        }
+        separate(simd, image.row(row), [a, b, c]);
+        if is_yuv && needs_rgb {
+            convert(simd, [a, b, c], [red, green, blue]);
+        }
+        let blocks = around.begin / lanes..around.end.div_ceil(lanes);
+        let filters =
+            filters.of_row(prefilters, zoned.zones, row, image.width().div_ceil(lanes), lanes);
+        let mut row_runs = RowRuns::new(&mut runs, row);
+        for index in blocks {
+            let filters = filters.of_block(index);
+            let start = index * lanes;
+            let pixels = match is_yuv {
+                false => passing_at(simd, [a, b, c], start, &filters.rgb),
+                true if needs_rgb => {
+                    passing_at(simd, [a, b, c], start, &filters.yuv)
+                        | passing_at(simd, [red, green, blue], start, &filters.rgb)
+                }
+                true => passing_at(simd, [a, b, c], start, &filters.yuv),
+            };
+            if pixels == 0 {
+                continue;
+            }
+            let block = Span { begin: start, end: image.width().min(start + lanes) };
+            let mut classes = Classes::new();
+            for span in spans {
+                for (span, zone) in zoned.zones.divide(row, span.within(block)) {
+                    let tables = &zoned.tables[zone];
+                    let mut pixels = pixels & span.bits(start, lanes);
+                    while pixels != 0 {
+                        let lane = pixels.trailing_zeros() as usize % MAX_LANES;
+                        let color = [&a, &b, &c].map(|channel| channel[start + lane]);
+                        let class = if is_yuv {
+                            tables.classify_yuv(color)
+                        } else {
+                            tables.classify(color)
+                        };
+                        classes.set(lane, class);
+                        pixels &= pixels - 1;
+                    }
+                }
+            }
+            classes.hand_in(simd, start, block.end - start, &mut row_runs);
+        }
+        row_runs.finish();
+        if runs.is_cut_off {
+            break;
+        }
+    }
+    runs.written()
+}
+
+/// A bit for each pixel that passes the prefilter, of a block that begins in column `start`.
+#[inline(always)]
+fn passing_at<S: Lanes>(
+    simd: S,
+    channels: [&Vec<u8>; 3],
+    start: usize,
+    Prefilter(filter): &Prefilter,
+) -> u64 {
+    let block = start..start + S::u8s::LEN;
+    let [a, b, c] = channels;
+    let a = S::u8s::from_slice(simd, &a[block.clone()]);
+    let b = S::u8s::from_slice(simd, &b[block.clone()]);
+    let c = S::u8s::from_slice(simd, &c[block]);
+    let [first, second, third] = filter;
+    simd.passing([a, b, c], [simd.table(first), simd.table(second), simd.table(third)])
+}
+
+/// A row of YUV pixels in RGB.
+#[inline(always)]
+fn convert<S: Lanes>(_: S, yuv: [&Vec<u8>; 3], rgb: [&mut Vec<u8>; 3]) {
+    let ([ys, us, vs], [reds, greens, blues]) = (yuv, rgb);
+    let yuv = ys.iter().zip(us).zip(vs);
+    for (((&y, &u), &v), ((red, green), blue)) in yuv.zip(reds.iter_mut().zip(greens).zip(blues)) {
+        [*red, *green, *blue] = rgb_from_yuv([y, u, v]);
+    }
+}
+
+/// A row's three channels, each on its own. Plain loops that the compiler turns into shuffles.
+#[inline(always)]
+fn separate<S: Lanes>(_: S, row: ColorRow, channels: [&mut Vec<u8>; 3]) {
+    let [first, second, third] = channels;
+    match row {
+        ColorRow::Rgb(row) => {
+            let channels = first.iter_mut().zip(second).zip(third);
+            for (((red, green), blue), color) in channels.zip(row.as_chunks::<3>().0) {
+                [*red, *green, *blue] = *color;
+            }
+        }
+        ColorRow::Yuyv(row) => {
+            separate_pairs(row, [first, second, third], |[y, u, next_y, v]| [y, next_y, u, v])
+        }
+        ColorRow::Uyvy(row) => {
+            separate_pairs(row, [first, second, third], |[u, y, v, next_y]| [y, next_y, u, v])
+        }
+        ColorRow::Nv12(y, uv) => {
+            first[..y.len()].copy_from_slice(y);
+            let pairs = second.as_chunks_mut::<2>().0.iter_mut().zip(third.as_chunks_mut::<2>().0);
+            for ((us, vs), &[u, v]) in pairs.zip(uv.as_chunks::<2>().0) {
+                (*us, *vs) = ([u; 2], [v; 2]);
+            }
+        }
+        ColorRow::I420(y, u, v) => {
+            first[..y.len()].copy_from_slice(y);
+            for (doubled, single) in [(second, u), (third, v)] {
+                for (pair, &value) in doubled.as_chunks_mut::<2>().0.iter_mut().zip(single) {
+                    *pair = [value; 2];
+                }
+            }
+        }
+    }
+}
+
+/// Pixels that come in pairs of four bytes, which `sorted` puts in the order Y, Y, U, V.
+#[inline(always)]
+fn separate_pairs(row: &[u8], channels: [&mut Vec<u8>; 3], sorted: impl Fn([u8; 4]) -> [u8; 4]) {
+    let [ys, us, vs] = channels.map(|channel| channel.as_chunks_mut::<2>().0);
+    for (((y, u), v), &pair) in ys.iter_mut().zip(us).zip(vs).zip(row.as_chunks::<4>().0) {
+        let [first_y, second_y, both_u, both_v] = sorted(pair);
+        (*y, *u, *v) = ([first_y, second_y], [both_u; 2], [both_v; 2]);
+    }
+}

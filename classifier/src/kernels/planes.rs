@@ -1,0 +1,106 @@
+//! The rows of a mosaic, taken apart into even and odd columns.
+//!
+//! In a plane of its own every second pixel of a row stands beside the next of its colour, so a
+//! register holds nothing but sites of one kind, and what is computed for it is needed for all of
+//! it. Each row is copied once; that also settles stride, samples of two bytes, the mirrored edges
+//! and a rest that fills no register, which the code behind it need not know of.
+
+use super::lanes::{Lanes, MAX_LANES};
+use super::scalar::{after, before};
+use crate::picture::{BayerImage, narrowed};
+use fearless_simd::prelude::*;
+
+/// Rows that are held at once: two, the one above and the one below.
+const ROWS: usize = 4;
+
+/// Before the first and behind the last pixel of a plane: a neighbour, and what keeps the first pixel
+/// at the beginning of a cache line.
+pub const MARGIN: usize = MAX_LANES;
+
+/// A row's even and odd columns. Pixel 0 of each is at [`MARGIN`]; there is one more on both sides,
+/// and room for whole registers.
+pub type Planes<'a> = [&'a [u8]; 2];
+
+/// The last rows of a picture, as planes.
+#[derive(Debug, Clone, Default)]
+pub struct Ring {
+    bytes: Vec<u8>,
+    /// From the first byte in a cache line of its own.
+    first: usize,
+    plane_bytes: usize,
+    /// Which row of the picture is held in which place.
+    held: [Option<usize>; ROWS],
+}
+
+impl Ring {
+    /// Forgets all rows, and makes room for those of a picture of this width.
+    pub fn fit(&mut self, width: usize) {
+        self.held = [None; ROWS];
+        self.plane_bytes = MARGIN + width.div_ceil(2).next_multiple_of(MAX_LANES) + MARGIN;
+        let needed = 2 * ROWS * self.plane_bytes + MAX_LANES;
+        if self.bytes.len() < needed {
+            self.bytes.resize(needed, 0);
+        }
+        self.first = self.bytes.as_ptr().align_offset(MAX_LANES).min(MAX_LANES);
+    }
+
+    /// Takes a row in, in the place of the one four rows before.
+    #[inline(always)]
+    pub fn hold<S: Lanes>(&mut self, simd: S, image: &BayerImage, row: usize) {
+        if self.held[row % ROWS] == Some(row) {
+            return;
+        }
+        self.held[row % ROWS] = Some(row);
+        let width = image.width();
+        let begin = self.first + row % ROWS * 2 * self.plane_bytes;
+        let planes = &mut self.bytes[begin..begin + 2 * self.plane_bytes];
+        let (even, odd) = planes.split_at_mut(self.plane_bytes);
+        let samples = image.row(row);
+        let (even_pixels, odd_pixels) = (&mut even[MARGIN..], &mut odd[MARGIN..]);
+        match image.shift() {
+            None => separate(simd, samples, even_pixels, odd_pixels),
+            Some(shift) => {
+                // A plain loop, which the compiler turns into shuffles.
+                let pairs = even_pixels.iter_mut().zip(odd_pixels);
+                for ((even, odd), &[a, b, c, d]) in pairs.zip(samples.as_chunks::<4>().0) {
+                    (*even, *odd) = (narrowed(a, b, shift), narrowed(c, d, shift));
+                }
+                if let &[low, high] = samples.as_chunks::<4>().1 {
+                    even[MARGIN + width / 2] = narrowed(low, high, shift);
+                }
+            }
+        }
+        // Column −1 is odd; which kind the one behind the last is depends.
+        odd[MARGIN - 1] = odd[MARGIN + before(0) / 2];
+        let mirrored = MARGIN + after(width - 1, width) / 2;
+        let behind = if width.is_multiple_of(2) { even } else { odd };
+        behind[MARGIN + width / 2] = behind[mirrored];
+    }
+
+    /// A row that is held.
+    #[inline(always)]
+    pub fn row(&self, row: usize) -> Planes<'_> {
+        debug_assert_eq!(self.held[row % ROWS], Some(row));
+        let begin = self.first + row % ROWS * 2 * self.plane_bytes;
+        let (even, odd) =
+            self.bytes[begin..begin + 2 * self.plane_bytes].split_at(self.plane_bytes);
+        [even, odd]
+    }
+}
+
+/// Even and odd bytes, each on their own, where there is room for whole registers.
+#[inline(always)]
+fn separate<S: Lanes>(simd: S, bytes: &[u8], even: &mut [u8], odd: &mut [u8]) {
+    let lanes = S::u8s::LEN;
+    let places = even.chunks_exact_mut(lanes).zip(odd.chunks_exact_mut(lanes));
+    let mut pairs = bytes.chunks_exact(2 * lanes);
+    let mut rest = [0; 2 * MAX_LANES];
+    let rest = &mut rest[..2 * lanes];
+    rest[..pairs.remainder().len()].copy_from_slice(pairs.remainder());
+    for ((even, odd), pair) in places.zip(pairs.by_ref().chain([&*rest])) {
+        let first = S::u8s::from_slice(simd, &pair[..lanes]);
+        let second = S::u8s::from_slice(simd, &pair[lanes..]);
+        first.unzip_low(second).store_slice(even);
+        first.unzip_high(second).store_slice(odd);
+    }
+}
