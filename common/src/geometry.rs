@@ -65,8 +65,16 @@ impl Pose {
 
 /// The same angle in (−π, π].
 pub fn wrap_angle(angle: f64) -> f64 {
-    let wrapped = angle.rem_euclid(std::f64::consts::TAU);
-    if wrapped > std::f64::consts::PI { wrapped - std::f64::consts::TAU } else { wrapped }
+    use std::f64::consts::TAU;
+    // Most angles are hardly beyond what they should be; a division with remainder takes long.
+    let wrapped = if (0.0..TAU).contains(&angle) {
+        angle
+    } else if -TAU < angle && angle < 0.0 {
+        angle + TAU
+    } else {
+        angle.rem_euclid(TAU)
+    };
+    if wrapped > std::f64::consts::PI { wrapped - TAU } else { wrapped }
 }
 
 /// Why a geometry cannot be used.
@@ -140,7 +148,7 @@ impl CameraModel {
             .points
             .iter()
             .map(|pair| {
-                let undistorted = model.undistort(Vector2::from(pair.image_px));
+                let [undistorted] = model.undistort([Vector2::from(pair.image_px)]);
                 PointPair { image_px: undistorted.into(), ..*pair }
             })
             .collect();
@@ -189,21 +197,32 @@ impl CameraModel {
 
     /// Where on the field a point lies that appears at `point` and is `height_mm` above the floor.
     pub fn field_from_image(&self, point: ImagePoint, height_mm: f64) -> FieldPoint {
-        let undistorted = self.undistort(Vector2::new(point.x_px, point.y_px));
-        let floor = project(&self.floor_from_image, undistorted);
+        let [place] = self.fields_from_image([point], height_mm);
+        place
+    }
+
+    /// The same for several points, which takes hardly longer.
+    pub fn fields_from_image<const N: usize>(
+        &self,
+        points: [ImagePoint; N],
+        height_mm: f64,
+    ) -> [FieldPoint; N] {
+        let undistorted = self.undistort(points.map(|point| Vector2::new(point.x_px, point.y_px)));
         let lift = height_mm / self.lens.z;
-        FieldPoint::new(
-            floor.x + (self.lens.x - floor.x) * lift,
-            floor.y + (self.lens.y - floor.y) * lift,
-        )
+        undistorted.map(|undistorted| {
+            let floor = project(&self.floor_from_image, undistorted);
+            FieldPoint::new(
+                floor.x + (self.lens.x - floor.x) * lift,
+                floor.y + (self.lens.y - floor.y) * lift,
+            )
+        })
     }
 
     /// Square millimetres of a plane `height_mm` above the floor that one pixel at `point` covers.
     pub fn pixel_area_mm2(&self, point: ImagePoint, height_mm: f64) -> f64 {
-        let at = |dx: f64, dy: f64| {
-            self.field_from_image(ImagePoint::new(point.x_px + dx, point.y_px + dy), height_mm)
-        };
-        let (left, right, up, down) = (at(-0.5, 0.0), at(0.5, 0.0), at(0.0, -0.5), at(0.0, 0.5));
+        let around = [(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)];
+        let around = around.map(|(dx, dy)| ImagePoint::new(point.x_px + dx, point.y_px + dy));
+        let [left, right, up, down] = self.fields_from_image(around, height_mm);
         let across = (right.x_mm - left.x_mm, right.y_mm - left.y_mm);
         let along = (down.x_mm - up.x_mm, down.y_mm - up.y_mm);
         (across.0 * along.1 - across.1 * along.0).abs()
@@ -216,30 +235,40 @@ impl CameraModel {
     }
 
     /// Inverts [`distort`](Self::distort) by Newton's method on the radius, which is monotonic
-    /// within the picture ([`check_distortion`](Self::check_distortion)).
-    fn undistort(&self, distorted: Vector2<f64>) -> Vector2<f64> {
-        let offset = distorted - self.center;
-        let target = offset.norm() / self.half_diagonal;
-        if target < 1e-12 {
-            return distorted;
+    /// within the picture ([`check_distortion`](Self::check_distortion)). Points take their steps
+    /// side by side: what takes time is waiting for one division after the other.
+    fn undistort<const N: usize>(&self, distorted: [Vector2<f64>; N]) -> [Vector2<f64>; N] {
+        let mut target = [0.0; N];
+        for (target, distorted) in target.iter_mut().zip(&distorted) {
+            *target = (distorted - self.center).norm() / self.half_diagonal;
         }
-        let mut r = target;
+        let mut radius = target;
+        let mut is_moving = [true; N];
         for _ in 0..20 {
-            let r2 = r * r;
-            let error = r * (1.0 + r2 * (self.k1 + r2 * self.k2)) - target;
-            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
-            // Outside the picture the polynomial may turn back; stay where it is.
-            if slope <= MIN_DISTORTION_SLOPE {
-                break;
+            for ((r, target), is_moving) in radius.iter_mut().zip(&target).zip(&mut is_moving) {
+                let r2 = *r * *r;
+                let error = *r * (1.0 + r2 * (self.k1 + r2 * self.k2)) - target;
+                let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
+                let step = error / slope;
+                // Outside the picture the polynomial may turn back; stay where it is.
+                *is_moving &= slope > MIN_DISTORTION_SLOPE;
+                *r = if *is_moving { *r - step } else { *r };
+                // Of half a diagonal; the next step would be of the square of this one.
+                *is_moving &= step.abs() >= 1e-7;
             }
-            let step = error / slope;
-            r -= step;
-            // Of half a diagonal; the next step would be of the square of this one.
-            if step.abs() < 1e-7 {
+            if !is_moving.contains(&true) {
                 break;
             }
         }
-        self.center + offset * (r / target)
+        let mut undistorted = distorted;
+        for ((point, r), target) in undistorted.iter_mut().zip(radius).zip(target) {
+            // In the centre there is no direction.
+            if target < 1e-12 {
+                continue;
+            }
+            *point = self.center + (*point - self.center) * (r / target);
+        }
+        undistorted
     }
 
     fn check_distortion(&self) -> Result<(), GeometryError> {
@@ -338,6 +367,18 @@ mod tests {
 
     fn model(config: &Config) -> CameraModel {
         CameraModel::new(&config.geometry, config.camera.width, config.camera.height).unwrap()
+    }
+
+    #[test]
+    fn angles_are_wrapped_without_a_division_where_possible() {
+        use std::f64::consts::{PI, TAU};
+        let near = [0.0, 1e-300, 1e-17, 1.0, PI, 4.0, TAU, 9.0, 3.0 * PI, 100.0, f64::INFINITY];
+        let near = near.into_iter().flat_map(|a| [a, a.next_up(), a.next_down()]);
+        for angle in near.flat_map(|a| [a, -a]).chain([f64::NAN]) {
+            let wrapped = angle.rem_euclid(TAU);
+            let expected = if wrapped > PI { wrapped - TAU } else { wrapped };
+            assert_eq!(wrap_angle(angle).to_bits(), expected.to_bits(), "{angle}");
+        }
     }
 
     #[test]

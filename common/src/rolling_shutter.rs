@@ -19,6 +19,11 @@ impl RollingShutter {
         }
     }
 
+    /// Whether rows have times of their own at all.
+    pub fn is_rolling(&self) -> bool {
+        self.readout_s != 0.0
+    }
+
     /// How long after the frame's capture time one of its rows was captured, in seconds; negative for
     /// those above the middle. What lies outside the picture counts as its nearest row.
     pub fn delay_s(&self, y_px: f64) -> f64 {

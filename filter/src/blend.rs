@@ -88,6 +88,12 @@ impl<const N: usize, const M: usize> Blend<N, M> {
         moments(weighted, &self.most_likely().belief, wrap)
     }
 
+    /// The mean alone.
+    pub fn merged_mean(&self, wrap: Wrap<N>) -> SVector<f64, N> {
+        let weighted = self.hypotheses.iter().map(|h| (h.probability, &h.belief));
+        mean(weighted, &self.most_likely().belief.mean, wrap)
+    }
+
     /// The hypothesis with the highest probability.
     pub fn most_likely(&self) -> &Hypothesis<N> {
         let first = &self.hypotheses[0];
@@ -114,22 +120,44 @@ fn moments<'a, const N: usize>(
     near: &Gaussian<N>,
     wrap: Wrap<N>,
 ) -> Gaussian<N> {
-    let difference = |belief: &Gaussian<N>, from: &SVector<f64, N>| {
-        let mut difference = belief.mean - from;
-        wrap(&mut difference);
-        difference
-    };
-    let mut result = Gaussian { mean: near.mean, covariance: nalgebra::SMatrix::zeros() };
-    for (weight, belief) in weighted.clone() {
-        result.mean += difference(belief, &near.mean) * weight;
-    }
-    wrap(&mut result.mean);
+    let mean = mean(weighted.clone(), &near.mean, wrap);
+    let mut result = Gaussian { mean, covariance: nalgebra::SMatrix::zeros() };
     for (weight, belief) in weighted {
-        let spread = difference(belief, &result.mean);
-        result.covariance += (belief.covariance + spread * spread.transpose()) * weight;
+        let spread = difference(&belief.mean, &mean, wrap);
+        for column in 0..N {
+            for row in 0..=column {
+                let outer = spread[row] * spread[column];
+                result.covariance[(row, column)] +=
+                    (belief.covariance[(row, column)] + outer) * weight;
+            }
+        }
     }
     result.symmetrise();
     result
+}
+
+/// Mean of a weighted mixture, likewise.
+fn mean<'a, const N: usize>(
+    weighted: impl Iterator<Item = (f64, &'a Gaussian<N>)>,
+    near: &SVector<f64, N>,
+    wrap: Wrap<N>,
+) -> SVector<f64, N> {
+    let mut mean = *near;
+    for (weight, belief) in weighted {
+        mean += difference(&belief.mean, near, wrap) * weight;
+    }
+    wrap(&mut mean);
+    mean
+}
+
+fn difference<const N: usize>(
+    to: &SVector<f64, N>,
+    from: &SVector<f64, N>,
+    wrap: Wrap<N>,
+) -> SVector<f64, N> {
+    let mut difference = to - from;
+    wrap(&mut difference);
+    difference
 }
 
 #[cfg(test)]

@@ -61,10 +61,14 @@ impl RobotTrack {
     pub fn memory(&self) -> RobotMemory {
         let Track { blend, t_seen_ns, suspect, .. } = &self.track;
         RobotMemory {
-            hypotheses: blend.hypotheses.map(|hypothesis| RobotHypothesis {
-                probability: hypothesis.probability,
-                mean: hypothesis.belief.mean.into(),
-                covariance: hypothesis.belief.packed_covariance(),
+            hypotheses: std::array::from_fn(|index| {
+                // In place: `map` would move all of them first.
+                let Hypothesis { probability, belief } = &blend.hypotheses[index];
+                RobotHypothesis {
+                    probability: *probability,
+                    mean: belief.mean.into(),
+                    covariance: belief.packed_covariance(),
+                }
             }),
             t_seen_ns: *t_seen_ns,
             t_gated_ns: suspect.t_ns,

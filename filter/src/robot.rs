@@ -128,8 +128,15 @@ pub struct RobotMotion {
     repeat_distance_mm: f64,
 }
 
-/// The linear part of one step: u + φ·(v − u) and u + ψ·(v − u) for both speeds.
-struct Step {
+/// One step of a time.
+struct Way {
+    dt_s: f64,
+    /// v̄ and ω̄.
+    mean_v: f64,
+    mean_omega: f64,
+    /// Of θ_m.
+    sin: f64,
+    cos: f64,
     u_v: f64,
     u_omega: f64,
     phi: f64,
@@ -159,36 +166,25 @@ impl RobotMotion {
         }
     }
 
-    /// Eqs. (11) and (12): what is believed `dt_s` later.
-    pub fn predict(&self, belief: &mut Gaussian<5>, drive: Drive, dt_s: f64) {
-        let a = self.jacobian(&belief.mean, drive, dt_s);
-        let q = self.process_noise(&belief.mean, drive, dt_s);
-        belief.mean = self.advance(&belief.mean, drive, dt_s);
-        belief.covariance = a * belief.covariance * a.transpose() + q;
+    /// Eqs. (11) and (12): what is believed `dt_s` later. Returns how far the faster wheel rolls
+    /// meanwhile.
+    pub fn predict(&self, belief: &mut Gaussian<5>, drive: Drive, dt_s: f64) -> f64 {
+        let way = self.way(&belief.mean, drive, dt_s);
+        let spread = spread(&way.jacobian(), &belief.covariance);
+        belief.mean = way.end(&belief.mean);
+        belief.covariance = spread + self.process_noise(&way, drive);
         belief.symmetrise();
+        (way.mean_v.abs() + 0.5 * self.wheel_base_mm * way.mean_omega.abs()) * dt_s
     }
 
     /// Eq. (11): f(x̂, u).
     pub fn advance(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Vector5<f64> {
-        let step = self.step(drive, dt_s);
-        let mean_v = step.u_v + step.psi * (state[V] - step.u_v);
-        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
-        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
-        Vector5::new(
-            state[X] + dt_s * mean_v * cos,
-            state[Y] + dt_s * mean_v * sin,
-            wrap_angle(state[THETA] + dt_s * mean_omega),
-            step.u_v + step.phi * (state[V] - step.u_v),
-            step.u_omega + step.phi * (state[OMEGA] - step.u_omega),
-        )
+        self.way(state, drive, dt_s).end(state)
     }
 
-    /// How far the faster wheel rolls in a time.
-    pub fn path_mm(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> f64 {
-        let step = self.step(drive, dt_s);
-        let mean_v = step.u_v + step.psi * (state[V] - step.u_v);
-        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
-        (mean_v.abs() + 0.5 * self.wheel_base_mm * mean_omega.abs()) * dt_s
+    /// Eq. (13): the partial derivatives of [`advance`](Self::advance).
+    pub fn jacobian(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
+        self.way(state, drive, dt_s).jacobian()
     }
 
     /// How many measurements in a row have the same error, by hypothesis, when a steered robot's
@@ -215,64 +211,46 @@ impl RobotMotion {
         }
     }
 
-    /// Eq. (13): the partial derivatives of [`advance`](Self::advance).
-    pub fn jacobian(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
-        let step = self.step(drive, dt_s);
-        let mean_v = step.u_v + step.psi * (state[V] - step.u_v);
-        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
-        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
-        let half_turn = 0.5 * dt_s * step.psi;
-        let mut a = Matrix5::identity();
-        a[(X, THETA)] = -dt_s * mean_v * sin;
-        a[(Y, THETA)] = dt_s * mean_v * cos;
-        a[(X, V)] = dt_s * step.psi * cos;
-        a[(Y, V)] = dt_s * step.psi * sin;
-        a[(X, OMEGA)] = -dt_s * mean_v * sin * half_turn;
-        a[(Y, OMEGA)] = dt_s * mean_v * cos * half_turn;
-        a[(THETA, OMEGA)] = dt_s * step.psi;
-        a[(V, V)] = step.phi;
-        a[(OMEGA, OMEGA)] = step.phi;
-        a
-    }
-
     /// Q of eq. (12).
-    fn process_noise(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
-        let step = self.step(drive, dt_s);
-        let mean_omega = step.u_omega + step.psi * (state[OMEGA] - step.u_omega);
-        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
-        let forward = Vector5::new(cos, sin, 0.0, 0.0, 0.0);
-        let sideways = Vector5::new(-sin, cos, 0.0, 0.0, 0.0);
-        let turning = Vector5::new(0.0, 0.0, 1.0, 0.0, 0.0);
+    fn process_noise(&self, way: &Way, drive: Drive) -> Matrix5<f64> {
+        let Way { dt_s, sin, cos, .. } = *way;
         let density = |sigma: f64| sigma * sigma * FilterConfig::NOISE_LASTS_S;
         let scale = self.noise_scale(drive);
         let lateral = density(scale * self.lateral) * dt_s;
-        let mut q = sideways * sideways.transpose() * lateral;
+        // The upper triangle: sideways · sidewaysᵀ, with sideways = (−sin, cos).
+        let mut q = Matrix5::zeros();
+        q[(X, X)] = sin * sin * lateral;
+        q[(X, Y)] = -sin * cos * lateral;
+        q[(Y, Y)] = cos * cos * lateral;
+        // Along (cos, sin), and about the heading.
+        let mut add = |forward: f64, turning: f64| {
+            q[(X, X)] += cos * cos * forward;
+            q[(X, Y)] += cos * sin * forward;
+            q[(Y, Y)] += sin * sin * forward;
+            q[(THETA, THETA)] += turning;
+        };
         if let Drive::Free | Drive::Struck = drive {
-            let axes = [
-                (forward, scale * self.acceleration, V),
-                (turning, scale * self.angular_acceleration, OMEGA),
-            ];
             // White acceleration, integrated once into the speed and twice into the pose.
-            for (axis, sigma, speed) in axes {
-                let density = density(sigma);
-                let shared = axis * (density * dt_s.powi(2) / 2.0);
-                q += axis * axis.transpose() * (density * dt_s.powi(3) / 3.0);
-                for row in [X, Y, THETA] {
-                    q[(row, speed)] += shared[row];
-                    q[(speed, row)] += shared[row];
-                }
-                q[(speed, speed)] += density * dt_s;
-            }
+            let forward = density(scale * self.acceleration);
+            let turning = density(scale * self.angular_acceleration);
+            let cube = |density: f64| density * dt_s.powi(3) / 3.0;
+            add(cube(forward), cube(turning));
+            let shared = |density: f64| density * dt_s.powi(2) / 2.0;
+            q[(X, V)] = cos * shared(forward);
+            q[(Y, V)] = sin * shared(forward);
+            q[(THETA, OMEGA)] = shared(turning);
+            q[(V, V)] = forward * dt_s;
+            q[(OMEGA, OMEGA)] = turning * dt_s;
         } else {
-            let axes =
-                [(forward, scale * self.slip, V), (turning, scale * self.angular_slip, OMEGA)];
             // White speed, integrated into the pose; the speed itself forgets what it was as it
             // approaches the command.
-            for (axis, sigma, speed) in axes {
-                q += axis * axis.transpose() * (density(sigma) * dt_s);
-                q[(speed, speed)] += sigma * sigma * (1.0 - step.phi * step.phi);
-            }
+            let (slip, angular_slip) = (scale * self.slip, scale * self.angular_slip);
+            add(density(slip) * dt_s, density(angular_slip) * dt_s);
+            let forgotten = 1.0 - way.phi * way.phi;
+            q[(V, V)] = slip * slip * forgotten;
+            q[(OMEGA, OMEGA)] = angular_slip * angular_slip * forgotten;
         }
+        q.fill_lower_triangle_with_upper_triangle();
         q
     }
 
@@ -289,8 +267,10 @@ impl RobotMotion {
         }
     }
 
-    fn step(&self, drive: Drive, dt_s: f64) -> Step {
-        match drive {
+    /// Where the speeds lead within a time.
+    fn way(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Way {
+        // u + φ·(v − u) and u + ψ·(v − u), for both speeds.
+        let (u_v, u_omega, phi, psi) = match drive {
             Drive::Steered { left_mm_s, right_mm_s } => {
                 let (phi, psi) = if self.lag_s > 0.0 && dt_s > 0.0 {
                     let lags = dt_s / self.lag_s;
@@ -298,17 +278,77 @@ impl RobotMotion {
                 } else {
                     (0.0, 0.0)
                 };
-                Step {
-                    u_v: 0.5 * (right_mm_s + left_mm_s),
-                    u_omega: (right_mm_s - left_mm_s) / self.wheel_base_mm,
-                    phi,
-                    psi,
-                }
+                let u_v = 0.5 * (right_mm_s + left_mm_s);
+                (u_v, (right_mm_s - left_mm_s) / self.wheel_base_mm, phi, psi)
             }
-            Drive::Standing => Step { u_v: 0.0, u_omega: 0.0, phi: 0.0, psi: 0.0 },
-            Drive::Free | Drive::Struck => Step { u_v: 0.0, u_omega: 0.0, phi: 1.0, psi: 1.0 },
-        }
+            Drive::Standing => (0.0, 0.0, 0.0, 0.0),
+            Drive::Free | Drive::Struck => (0.0, 0.0, 1.0, 1.0),
+        };
+        let mean_omega = u_omega + psi * (state[OMEGA] - u_omega);
+        let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
+        let mean_v = u_v + psi * (state[V] - u_v);
+        Way { dt_s, mean_v, mean_omega, sin, cos, u_v, u_omega, phi, psi }
     }
+}
+
+impl Way {
+    fn end(&self, state: &Vector5<f64>) -> Vector5<f64> {
+        let Self { dt_s, mean_v, mean_omega, sin, cos, u_v, u_omega, phi, .. } = *self;
+        Vector5::new(
+            state[X] + dt_s * mean_v * cos,
+            state[Y] + dt_s * mean_v * sin,
+            wrap_angle(state[THETA] + dt_s * mean_omega),
+            u_v + phi * (state[V] - u_v),
+            u_omega + phi * (state[OMEGA] - u_omega),
+        )
+    }
+
+    fn jacobian(&self) -> Matrix5<f64> {
+        let Self { dt_s, mean_v, sin, cos, phi, psi, .. } = *self;
+        let half_turn = 0.5 * dt_s * psi;
+        let mut a = Matrix5::identity();
+        a[(X, THETA)] = -dt_s * mean_v * sin;
+        a[(Y, THETA)] = dt_s * mean_v * cos;
+        a[(X, V)] = dt_s * psi * cos;
+        a[(Y, V)] = dt_s * psi * sin;
+        a[(X, OMEGA)] = -dt_s * mean_v * sin * half_turn;
+        a[(Y, OMEGA)] = dt_s * mean_v * cos * half_turn;
+        a[(THETA, OMEGA)] = dt_s * psi;
+        a[(V, V)] = phi;
+        a[(OMEGA, OMEGA)] = phi;
+        a
+    }
+}
+
+/// A·P·Aᵀ for a [jacobian](Way::jacobian), of which most is 0; its upper triangle, P being symmetric.
+fn spread(a: &Matrix5<f64>, p: &Matrix5<f64>) -> Matrix5<f64> {
+    // Rows of A·P; those of P are its columns.
+    let along = |axis: usize| {
+        p.column(axis)
+            + p.column(THETA) * a[(axis, THETA)]
+            + p.column(V) * a[(axis, V)]
+            + p.column(OMEGA) * a[(axis, OMEGA)]
+    };
+    let rows = [
+        along(X),
+        along(Y),
+        p.column(THETA) + p.column(OMEGA) * a[(THETA, OMEGA)],
+        p.column(V) * a[(V, V)],
+        p.column(OMEGA) * a[(OMEGA, OMEGA)],
+    ];
+    let mut spread = Matrix5::zeros();
+    for (index, row) in rows.iter().enumerate() {
+        for axis in [X, Y] {
+            spread[(index, axis)] = row[axis]
+                + row[THETA] * a[(axis, THETA)]
+                + row[V] * a[(axis, V)]
+                + row[OMEGA] * a[(axis, OMEGA)];
+        }
+        spread[(index, THETA)] = row[THETA] + row[OMEGA] * a[(THETA, OMEGA)];
+        spread[(index, V)] = row[V] * a[(V, V)];
+        spread[(index, OMEGA)] = row[OMEGA] * a[(OMEGA, OMEGA)];
+    }
+    spread
 }
 
 impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {

@@ -2,6 +2,7 @@
 
 use crate::ball::BallMotion;
 use crate::commands::{CommandQueue, CommandTiming};
+use crate::gaussian::cholesky;
 use crate::message::{self, BallTrack, RobotTrack};
 use crate::robot::{Drive, RobotMotion};
 use crate::track::{Candidate, Motion, Track, TrackRules};
@@ -198,9 +199,14 @@ impl Filter {
             let path_mm = predict_robot(robot, from_ns, t_ns, robot_motion, timing);
             robot.commands.prune(t_ns, timing);
             let track = &mut robot.track;
-            let rates = robot_motion.rates(&track.blend.merged(RobotMotion::WRAP));
+            let rates = shutter
+                .is_rolling()
+                .then(|| robot_motion.rates(&track.blend.merged(RobotMotion::WRAP)));
             let wrap = RobotMotion::WRAP_MEASURED;
-            let seen = seen.map(|(delay_s, it)| rates.take_off(delay_s, it, wrap));
+            let seen = seen.map(|(delay_s, it)| match &rates {
+                Some(rates) => rates.take_off(delay_s, it, wrap),
+                None => it,
+            });
             track.observe(seen, &robot_motion.repeats(path_mm), t_ns, robot_motion, rules);
             track.blend.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
         });
@@ -298,11 +304,11 @@ impl Filter {
                 *mean = self.robot_motion.advance(mean, drive, dt_s);
             }
         }
-        blend.merged(RobotMotion::WRAP).mean
+        blend.merged_mean(RobotMotion::WRAP)
     }
 
     fn predicted_ball(&self, ball: &BallTrack, from_ns: u64, to_ns: u64) -> Vector4<f64> {
-        let now = ball.blend.merged(BallMotion::WRAP).mean;
+        let now = ball.blend.merged_mean(BallMotion::WRAP);
         self.ball_motion.advance(&now, to_ns.saturating_sub(from_ns) as f64 * 1e-9)
     }
 
@@ -327,12 +333,11 @@ fn predict_robot(
     }
     let mut path_mm = 0.0;
     for (dt_s, command) in commands.segments(from_ns, to_ns, timing) {
-        let drives = Drive::hypotheses(command);
-        let steered = &track.blend.hypotheses[0].belief.mean;
-        path_mm += motion.path_mm(steered, drives[0], dt_s);
-        for (hypothesis, drive) in track.blend.hypotheses.iter_mut().zip(drives) {
-            motion.predict(&mut hypothesis.belief, drive, dt_s);
-        }
+        let hypotheses = track.blend.hypotheses.iter_mut().zip(Drive::hypotheses(command));
+        let paths_mm = hypotheses
+            .map(|(hypothesis, drive)| motion.predict(&mut hypothesis.belief, drive, dt_s));
+        // Of all, so that all are predicted; the first is the one that is steered.
+        path_mm += paths_mm.reduce(|steered_mm, _| steered_mm).unwrap_or(0.0);
     }
     path_mm
 }
@@ -406,7 +411,7 @@ fn usable_noise<const Z: usize>(noise: SMatrix<f64, Z, Z>) -> Option<SMatrix<f64
     const MAX_VARIANCE: f64 = 1e6;
     const MIN_VARIANCE: f64 = 1e-9;
     let is_usable = noise.diagonal().iter().all(|v| (MIN_VARIANCE..=MAX_VARIANCE).contains(v))
-        && noise.cholesky().is_some();
+        && cholesky(&noise).is_some();
     is_usable.then_some(noise)
 }
 

@@ -38,6 +38,9 @@ pub struct Candidate<const Z: usize> {
     pub confidence: f64,
 }
 
+/// Those of a candidate under each hypothesis; `None` where its noise is of no use.
+type Innovations<const Z: usize, const M: usize> = [Option<Innovation<Z>>; M];
+
 /// The newest measurement outside the gate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspect<const Z: usize> {
@@ -130,8 +133,8 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     ) where
         I: Iterator<Item = Candidate<Z>> + Clone,
     {
-        if let Some(best) = self.likeliest::<T>(candidates.clone(), rules) {
-            self.correct::<T>(&best, repeats);
+        if let Some((best, innovations)) = self.likeliest::<T>(candidates.clone(), rules) {
+            self.correct::<T>(&best, &innovations, repeats);
             self.status = TrackStatus::Measured;
             self.frames_unseen = 0;
             self.frames_gated = 0;
@@ -182,15 +185,23 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     }
 
     /// The candidate with the greatest product of confidence and likelihood among those within the
-    /// gate of at least one hypothesis. A doubtful one, that could not start a track, is good
+    /// gate of at least one hypothesis, and its innovations. A doubtful one, that could not start a track, is good
     /// enough to go on with but not to find something again: it must be where the track, seen a
     /// moment ago, leads without being struck.
     fn likeliest<T: Motion<N, M, Z>>(
         &self,
         candidates: impl Iterator<Item = Candidate<Z>>,
         rules: &TrackRules,
-    ) -> Option<Candidate<Z>> {
-        let mut best: Option<(f64, Candidate<Z>)> = None;
+    ) -> Option<(Candidate<Z>, Innovations<Z, M>)> {
+        let mut best: Option<(Candidate<Z>, Innovations<Z, M>)> = None;
+        let score = |(candidate, innovations): &(Candidate<Z>, Innovations<Z, M>)| {
+            let density: f64 = innovations
+                .iter()
+                .zip(&self.blend.hypotheses)
+                .filter_map(|(i, h)| i.map(|i| i.ln_density.exp() * h.probability))
+                .sum();
+            candidate.confidence * density
+        };
         for candidate in candidates.filter(|candidate| candidate.confidence > 0.0) {
             let innovations = self.innovations::<T>(&candidate);
             let believable = if candidate.confidence >= rules.start_confidence {
@@ -204,28 +215,30 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
                 .iter()
                 .flatten()
                 .any(|innovation| innovation.distance2 <= rules.gate_chi2);
-            let density: f64 = innovations
-                .iter()
-                .zip(&self.blend.hypotheses)
-                .filter_map(|(i, h)| i.map(|i| i.ln_density.exp() * h.probability))
-                .sum();
-            let score = candidate.confidence * density;
-            if inside && best.is_none_or(|(best_score, _)| score > best_score) {
-                best = Some((score, candidate));
+            let this = (candidate, innovations);
+            // Mostly there is just one.
+            if inside && best.as_ref().is_none_or(|best| score(&this) > score(best)) {
+                best = Some(this);
             }
         }
-        best.map(|(_, candidate)| candidate)
+        best
     }
 
-    fn correct<T: Motion<N, M, Z>>(&mut self, candidate: &Candidate<Z>, repeats: &[f64; M]) {
-        let innovations = self.innovations::<T>(candidate);
-        self.blend.weigh(&innovations.map(|innovation| innovation.map(|i| i.ln_density)));
-        for ((hypothesis, innovation), repeats) in
+    fn correct<T: Motion<N, M, Z>>(
+        &mut self,
+        candidate: &Candidate<Z>,
+        innovations: &Innovations<Z, M>,
+        repeats: &[f64; M],
+    ) {
+        self.blend.weigh(&std::array::from_fn(|index| innovations[index].map(|i| i.ln_density)));
+        for ((hypothesis, innovation), &repeats) in
             self.blend.hypotheses.iter_mut().zip(innovations).zip(repeats)
         {
-            let noise = candidate.noise * *repeats;
-            let shared =
-                innovation.and_then(|i| hypothesis.belief.innovation(i.difference, &noise));
+            let noise = candidate.noise * repeats;
+            let shared = match innovation {
+                Some(i) if repeats != 1.0 => hypothesis.belief.innovation(i.difference, &noise),
+                plain => *plain,
+            };
             if let Some(innovation) = shared {
                 hypothesis.belief.correct(&innovation, &noise);
                 T::WRAP(&mut hypothesis.belief.mean);
@@ -233,14 +246,12 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         }
     }
 
-    fn innovations<T: Motion<N, M, Z>>(
-        &self,
-        candidate: &Candidate<Z>,
-    ) -> [Option<Innovation<Z>>; M] {
-        self.blend.hypotheses.map(|hypothesis| {
-            let mut difference = candidate.measured - hypothesis.belief.mean.fixed_rows::<Z>(0);
+    fn innovations<T: Motion<N, M, Z>>(&self, candidate: &Candidate<Z>) -> Innovations<Z, M> {
+        std::array::from_fn(|index| {
+            let belief = &self.blend.hypotheses[index].belief;
+            let mut difference = candidate.measured - belief.mean.fixed_rows::<Z>(0);
             T::WRAP_MEASURED(&mut difference);
-            hypothesis.belief.innovation(difference, &candidate.noise)
+            belief.innovation(difference, &candidate.noise)
         })
     }
 

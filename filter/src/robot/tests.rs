@@ -17,6 +17,46 @@ fn start(pose: [f64; 3], variances: [f64; 5]) -> Gaussian<5> {
     }
 }
 
+fn drive(kind: i32, wheels: [f64; 2]) -> Drive {
+    match kind {
+        0 => Drive::Steered { left_mm_s: wheels[0], right_mm_s: wheels[1] },
+        1 => Drive::Standing,
+        2 => Drive::Free,
+        _ => Drive::Struck,
+    }
+}
+
+/// Q of eq. (12) as sums of outer products.
+fn process_noise(motion: &RobotMotion, state: &Vector5<f64>, drive: Drive, t: f64) -> Matrix5<f64> {
+    let way = motion.way(state, drive, t);
+    let forward = Vector5::new(way.cos, way.sin, 0.0, 0.0, 0.0);
+    let sideways = Vector5::new(-way.sin, way.cos, 0.0, 0.0, 0.0);
+    let (turning, v, omega) = (Vector5::z(), Vector5::w(), Vector5::a());
+    let density = |sigma: f64| sigma * sigma * FilterConfig::NOISE_LASTS_S;
+    let scale = motion.noise_scale(drive);
+    let mut q = sideways * sideways.transpose() * (density(scale * motion.lateral) * t);
+    if let Drive::Free | Drive::Struck = drive {
+        let axes = [
+            (forward, v, density(scale * motion.acceleration)),
+            (turning, omega, density(scale * motion.angular_acceleration)),
+        ];
+        for (axis, speed, density) in axes {
+            let shared = axis * speed.transpose() + speed * axis.transpose();
+            q += axis * axis.transpose() * (density * t.powi(3) / 3.0);
+            q += shared * (density * t.powi(2) / 2.0);
+            q += speed * speed.transpose() * (density * t);
+        }
+    } else {
+        let axes =
+            [(forward, v, scale * motion.slip), (turning, omega, scale * motion.angular_slip)];
+        for (axis, speed, sigma) in axes {
+            q += axis * axis.transpose() * (density(sigma) * t);
+            q += speed * speed.transpose() * (sigma * sigma * (1.0 - way.phi * way.phi));
+        }
+    }
+    q
+}
+
 /// The paper's filter: three states, eqs. (11) to (14) as printed, but for the heading at which
 /// eq. (11) is taken: at the start of the interval (0) or half way (0.5).
 struct ThreeStates {
@@ -69,7 +109,7 @@ fn compare(motion: &RobotMotion, heading_at: f64, frames: &[([f64; 2], [f64; 3])
     let mut worst = (0.0f64, 0.0f64);
     for &([left_mm_s, right_mm_s], noise) in frames {
         let drive = Drive::Steered { left_mm_s, right_mm_s };
-        let q = motion.process_noise(&ours.mean, drive, T);
+        let q = motion.process_noise(&motion.way(&ours.mean, drive, T), drive);
         let q = q.fixed_view::<3, 3>(0, 0).into_owned();
         motion.predict(&mut ours, drive, T);
         papers.predict(left_mm_s, right_mm_s, T, q);
@@ -158,12 +198,7 @@ proptest! {
         t in 0.001..0.05,
     ) {
         let motion = motion(|filter| filter.command_lag_ms = lag_ms);
-        let drive = match kind {
-            0 => Drive::Steered { left_mm_s: wheels[0], right_mm_s: wheels[1] },
-            1 => Drive::Standing,
-            2 => Drive::Free,
-            _ => Drive::Struck,
-        };
+        let drive = drive(kind, wheels);
         let scale = Vector5::new(1000.0, 1000.0, 3.0, 1500.0, 10.0);
         let state = Vector5::from(state).component_mul(&scale);
         let a = motion.jacobian(&state, drive, t);
@@ -176,6 +211,39 @@ proptest! {
             let numeric = difference / (2.0 * step[column]);
             prop_assert!((a.column(column) - numeric).norm() < 1e-4, "{a} {column} {numeric}");
         }
+    }
+
+    /// What is known to be 0 is left out, and nothing else: bit for bit eqs. (12) and (13).
+    #[test]
+    fn shortcuts_change_nothing(
+        state in prop::array::uniform5(-1.0..1.0),
+        entries in prop::array::uniform25(-3.0..3.0),
+        wheels in prop::array::uniform2(-1500.0..1500.0),
+        kind in 0..4,
+        lag_ms in prop_oneof![Just(0.0), 1.0..200.0],
+        t in 0.001..0.05,
+    ) {
+        let motion = motion(|filter| filter.command_lag_ms = lag_ms);
+        let drive = drive(kind, wheels);
+        let scale = Vector5::new(1000.0, 1000.0, 3.0, 1500.0, 10.0);
+        let mean = Vector5::from(state).component_mul(&scale);
+        let root = Matrix5::from_row_slice(&entries);
+        let mut belief = Gaussian { mean, covariance: root * root.transpose() };
+        belief.symmetrise();
+
+        let a = motion.jacobian(&mean, drive, t);
+        let q = process_noise(&motion, &mean, drive, t);
+        let covariance = a * belief.covariance * a.transpose() + q;
+        let mut expected = Gaussian { mean: motion.advance(&mean, drive, t), covariance };
+        expected.symmetrise();
+        motion.predict(&mut belief, drive, t);
+        prop_assert_eq!(belief.mean, expected.mean);
+        // The noise is put together in another order here.
+        let off = (belief.covariance - expected.covariance).norm();
+        prop_assert!(off <= 1e-13 * expected.covariance.norm(), "{off}");
+        let spread = spread(&a, &(root + root.transpose()));
+        let dense = a * (root + root.transpose()) * a.transpose();
+        prop_assert_eq!(spread.upper_triangle(), dense.upper_triangle());
     }
 
     /// Whatever happens, the covariance stays symmetric and positive definite.
@@ -260,7 +328,8 @@ fn innovations_are_as_large_as_predicted() {
         let mut belief = motion.initial(&truth.fixed_rows::<3>(0).into()).hypotheses[0].belief;
         let (mut sum, mut errors, mut count) = (0.0, 0.0, 0.0);
         for frame in 0..6000 {
-            let root = motion.process_noise(&truth, drive, T).cholesky().unwrap().l();
+            let root =
+                motion.process_noise(&motion.way(&truth, drive, T), drive).cholesky().unwrap().l();
             truth = motion.advance(&truth, drive, T)
                 + root * SVector::<f64, 5>::from_fn(|_, _| normal());
             // Free speeds would wander off to where the model is no longer nearly linear.
