@@ -5,8 +5,9 @@
 //! the right size and shape is a candidate with a confidence, best first, and what is made of it is
 //! up to those who know where the ball was before.
 
+use crate::error::TrackerError;
 use crate::measure::{Measure, Moments};
-use crate::pattern::{Limits, TrackerError, class_of, positive};
+use crate::pattern::{Limits, class_of, positive};
 use crate::pitch::Pitch;
 use crate::pose::robot_from_field;
 use crate::reasons::Rejections;

@@ -190,8 +190,8 @@ impl EdgeFitter {
     ) -> Option<([f64; 3], [f64; 6], f32)> {
         let stretches = &self.stretches[..self.map.stretch_count];
         let mut weights = [1.0; MAX_STRETCHES];
-        let mut result = None;
-        for _ in 0..WEIGHINGS {
+        let mut weighings = 1;
+        loop {
             let mut information = [prior[0], 0.0, 0.0, prior[1], 0.0, prior[2]];
             let mut pull = [0, 1, 2].map(|axis| -prior[axis] * so_far[axis]);
             let mut samples = 0.0;
@@ -215,19 +215,21 @@ impl EdgeFitter {
             for (off_px, stretch) in off_px.iter_mut().zip(stretches) {
                 *off_px = stretch.off_mm(&step) / mm_per_px;
             }
-            let disagreement = disagreement(stretches, &weights, &off_px, mm_per_px);
-            // Only of what the edges say; what was known before stays what it was.
-            let mut claimed = information.map(|term| term / (VARIANCE_FACTOR * disagreement));
-            for (index, prior) in [0, 3, 5].into_iter().zip(prior) {
-                claimed[index] += prior - prior / (VARIANCE_FACTOR * disagreement);
+            if weighings == WEIGHINGS {
+                let disagreement = disagreement(stretches, &weights, &off_px, mm_per_px);
+                // Only of what the edges say; what was known before stays what it was.
+                let mut claimed = information.map(|term| term / (VARIANCE_FACTOR * disagreement));
+                for (index, prior) in [0, 3, 5].into_iter().zip(prior) {
+                    claimed[index] += prior - prior / (VARIANCE_FACTOR * disagreement);
+                }
+                return Some((step, inverse(&claimed)?, samples));
             }
+            weighings += 1;
             let outlier_px = typical_px(stretches, &off_px).clamp(OUTLIER_PX, MOST_OUTLIER_PX);
-            for (weight, off_px) in weights.iter_mut().zip(off_px) {
+            for (weight, off_px) in weights[..stretches.len()].iter_mut().zip(off_px) {
                 *weight = 1.0 / (1.0 + (off_px / outlier_px).powi(2));
             }
-            result = Some((step, inverse(&claimed)?, samples));
         }
-        result
     }
 
     /// From one pose to another, in the frame of the second, the heading times the lever.
@@ -281,8 +283,10 @@ impl Stretch {
         let jj = [first[0], first[1], first[2], rest[0], rest[1], rest[2]];
         let a = (ww * i - w * wi) / determinant;
         let b = (n * wi - w * i) / determinant;
-        let pull =
-            [0, 1, 2].map(|axis| b * (f(by_i[axis]) - a * f(plain[axis]) - b * f(by_w[axis])));
+        let mut pull = [0.0; 3];
+        for (axis, pull) in pull.iter_mut().enumerate() {
+            *pull = b * (f(by_i[axis]) - a * f(plain[axis]) - b * f(by_w[axis]));
+        }
         let mut information = [0.0; 6];
         for ((term, jj), (row, column)) in information.iter_mut().zip(jj).zip(UPPER) {
             let (j, wj) = (f(plain[row]), f(by_w[row]));

@@ -7,25 +7,27 @@
 
 use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
 use crate::local_map::{LocalMap, RowMap};
-use crate::raw::{CHANNELS, RawFrame, RawRow};
+use crate::raw::{CHANNELS, RawFrame};
 use fearless_simd::{Level, dispatch};
-use std::ops::Range;
 
 /// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
 /// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
 const SPOT_PX: f32 = 0.62;
 /// Grey levels are counted from here, so that sums of squares stay small.
 const MIDDLE_LEVEL: f32 = 96.0;
-/// Of a row, so many pixels are looked at before those at edges are added up.
+/// So many pixels are looked at before those at edges are added up: mostly all there are around a body.
+const MOST_PIXELS: usize = 1024;
+/// Of a row at once.
 const ROW_PIXELS: usize = 256;
 /// Pixels at edges are worked on in groups of so many: a register full.
 const LANES: usize = 8;
 
-/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once.
+/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once,
+/// or more of them: none may lie across a border of its cache's lines.
 /// w is how much of a pixel's light comes from inside of the edge, j its derivatives by the step, i
 /// the level, counted from [`MIDDLE_LEVEL`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[repr(align(16))]
+#[repr(align(64))]
 pub(crate) struct Sums {
     /// j₀, j₁, j₂, w.
     pub plain: [f32; 4],
@@ -48,20 +50,22 @@ pub(crate) struct EdgePixels {
     per_lever: f32,
     /// By stretch, then by channel.
     sums: Box<[Sums; MAX_STRETCHES * CHANNELS]>,
-    row: Box<Row>,
+    pixels: Box<Pixels>,
 }
 
-/// A stretch of a row.
+/// Pixels around a body.
 #[derive(Debug, Clone)]
-struct Row {
+struct Pixels {
+    count: usize,
     /// Place in the body's frame, in millimetres.
-    x: [f32; ROW_PIXELS],
-    y: [f32; ROW_PIXELS],
+    x: [f32; MOST_PIXELS],
+    y: [f32; MOST_PIXELS],
     /// Cell of the edge map.
-    cell: [u32; ROW_PIXELS],
-    /// Pixels at edges, counted from the first, and at which.
-    found: [u16; ROW_PIXELS + LANES],
-    edge: [u16; ROW_PIXELS + LANES],
+    cell: [u32; MOST_PIXELS],
+    /// Row and column, in the upper and the lower half.
+    place: [u32; MOST_PIXELS],
+    /// Those at edges: which of the above, and at which edge, likewise.
+    found: [u32; MOST_PIXELS],
 }
 
 impl EdgePixels {
@@ -70,12 +74,13 @@ impl EdgePixels {
             level: Level::new(),
             per_lever: 1.0 / lever_mm as f32,
             sums: Box::new([Sums::default(); MAX_STRETCHES * CHANNELS]),
-            row: Box::new(Row {
-                x: [0.0; ROW_PIXELS],
-                y: [0.0; ROW_PIXELS],
-                cell: [0; ROW_PIXELS],
-                found: [0; ROW_PIXELS + LANES],
-                edge: [0; ROW_PIXELS + LANES],
+            pixels: Box::new(Pixels {
+                count: 0,
+                x: [0.0; MOST_PIXELS],
+                y: [0.0; MOST_PIXELS],
+                cell: [0; MOST_PIXELS],
+                place: [0; MOST_PIXELS],
+                found: [0; MOST_PIXELS],
             }),
         }
     }
@@ -101,66 +106,73 @@ impl EdgePixels {
             let half = (reach_px * reach_px - v * v).max(0.0).sqrt();
             let columns = (center_x - half).ceil() as usize
                 ..(((center_x + half).floor() + 1.0) as usize).min(frame.width);
-            let row = frame.row(row_index);
             let row_map = map.row(v as f32);
             let mut begin = columns.start;
             while begin < columns.end {
                 let end = columns.end.min(begin + ROW_PIXELS);
                 let first_u = (begin as f64 - center_x) as f32;
-                let count = self.find(edges, &row_map, first_u, end - begin);
-                self.add(edges, &row, begin, count, per_spot);
+                self.place(edges, &row_map, first_u, [row_index, begin], end - begin);
+                if self.pixels.count > MOST_PIXELS - ROW_PIXELS {
+                    self.add(edges, frame, per_spot);
+                }
                 begin = end;
             }
         }
+        self.add(edges, frame, per_spot);
     }
 
-    /// Which of so many pixels are at edges; returns how many are.
+    /// Where in the body's frame so many pixels lie, of which the first is in this row and column.
     #[inline(always)]
-    fn find(
+    fn place(
         &mut self,
         edges: &EdgeMap,
         &[[x0, x1, x2], [y0, y1, y2]]: &RowMap,
         first_u: f32,
+        [row, column]: [usize; 2],
         count: usize,
-    ) -> usize {
-        let Row { x, y, cell, found, edge } = &mut *self.row;
-        // Whole registers; nobody looks at what is too much.
-        let whole = count.next_multiple_of(2 * LANES);
-        let places = x[..whole].iter_mut().zip(&mut y[..whole]).zip(&mut cell[..whole]);
-        for (index, ((x, y), cell)) in (0i32..).zip(places) {
-            let u = first_u + index as f32;
+    ) {
+        let Pixels { count: before, x, y, cell, place, .. } = &mut *self.pixels;
+        // Whole registers; what is too much lies where no edge is.
+        let whole = *before..*before + count.next_multiple_of(LANES);
+        let first = (row << 16 | column) as u32;
+        let places = x[whole.clone()].iter_mut().zip(&mut y[whole.clone()]);
+        let cells = cell[whole.clone()].iter_mut().zip(&mut place[whole.clone()]);
+        for (index, ((x, y), (cell, place))) in (0u32..).zip(places.zip(cells)) {
+            let u = first_u + index as i32 as f32;
             (*x, *y) = (x0 + u * (x1 + u * x2), y0 + u * (y1 + u * y2));
-            *cell = edges.cell_at(*x, *y);
+            let at = edges.cell_at(*x, *y);
+            *cell = if index < count as u32 { at } else { EdgeMap::EMPTY_CELL };
+            *place = first + index;
         }
-        let mut found_count = 0;
-        for (index, &cell) in (0u16..).zip(&cell[..count]) {
-            let at = edges.in_cell(cell);
-            // Not more of them than pixels; said so that it is not checked each time.
-            let place = found_count % ROW_PIXELS;
-            (found[place], edge[place]) = (index, at);
-            found_count += usize::from(at != NO_EDGE);
-        }
-        // Something that exists, to fill up the last register.
-        found[found_count..found_count + LANES].fill(0);
-        edge[found_count..found_count + LANES].fill(0);
-        found_count
+        *before = whole.end;
     }
 
-    /// Adds the pixels that were found, the first of the row being in this column.
+    /// Adds up those at edges.
     #[inline(always)]
-    fn add(&mut self, edges: &EdgeMap, row: &RawRow, begin: usize, count: usize, per_spot: f32) {
-        let Row { x, y, found, edge, .. } = &*self.row;
-        for group in (0..count).step_by(LANES) {
-            let lanes: Range<usize> = group..group + LANES;
-            let (found, edge) = (&found[lanes.clone()], &edge[lanes]);
-            let [mut nx, mut ny, mut px, mut py, mut inside_mm] = [[0.0; LANES]; 5];
+    fn add(&mut self, edges: &EdgeMap, frame: &RawFrame, per_spot: f32) {
+        let Pixels { count, x, y, cell, place, found } = &mut *self.pixels;
+        let mut found_count = 0;
+        for (index, &cell) in (0u32..).zip(&cell[..std::mem::take(count)]) {
+            let edge = edges.in_cell(cell);
+            // Not more of them than pixels; said so that it is not checked each time.
+            found[found_count % MOST_PIXELS] = index << 16 | u32::from(edge);
+            found_count += usize::from(edge != NO_EDGE);
+        }
+        // What fills up the last register is something that exists.
+        found[found_count..found_count.next_multiple_of(LANES)].fill(0);
+        for group in (0..found_count).step_by(LANES) {
+            let found = &found[group..group + LANES];
+            let [mut px, mut py] = [[0.0; LANES]; 2];
+            let mut pixel = [0; LANES];
+            let [mut nx, mut ny, mut inside_mm] = [[0.0; LANES]; 3];
             let mut stretch = [0; LANES];
             for lane in 0..LANES {
-                let at = edges.edge(edge[lane]);
+                let index = (found[lane] >> 16) as usize % MOST_PIXELS;
+                (px[lane], py[lane], pixel[lane]) = (x[index], y[index], place[index]);
+                let at = edges.edge(found[lane] as u16);
                 [nx[lane], ny[lane]] = at.normal;
                 inside_mm[lane] = -at.offset_mm;
                 stretch[lane] = at.stretch as usize;
-                (px[lane], py[lane]) = (x[found[lane] as usize], y[found[lane] as usize]);
             }
             let [mut w, mut j0, mut j1, mut j2] = [[0.0; LANES]; 4];
             for lane in 0..LANES {
@@ -173,12 +185,15 @@ impl EdgePixels {
                 j1[lane] = slope * ny;
                 j2[lane] = slope * (ny * x - nx * y) * self.per_lever;
             }
-            for lane in 0..LANES.min(count - group) {
-                let sums = &mut self.sums[stretch[lane] * CHANNELS..][..CHANNELS];
-                let j = [j0[lane], j1[lane], j2[lane]];
-                row.samples(begin + found[lane] as usize, |channel, value| {
-                    sums[channel].add(w[lane], j, value - MIDDLE_LEVEL);
-                });
+            for index in 0..frame.samples_per_pixel {
+                for lane in 0..LANES.min(found_count - group) {
+                    let (row, column) =
+                        ((pixel[lane] >> 16) as usize, (pixel[lane] & 0xffff) as usize);
+                    let (channel, value) = frame.sample(row, column, index);
+                    let sample = [j0[lane], j1[lane], j2[lane], w[lane]];
+                    let sums = &mut self.sums[stretch[lane] * CHANNELS + channel];
+                    sums.add(sample, value - MIDDLE_LEVEL);
+                }
             }
         }
     }
@@ -186,8 +201,8 @@ impl EdgePixels {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, w: f32, [j0, j1, j2]: [f32; 3], i: f32) {
-        let sample = [j0, j1, j2, w];
+    fn add(&mut self, sample: [f32; 4], i: f32) {
+        let [j0, j1, j2, w] = sample;
         let first = [[j0, j0, j0, i], [j0, j1, j2, 1.0]];
         let rest = [[j1, j1, j2, i], [j1, j2, j2, i]];
         for lane in 0..4 {
@@ -304,12 +319,13 @@ mod tests {
                     let edge = edges.edge(edge);
                     let off = edge.normal[0] * x + edge.normal[1] * y - edge.offset_mm;
                     let (w, _) = spread(off / (SPOT_PX * SPLINE_DEVIATIONS * map.mm_per_px()));
-                    frame.row(row).samples(column, |channel, value| {
+                    let samples = 0..frame.samples_per_pixel;
+                    for (channel, value) in samples.map(|index| frame.sample(row, column, index)) {
                         let i = f64::from(value - MIDDLE_LEVEL);
                         let sums = &mut expected[edge.stretch as usize * CHANNELS + channel];
                         let terms = [1.0, f64::from(w), i, i * i];
                         sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-                    });
+                    }
                 }
             }
             for (sums, [n, w, i, ii]) in best.iter().zip(expected) {

@@ -107,6 +107,9 @@ impl EdgeMap {
         Self { edges, stretch_count, reach_mm, mm_per_px, side, cells_per_mm, cells }
     }
 
+    /// A cell in which there is no edge: at the border.
+    pub const EMPTY_CELL: u32 = 0;
+
     /// The cell in which a point of the top lies; for one beyond it, a cell in which there is no edge.
     #[inline(always)]
     pub fn cell_at(&self, x_mm: f32, y_mm: f32) -> u32 {

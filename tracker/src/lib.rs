@@ -28,6 +28,7 @@ mod candidates;
 mod edge_fit;
 mod edge_pixels;
 mod edges;
+mod error;
 mod footprint;
 mod hypotheses;
 mod local_map;

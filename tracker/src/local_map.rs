@@ -28,15 +28,14 @@ impl LocalMap {
         // Fitted through points about as far away as the body reaches.
         let step = (reach_mm / mm_per_px).clamp(1.0, 1000.0);
         let (sin, cos) = pose.orientation.sin_cos();
-        let look = |u: f64, v: f64| {
-            let point = ImagePoint::new(center.x_px + u * step, center.y_px + v * step);
-            let FieldPoint { x_mm, y_mm } = camera.field_from_image(point, height_mm);
+        let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)];
+        let around =
+            around.map(|(u, v)| ImagePoint::new(center.x_px + u * step, center.y_px + v * step));
+        let places = camera.fields_from_image(around, height_mm);
+        let [right, left, down, up, near, far] = places.map(|FieldPoint { x_mm, y_mm }| {
             let (dx, dy) = (x_mm - pose.position.x_mm, y_mm - pose.position.y_mm);
             [cos * dx + sin * dy, cos * dy - sin * dx]
-        };
-        let (right, left, down, up) =
-            (look(1.0, 0.0), look(-1.0, 0.0), look(0.0, 1.0), look(0.0, -1.0));
-        let (near, far) = (look(1.0, 1.0), look(-1.0, -1.0));
+        });
         let terms = [0, 1].map(|axis| {
             let u = (right[axis] - left[axis]) / (2.0 * step);
             let v = (down[axis] - up[axis]) / (2.0 * step);

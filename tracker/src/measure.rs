@@ -106,12 +106,10 @@ impl Measure {
     /// model has no answer, as beyond its horizon.
     pub fn new(moments: &Moments, camera: &CameraModel, height_mm: f64) -> Option<Self> {
         let image = ImagePoint::new(moments.x_px, moments.y_px);
-        let position = camera.field_from_image(image, height_mm);
-        let at = |dx: f64, dy: f64| {
-            camera.field_from_image(ImagePoint::new(image.x_px + dx, image.y_px + dy), height_mm)
-        };
+        let points = [(0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)]
+            .map(|(dx, dy)| ImagePoint::new(image.x_px + dx, image.y_px + dy));
+        let [position, left, right, up, down] = camera.fields_from_image(points, height_mm);
         // Millimetres per pixel along a row (u) and along a column (v).
-        let (left, right, up, down) = (at(-0.5, 0.0), at(0.5, 0.0), at(0.0, -0.5), at(0.0, 0.5));
         let u = [right.x_mm - left.x_mm, right.y_mm - left.y_mm];
         let v = [down.x_mm - up.x_mm, down.y_mm - up.y_mm];
         let [xx, xy, yy] = moments.covariance;

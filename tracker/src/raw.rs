@@ -3,7 +3,7 @@
 //! Nothing is interpolated. A Bayer pixel gives one sample of the one colour it sees; an RGB pixel
 //! gives three. Of YUV pictures only the Y is used, which each pixel has for itself.
 
-use common::messages::{FrameHeader, PixelFormat, PixelLayout};
+use common::messages::{FrameHeader, PixelFormat};
 
 /// Colour channels a sample may belong to.
 pub(crate) const CHANNELS: usize = 3;
@@ -15,29 +15,14 @@ pub(crate) struct RawFrame<'a> {
     stride: usize,
     pub width: usize,
     pub height: usize,
-    layout: PixelLayout,
-}
-
-/// The samples of one row.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RawRow<'a> {
-    bytes: &'a [u8],
-    kind: Kind,
-    /// By parity of the column: which channel a Bayer row sees.
-    channels: [usize; 2],
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    Bayer8,
-    /// Two bytes, shifted down by so much to make a byte.
-    BayerDeep(u32),
-    Rgb24,
-    /// One byte of Y every so many, from the given one on.
-    Luma {
-        step: usize,
-        first: usize,
-    },
+    /// By parity of the row and of the column: which channel a Bayer pixel sees, or the first of a pixel.
+    channels: [[usize; 2]; 2],
+    pub samples_per_pixel: usize,
+    /// Bytes from a pixel to the next one in its row, and from where it begins to its first sample.
+    step: usize,
+    first: usize,
+    /// Of samples of two bytes: by how much they are shifted down to make a byte.
+    deep: Option<u32>,
 }
 
 impl<'a> RawFrame<'a> {
@@ -45,48 +30,39 @@ impl<'a> RawFrame<'a> {
     pub fn new(header: &FrameHeader, bytes: &'a [u8], width: u32, height: u32) -> Option<Self> {
         let layout = header.check(width, height, bytes.len()).ok()?;
         let [stride, width, height] = [header.stride, width, height].map(|value| value as usize);
-        Some(Self { bytes, stride, width, height, layout })
-    }
-
-    /// A row of the picture, which it must have.
-    pub fn row(&self, row: usize) -> RawRow<'a> {
-        let kind = match self.layout.format {
-            PixelFormat::Bayer8 => Kind::Bayer8,
-            PixelFormat::Bayer10 => Kind::BayerDeep(2),
-            PixelFormat::Bayer12 => Kind::BayerDeep(4),
-            PixelFormat::Bayer16 => Kind::BayerDeep(8),
-            PixelFormat::Rgb24 => Kind::Rgb24,
-            PixelFormat::Yuyv => Kind::Luma { step: 2, first: 0 },
-            PixelFormat::Uyvy => Kind::Luma { step: 2, first: 1 },
-            PixelFormat::Nv12 | PixelFormat::I420 => Kind::Luma { step: 1, first: 0 },
+        let (step, first, samples_per_pixel) = match layout.format {
+            PixelFormat::Bayer8 => (1, 0, 1),
+            PixelFormat::Bayer10 | PixelFormat::Bayer12 | PixelFormat::Bayer16 => (2, 0, 1),
+            PixelFormat::Rgb24 => (3, 0, CHANNELS),
+            PixelFormat::Yuyv => (2, 0, 1),
+            PixelFormat::Uyvy => (2, 1, 1),
+            PixelFormat::Nv12 | PixelFormat::I420 => (1, 0, 1),
         };
-        let channels = [0, 1].map(|column| match self.layout.format.is_bayer() {
-            true => self.layout.order.channel_at(column, row),
-            false => 0,
+        let deep = match layout.format {
+            PixelFormat::Bayer10 => Some(2),
+            PixelFormat::Bayer12 => Some(4),
+            PixelFormat::Bayer16 => Some(8),
+            _ => None,
+        };
+        let channels = [0, 1].map(|row| {
+            [0, 1].map(|column| match layout.format.is_bayer() {
+                true => layout.order.channel_at(column, row),
+                false => 0,
+            })
         });
-        RawRow { bytes: &self.bytes[row * self.stride..], kind, channels }
+        Some(Self { bytes, stride, width, height, channels, samples_per_pixel, step, first, deep })
     }
-}
 
-impl RawRow<'_> {
-    /// Hands out channel and value (0–255) of each sample of a pixel.
+    /// Channel and value (0–255) of a sample of a pixel, which the picture must have.
     #[inline(always)]
-    pub fn samples(&self, column: usize, mut sample: impl FnMut(usize, f32)) {
-        match self.kind {
-            Kind::Bayer8 => sample(self.channels[column & 1], f32::from(self.bytes[column])),
-            Kind::BayerDeep(shift) => {
-                let pair = [self.bytes[2 * column], self.bytes[2 * column + 1]];
-                // Bits above those that the format has are ignored, as the classifier does.
-                let value = u16::from_le_bytes(pair) << (8 - shift);
-                sample(self.channels[column & 1], f32::from(value) / 256.0);
-            }
-            Kind::Rgb24 => {
-                for channel in 0..CHANNELS {
-                    sample(channel, f32::from(self.bytes[3 * column + channel]));
-                }
-            }
-            Kind::Luma { step, first } => sample(0, f32::from(self.bytes[step * column + first])),
-        }
+    pub fn sample(&self, row: usize, column: usize, index: usize) -> (usize, f32) {
+        let channel = self.channels[row & 1][column & 1] + index;
+        let place = row * self.stride + column * self.step + self.first + index;
+        let byte = self.bytes[place];
+        let Some(shift) = self.deep else { return (channel, f32::from(byte)) };
+        // Bits above those that the format has are ignored, as the classifier does.
+        let value = u16::from_le_bytes([byte, self.bytes[place + 1]]) << (8 - shift);
+        (channel, f32::from(value) / 256.0)
     }
 }
 
@@ -105,9 +81,7 @@ mod tests {
             ..FrameHeader::default()
         };
         let frame = RawFrame::new(&header, bytes, 2, 2).unwrap();
-        let mut found = Vec::new();
-        frame.row(row).samples(column, |channel, value| found.push((channel, value)));
-        found
+        (0..frame.samples_per_pixel).map(|index| frame.sample(row, column, index)).collect()
     }
 
     #[test]

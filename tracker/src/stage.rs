@@ -14,7 +14,7 @@ use common::config::Config;
 use common::geometry::CameraModel;
 use common::messages::{DetectedRobot, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
 
-pub use crate::pattern::TrackerError;
+pub use crate::error::TrackerError;
 
 /// Finds regions, robots and balls in one frame after another. It remembers nothing of a frame but
 /// the memory it used: the same input gives the same output, whatever came before.
