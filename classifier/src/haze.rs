@@ -13,22 +13,22 @@
 //! is done.
 
 use crate::kernels::{Kernel, Written};
-use crate::lamp::rgb_at;
+use crate::lattice::{Grid, Lattice};
 use crate::mask::{FieldMask, Span};
 use crate::picture::Picture;
+use crate::ranks::Ranks;
 use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
 use common::geometry::{CameraModel, ImagePoint};
 use common::messages::{MAX_RUNS, Run};
+use std::ops::Range;
 
 /// Grey levels from one level of haze to the next.
 const STEP: u8 = 8;
 /// Levels beside none; what is brighter leaves no colour.
 const LEVELS: usize = 18;
-/// About so many places are looked at.
-const SITES: f64 = 3000.0;
 /// Places in a row and column of a block that is looked at first.
 const BLOCK: usize = 4;
 /// Places around one, to each side, that count with it.
@@ -36,28 +36,29 @@ const AROUND: usize = 2;
 /// So much brighter than the pitch, as a share of it and in grey levels, a place may be without haze.
 const UNEVEN_PART: u16 = 4;
 const UNEVEN: u16 = 12;
+/// With fewer places on the field it is not known what the floor shows.
+const FEWEST: usize = 6;
 /// Beside a hazy block so little more is haze already.
 const FAINT: u16 = 6;
-/// In the place of a value: not on the field.
-const OUTSIDE: u16 = u16::MAX;
 
 /// Finds haze, and classifies what lies under it.
 #[derive(Debug, Clone)]
 pub(crate) struct Haze {
-    /// Distance of the places, in pixels; even, as Bayer patterns are.
-    step: usize,
-    columns: usize,
-    rows: usize,
+    grid: Grid,
     on_field: Vec<bool>,
-    /// Darkest channel of each place.
-    values: Vec<u16>,
+    /// How many places are on the field, all in all and in each block.
+    count: usize,
+    counts: Vec<u8>,
+    /// Darkest channel of each place; of those that are not on the field, 255.
+    values: Vec<u8>,
+    /// Room for finding their median.
+    ranks: Ranks,
     /// Level of haze of each place.
     levels: Vec<u8>,
     /// For each level, the pixels under it.
     masks: [FieldMask; LEVELS + 1],
-    /// For each level above 0, the tables; those of another version than they were made of are old.
-    tables: [ClassTables; LEVELS],
-    made_of: Option<u64>,
+    /// For each level above 0, the tables, and the version of what they were made of.
+    tables: [(ClassTables, Option<u64>); LEVELS],
     one_zone: Zones,
     found: Vec<Run>,
 }
@@ -67,49 +68,55 @@ impl Haze {
     pub fn new(config: &Config, tables: &ClassTables) -> Result<Self, ClassifierError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let camera = CameraModel::new(&config.geometry, width, height)?;
-        let step = (f64::from(width) * f64::from(height) / SITES).sqrt() / 2.0;
-        let step = (step.round() as usize).max(1) * 2;
-        let (columns, rows) =
-            ((width as usize - 1).div_ceil(step), (height as usize - 1).div_ceil(step));
+        let grid = Grid::new(&config.camera);
+        let Grid { columns, rows, .. } = grid;
         let half = [config.field.length_mm, config.field.width_mm].map(|size| size / 2.0);
-        let on_field = (0..columns * rows).map(|place| {
-            let (x, y) = (place % columns * step, place / columns * step);
+        let on_field = grid.places().map(|[x, y]| {
             let floor = camera.field_from_image(ImagePoint::new(x as f64, y as f64), 0.0);
             floor.x_mm.abs() < half[0] && floor.y_mm.abs() < half[1]
         });
+        let on_field: Vec<bool> = on_field.collect();
+        let mut counts = vec![0; columns.div_ceil(BLOCK) * rows.div_ceil(BLOCK)];
+        for place in (0..columns * rows).filter(|&place| on_field[place]) {
+            let (column, row) = (place % columns / BLOCK, place / columns / BLOCK);
+            counts[row * columns.div_ceil(BLOCK) + column] += 1;
+        }
         let mask = || FieldMask::with_room(height as usize, columns * height as usize / 2 + 1);
         Ok(Self {
-            step,
-            columns,
-            rows,
-            on_field: on_field.collect(),
-            values: vec![OUTSIDE; columns * rows],
+            grid,
+            count: on_field.iter().filter(|&&on_field| on_field).count(),
+            on_field,
+            counts,
+            values: vec![u8::MAX; columns * rows],
+            ranks: Ranks::with_room(columns * rows),
             levels: vec![0; columns * rows],
             masks: std::array::from_fn(|_| mask()),
-            tables: std::array::from_fn(|_| tables.clone()),
-            made_of: None,
+            tables: std::array::from_fn(|_| (tables.clone(), None)),
             one_zone: Zones::one(),
             found: Vec::with_capacity(MAX_RUNS),
         })
     }
 
-    /// Looks for haze; whether there is any.
-    pub fn look_at(&mut self, picture: &Picture) -> bool {
-        let places = self.values.iter_mut().zip(&self.on_field).enumerate();
-        let mut counts = [0u32; 256];
-        for (place, (value, _)) in places.filter(|(_, (_, on_field))| **on_field) {
-            let (x, y) = (place % self.columns * self.step, place / self.columns * self.step);
-            let darkest = rgb_at(picture, x, y).into_iter().min().unwrap_or(0);
-            *value = u16::from(darkest);
-            counts[usize::from(darkest)] += 1;
+    /// Looks for haze in the picture that was looked at; whether there is any.
+    pub fn look_at(&mut self, lattice: &Lattice) -> bool {
+        let [reds, greens, blues] = lattice.channels();
+        let places = self.values.iter_mut().zip(&self.on_field);
+        for (((value, on_field), (red, green)), blue) in
+            places.zip(reds.iter().zip(greens)).zip(blues)
+        {
+            *value = if *on_field { *red.min(green).min(blue) } else { u8::MAX };
         }
-        let Some(pitch) = median(&counts) else { return false };
+        let Some(last) = self.count.checked_sub(1) else { return false };
+        self.ranks.fill(self.values.iter().copied());
+        let pitch = u16::from(self.ranks.nth(last / 2));
         let bright = pitch + pitch / UNEVEN_PART + UNEVEN;
+        // Nothing is brighter than white.
+        let Ok(bright) = u8::try_from(bright) else { return false };
         self.levels.fill(0);
         let mut is_hazy = false;
-        for top in (0..self.rows).step_by(BLOCK) {
-            for left in (0..self.columns).step_by(BLOCK) {
-                if self.floor_in(left..left + BLOCK, top..top + BLOCK) > bright {
+        for top in (0..self.grid.rows).step_by(BLOCK) {
+            for left in (0..self.grid.columns).step_by(BLOCK) {
+                if self.is_above(bright, left, top) {
                     is_hazy |= self.set_levels(left, top, pitch);
                 }
             }
@@ -117,17 +124,30 @@ impl Haze {
         is_hazy
     }
 
+    /// Whether [`floor_in`](Self::floor_in) of a block is brighter than that: too few places are not.
+    fn is_above(&self, bright: u8, left: usize, top: usize) -> bool {
+        let Grid { columns, rows, .. } = self.grid;
+        let count = usize::from(self.counts[top / BLOCK * columns.div_ceil(BLOCK) + left / BLOCK]);
+        let dim = (top..(top + BLOCK).min(rows)).map(|row| {
+            let line = &self.values[row * columns..(row + 1) * columns];
+            let line = &line[left..(left + BLOCK).min(columns)];
+            line.iter().filter(|&&value| value <= bright).count()
+        });
+        count >= FEWEST && dim.sum::<usize>() <= floor_rank(count)
+    }
+
     /// Sets the levels in and around a block; whether there is one above 0.
     fn set_levels(&mut self, left: usize, top: usize, pitch: u16) -> bool {
+        let Grid { columns, rows, .. } = self.grid;
         let mut is_hazy = false;
-        for row in top.saturating_sub(BLOCK)..(top + 2 * BLOCK).min(self.rows) {
-            for column in left.saturating_sub(BLOCK)..(left + 2 * BLOCK).min(self.columns) {
+        for row in top.saturating_sub(BLOCK)..(top + 2 * BLOCK).min(rows) {
+            for column in left.saturating_sub(BLOCK)..(left + 2 * BLOCK).min(columns) {
                 let around = |index: usize| index.saturating_sub(AROUND)..index + AROUND + 1;
                 let floor = self.floor_in(around(column), around(row));
                 if floor > pitch + FAINT {
                     let step = u16::from(STEP);
                     let level = ((floor - pitch + step / 2) / step).min(LEVELS as u16);
-                    self.levels[row * self.columns + column] = level as u8;
+                    self.levels[row * columns + column] = level as u8;
                     is_hazy |= level > 0;
                 }
             }
@@ -137,16 +157,15 @@ impl Haze {
 
     /// What the floor shows in a window, robots or not: a little less than the median of the darkest
     /// channels of the places on the field; 0 if there are few.
-    fn floor_in(&self, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> u16 {
+    fn floor_in(&self, columns: Range<usize>, rows: Range<usize>) -> u16 {
         const MOST: usize = (2 * AROUND + 1) * (2 * AROUND + 1);
-        const FEWEST: usize = 6;
-        let mut window = [OUTSIDE; MOST];
+        let mut window = [0; MOST];
         let mut count = 0;
-        for row in rows.start..rows.end.min(self.rows) {
-            let line = &self.values[row * self.columns..(row + 1) * self.columns];
-            for &value in &line[columns.start..columns.end.min(self.columns)] {
-                if value != OUTSIDE && count < MOST {
-                    window[count] = value;
+        for row in rows.start..rows.end.min(self.grid.rows) {
+            let line = row * self.grid.columns;
+            for place in line + columns.start..line + columns.end.min(self.grid.columns) {
+                if self.on_field[place] && count < MOST {
+                    window[count] = self.values[place];
                     count += 1;
                 }
             }
@@ -154,7 +173,7 @@ impl Haze {
         if count < FEWEST {
             return 0;
         }
-        *window[..count].select_nth_unstable(2 * count / 5).1
+        u16::from(*window[..count].select_nth_unstable(floor_rank(count)).1)
     }
 
     /// Identifies what the picture looked at last is classified with, where `tables` is the version of those
@@ -172,12 +191,6 @@ impl Haze {
         mask: &FieldMask,
         out: &mut [Run],
     ) -> Written {
-        if self.made_of != Some(tables.version()) {
-            for (level, hazed) in (1..).zip(&mut self.tables) {
-                *hazed = tables.without_haze(level * STEP);
-            }
-            self.made_of = Some(tables.version());
-        }
         self.divide(mask, picture.height());
         self.found.clear();
         self.found.resize(MAX_RUNS, Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 });
@@ -186,7 +199,17 @@ impl Haze {
             if mask.pixels() == 0 {
                 continue;
             }
-            let tables = if level == 0 { tables } else { &self.tables[level - 1] };
+            let tables = match level.checked_sub(1) {
+                None => tables,
+                Some(index) => {
+                    let (hazed, made_of) = &mut self.tables[index];
+                    if *made_of != Some(tables.version()) {
+                        *hazed = tables.without_haze(level as u8 * STEP);
+                        *made_of = Some(tables.version());
+                    }
+                    hazed
+                }
+            };
             let zoned = ZonedTables::everywhere(tables, &self.one_zone);
             let written = kernel.classify(picture, zoned, mask, &mut self.found[count..]);
             count += written.count as usize;
@@ -199,7 +222,7 @@ impl Haze {
 
     /// Divides a mask among the levels.
     fn divide(&mut self, mask: &FieldMask, height: usize) {
-        let Self { step, columns, rows, levels, masks, .. } = self;
+        let Self { grid: Grid { step, columns, rows }, levels, masks, .. } = self;
         masks.iter_mut().for_each(FieldMask::clear);
         for row in 0..height {
             // The place in the middle of a cell stands for it.
@@ -239,15 +262,10 @@ fn join(found: &[Run], mut is_cut_off: bool, out: &mut [Run]) -> Written {
     Written { count: count as u32, is_cut_off }
 }
 
-/// The value that half of them reach; `None` if there are none.
-fn median(counts: &[u32; 256]) -> Option<u16> {
-    let total: u32 = counts.iter().sum();
-    let mut before = 0;
-    let reaches = |&(_, &count): &(u16, &u32)| {
-        before += count;
-        2 * before >= total
-    };
-    (total > 0).then(|| (0..).zip(counts).find(reaches).map_or(0, |(value, _)| value))
+/// Of so many places in a window, sorted by their darkest channel, the number of the one that stands for the
+/// floor.
+fn floor_rank(count: usize) -> usize {
+    2 * count / 5
 }
 
 #[cfg(test)]
@@ -320,6 +338,37 @@ mod tests {
         };
         assert!(off(missed) > total / 3, "{clear:?} {missed:?}");
         assert!(off(seen) < total / 8, "{clear:?} {seen:?}");
+    }
+
+    #[test]
+    fn blocks_are_above_what_their_floor_is_above() {
+        let config = config(true);
+        let tables = ClassTables::new(&config.colors).unwrap();
+        let mut haze = Haze::new(&config, &tables).unwrap();
+        let mut lattice = Lattice::new(&config.camera);
+        let (width, height) = (config.camera.width, config.camera.height);
+        let order = config.camera.bayer_order;
+        for most in [0.0, 40.0, 300.0] {
+            let mut pixels = frame(&config, most);
+            for (index, pixel) in (0u32..).zip(&mut pixels) {
+                *pixel = pixel.saturating_add((index.wrapping_mul(2_654_435_761) >> 27) as u8);
+            }
+            let image = crate::BayerImage::new(&pixels, width, height, width, order).unwrap();
+            lattice.look_at(&Picture::Bayer(image));
+            haze.look_at(&lattice);
+            let mut found = [0; 2];
+            for bright in (20..=255).step_by(5) {
+                for top in (0..haze.grid.rows).step_by(BLOCK) {
+                    for left in (0..haze.grid.columns).step_by(BLOCK) {
+                        let floor = haze.floor_in(left..left + BLOCK, top..top + BLOCK);
+                        let is_above = haze.is_above(bright, left, top);
+                        assert_eq!(is_above, floor > bright.into(), "{floor} {bright}");
+                        found[usize::from(is_above)] += 1;
+                    }
+                }
+            }
+            assert!(found.iter().all(|&count| count > 300), "{found:?}");
+        }
     }
 
     #[test]

@@ -15,11 +15,10 @@
 //! Everything is in integers, in sixteenths of an octave, so that the same frame gives the same runs
 //! on every machine; and gains have steps, so that noise does not change the tables with every frame.
 
-use crate::picture::{BayerImage, Picture, narrowed};
-use crate::yuv::rgb_from_yuv;
+use crate::lattice::{Grid, Lattice};
 use common::config::{Config, LightConfig};
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
-use common::prefetch::prefetch;
+use std::ops::Range;
 
 /// Steps of gains, and of what is measured, in an octave; a step is 4.4 %.
 const STEPS_PER_OCTAVE: i32 = 16;
@@ -27,10 +26,8 @@ const STEPS_PER_OCTAVE: i32 = 16;
 const PARTS: i64 = 16;
 /// No gain is beyond 2.5 or below 0.4: what needs more is a broken camera or not a pitch.
 const MOST_STEPS: i32 = 21;
-/// About so many places are looked at.
-const SITES: f64 = 3000.0;
 /// Too few usable places: the pitch is dark, or the picture is of something else.
-const FEWEST_SITES: u64 = 100;
+const FEWEST_SITES: u32 = 100;
 /// Pixels with a channel above this are clipped, those with less green have no colour to speak of.
 const CLIPPED: u8 = 250;
 const DARK: u8 = 5;
@@ -41,11 +38,11 @@ pub type Gains = [i32; 3];
 /// The gains that change nothing.
 pub const NO_GAINS: Gains = [0; 3];
 
-/// Where the pitch is looked at.
+/// Where the pitch is looked at: places of the lattice.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PitchProbe {
-    /// Column and row, both even: the places of whole Bayer patterns.
-    sites: Vec<[u16; 2]>,
+    /// Each with those that follow it.
+    stretches: Vec<Range<usize>>,
 }
 
 /// How the pitch looks: logarithms to the base 2, in [`PARTS`] of a step.
@@ -70,53 +67,56 @@ impl PitchProbe {
     pub fn new(config: &Config) -> Result<Self, GeometryError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let camera = CameraModel::new(&config.geometry, width, height)?;
-        let step = (f64::from(width) * f64::from(height) / SITES).sqrt() / 2.0;
-        let step = (step.round() as usize).max(1) * 2;
         let is_on_field = |place: FieldPoint| {
             place.x_mm.abs() < config.field.length_mm / 2.0
                 && place.y_mm.abs() < config.field.width_mm / 2.0
         };
-        let end = |size: u32| u16::try_from(size.saturating_sub(1)).unwrap_or(u16::MAX);
-        let mut sites = Vec::new();
-        for y in (0..end(height)).step_by(step) {
-            for x in (0..end(width)).step_by(step) {
-                let point = ImagePoint::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                if is_on_field(camera.field_from_image(point, 0.0)) {
-                    sites.push([x, y]);
+        let mut stretches: Vec<Range<usize>> = Vec::new();
+        for (index, [x, y]) in Grid::new(&config.camera).places().enumerate() {
+            let point = ImagePoint::new(x as f64 + 0.5, y as f64 + 0.5);
+            if is_on_field(camera.field_from_image(point, 0.0)) {
+                match stretches.last_mut().filter(|last| last.end == index) {
+                    Some(last) => last.end += 1,
+                    None => stretches.push(index..index + 1),
                 }
             }
         }
-        Ok(Self { sites })
+        Ok(Self { stretches })
     }
 
-    /// The places themselves, row by row.
-    pub(crate) fn into_sites(self) -> Vec<[u16; 2]> {
-        self.sites
+    /// The numbers of the places, row by row.
+    pub(crate) fn places(&self) -> impl Iterator<Item = usize> {
+        self.stretches.iter().cloned().flatten()
     }
 
-    /// The colour of the pitch in a picture; `None` when it is too dark or too little is seen of it.
-    pub fn measure(&self, picture: &Picture) -> Option<[f64; 3]> {
-        let looks = self.looks(picture)?;
+    /// The colour of the pitch in the picture that was looked at; `None` when it is too dark or too
+    /// little is seen of it.
+    pub fn measure(&self, lattice: &Lattice) -> Option<[f64; 3]> {
+        let looks = self.looks(lattice)?;
         let value =
             |parts: i64| (parts as f64 / (PARTS * i64::from(STEPS_PER_OCTAVE)) as f64).exp2();
         let green = value(looks.green);
         Some([green * value(looks.red_to_green), green, green * value(looks.blue_to_green)])
     }
 
-    fn looks(&self, picture: &Picture) -> Option<PitchLooks> {
-        let mut ratios = [[0u64; RATIO_BINS]; 2];
-        let mut levels = [0u64; LEVEL_BINS];
-        for_each_color(picture, &self.sites, |[red, green, blue]| {
-            levels[LOG[usize::from(green)] as usize] += 1;
-            if green <= DARK || red.max(green).max(blue) > CLIPPED {
-                return;
+    fn looks(&self, lattice: &Lattice) -> Option<PitchLooks> {
+        let mut ratios = [[0u32; RATIO_BINS]; 2];
+        let mut levels = [0u32; LEVEL_BINS];
+        for stretch in &self.stretches {
+            let [reds, greens, blues] = lattice.channels().map(|channel| &channel[stretch.clone()]);
+            for ((&red, &green), &blue) in reds.iter().zip(greens).zip(blues) {
+                let log = i32::from(LOG[usize::from(green)]);
+                levels[log as usize] += 1;
+                if green <= DARK || red.max(green).max(blue) > CLIPPED {
+                    continue;
+                }
+                for (bins, value) in ratios.iter_mut().zip([red, blue]) {
+                    let ratio = i32::from(LOG[usize::from(value)]) - log;
+                    bins[(ratio + RATIO_ZERO) as usize] += u32::from(green);
+                }
             }
-            for (bins, value) in ratios.iter_mut().zip([red, blue]) {
-                let ratio = i32::from(LOG[usize::from(value)]) - i32::from(LOG[usize::from(green)]);
-                bins[(ratio + RATIO_ZERO) as usize] += u64::from(green);
-            }
-        });
-        let is_enough = ratios[0].iter().sum::<u64>() >= FEWEST_SITES * u64::from(DARK);
+        }
+        let is_enough = ratios[0].iter().sum::<u32>() >= FEWEST_SITES * u32::from(DARK);
         is_enough.then_some(())?;
         Some(PitchLooks {
             red_to_green: median(&ratios[0])? - i64::from(RATIO_ZERO) * PARTS_PER_UNIT,
@@ -145,10 +145,10 @@ impl Lamp {
         }))
     }
 
-    /// The gains that make the picture's pitch look as it did when the colours were set; `None` if it
-    /// cannot be seen.
-    pub fn gains(&self, picture: &Picture) -> Option<Gains> {
-        let looks = self.probe.looks(picture)?;
+    /// The gains that make the pitch of the picture that was looked at look as it did when the colours
+    /// were set; `None` if it cannot be seen.
+    pub fn gains(&self, lattice: &Lattice) -> Option<Gains> {
+        let looks = self.probe.looks(lattice)?;
         let level = (self.reference.green - looks.green) * self.brightness / 256;
         let red = self.reference.red_to_green - looks.red_to_green + level;
         let blue = self.reference.blue_to_green - looks.blue_to_green + level;
@@ -170,7 +170,7 @@ pub fn factor(steps: i32) -> f32 {
 }
 
 /// The same, 16 bits behind the point, for gains from 1/8 to 16.
-fn gain_of(steps: i32) -> u64 {
+fn gain_of(steps: i32) -> u32 {
     let (octaves, rest) = (steps.div_euclid(STEPS_PER_OCTAVE), steps.rem_euclid(STEPS_PER_OCTAVE));
     SIXTEENTHS[rest as usize] << 3 >> (3 - octaves.clamp(-3, 3))
 }
@@ -180,15 +180,18 @@ pub fn corrections(gains: Gains) -> [[u8; 256]; 3] {
     gains.map(|steps| {
         let gain = gain_of(steps);
         let mut table = [0; 256];
-        for (value, corrected) in (0u64..).zip(&mut table) {
-            *corrected = ((value * gain + (1 << 15)) >> 16).min(255) as u8;
+        // Value after value a gain is added, which is a third of what multiplying takes.
+        let mut product = 1 << 15;
+        for corrected in &mut table {
+            *corrected = (product >> 16).min(255) as u8;
+            product += gain;
         }
         table
     })
 }
 
 /// 2^(i/16), 16 bits behind the point.
-const SIXTEENTHS: [u64; 16] = [
+const SIXTEENTHS: [u32; 16] = [
     65536, 68438, 71468, 74632, 77936, 81386, 84990, 88752, 92682, 96785, 101070, 105545, 110218,
     115098, 120194, 125515,
 ];
@@ -228,84 +231,23 @@ const RATIO_BINS: usize = 2 * LEVEL_BINS - 1;
 
 /// The median of a histogram in [`PARTS`] of a step, in the middle of a bin when all lies in it.
 /// `None` if it is empty.
-fn median(bins: &[u64]) -> Option<i64> {
-    let total: u64 = bins.iter().sum();
+fn median(bins: &[u32]) -> Option<i64> {
+    let total: u32 = bins.iter().sum();
     let mut before = 0;
     for (bin, &count) in (0i64..).zip(bins) {
         if 2 * (before + count) >= total && count > 0 {
-            let part = (total - 2 * before) * PARTS_PER_UNIT as u64 / (2 * count);
-            return Some(bin * PARTS_PER_UNIT + part as i64 - PARTS_PER_UNIT / 2);
+            let part = i64::from(total - 2 * before) * PARTS_PER_UNIT / i64::from(2 * count);
+            return Some(bin * PARTS_PER_UNIT + part - PARTS_PER_UNIT / 2);
         }
         before += count;
     }
     None
 }
 
-/// The colours of places, one after the other, as [`rgb_at`] gives them. Quick where many of one row, or a
-/// few, stand together.
-pub(crate) fn for_each_color(picture: &Picture, sites: &[[u16; 2]], mut take: impl FnMut([u8; 3])) {
-    let image = match picture {
-        Picture::Bayer(image) if image.shift().is_none() => image,
-        _ => {
-            let color = |&[x, y]: &[u16; 2]| rgb_at(picture, usize::from(x), usize::from(y));
-            return sites.iter().map(color).for_each(take);
-        }
-    };
-    // All places begin the pattern at the same of its pixels.
-    let channels = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| image.order().channel_at(x, y));
-    let [red, blue] =
-        [0, 2].map(|channel| channels.iter().position(|&c| c == channel).unwrap_or(0));
-    let is_green_first = channels[0] == 1;
-    let mut rows = sites.chunk_by(|a, b| a[1] == b[1]).peekable();
-    while let Some(row) = rows.next() {
-        let y = usize::from(row[0][1]);
-        let (upper, lower) = (image.row(y), image.row(y + 1));
-        if let Some(next) = rows.peek() {
-            let (y, end) = (usize::from(next[0][1]), usize::from(next[next.len() - 1][0]) + 2);
-            for next_row in [y, y + 1] {
-                prefetch(&image.row(next_row)[usize::from(next[0][0])..end]);
-            }
-        }
-        for &[x, _] in row {
-            let x = usize::from(x);
-            let (a, b) = (&upper[x..x + 2], &lower[x..x + 2]);
-            let pattern = [a[0], a[1], b[0], b[1]];
-            let greens = if is_green_first { [a[0], b[1]] } else { [a[1], b[0]] };
-            let green = (u16::from(greens[0]) + u16::from(greens[1])) / 2;
-            take([pattern[red], green as u8, pattern[blue]]);
-        }
-    }
-}
-
-/// The colour of a place: of a Bayer picture, that of the four pixels from there on.
-pub(crate) fn rgb_at(picture: &Picture, x: usize, y: usize) -> [u8; 3] {
-    match picture {
-        Picture::Bayer(image) => {
-            let mut sums = [0u16; 3];
-            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let value = bayer_byte(image, x + dx, y + dy);
-                sums[image.order().channel_at(x + dx, y + dy)] += u16::from(value);
-            }
-            [sums[0] as u8, (sums[1] / 2) as u8, sums[2] as u8]
-        }
-        Picture::Color(image) => {
-            let color = image.row(y).pixel(x);
-            if image.is_yuv() { rgb_from_yuv(color) } else { color }
-        }
-    }
-}
-
-fn bayer_byte(image: &BayerImage, x: usize, y: usize) -> u8 {
-    let row = image.row(y);
-    match image.shift() {
-        None => row[x],
-        Some(shift) => narrowed(row[2 * x], row[2 * x + 1], shift),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Picture;
     use common::messages::{BayerOrder, PixelFormat, PixelLayout};
 
     /// A pitch of one colour, with a part of it covered by another.
@@ -321,10 +263,12 @@ mod tests {
             .collect()
     }
 
-    fn picture<'a>(config: &Config, frame: &'a [u8]) -> Picture<'a> {
+    fn looked_at(config: &Config, frame: &[u8]) -> Lattice {
         let (width, height) = (config.camera.width, config.camera.height);
         let layout = PixelLayout { format: PixelFormat::Bayer8, order: config.camera.bayer_order };
-        Picture::new(frame, width, height, width, layout).unwrap()
+        let mut lattice = Lattice::new(&config.camera);
+        lattice.look_at(&Picture::new(frame, width, height, width, layout).unwrap());
+        lattice
     }
 
     fn set_for(pitch: [f64; 3], order: BayerOrder) -> Config {
@@ -341,7 +285,7 @@ mod tests {
             let config = set_for([60.0, 60.0, 48.0], order);
             let lamp = Lamp::new(&config).unwrap().unwrap();
             let gains =
-                |pitch| lamp.gains(&picture(&config, &frame(&config, pitch, [0; 3], 0))).unwrap();
+                |pitch| lamp.gains(&looked_at(&config, &frame(&config, pitch, [0; 3], 0))).unwrap();
             assert_eq!(gains([60, 60, 48]), NO_GAINS);
             // An octave less red, an octave more blue.
             assert_eq!(gains([30, 60, 96]), [16, 0, -16]);
@@ -355,29 +299,13 @@ mod tests {
     }
 
     #[test]
-    fn many_colors_are_the_same_as_each() {
-        for order in BayerOrder::ALL {
-            let config = set_for([60.0, 60.0, 48.0], order);
-            let frame: Vec<u8> =
-                (0..640 * 480u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-            let picture = picture(&config, &frame);
-            let mut sites = PitchProbe::new(&config).unwrap().into_sites();
-            sites.extend([[0, 0], [638, 478], [638, 0], [0, 478]]);
-            let mut found = Vec::new();
-            for_each_color(&picture, &sites, |color| found.push(color));
-            let each = sites.iter().map(|&[x, y]| rgb_at(&picture, x.into(), y.into()));
-            assert!(found.len() > 1000 && each.eq(found), "{order:?}");
-        }
-    }
-
-    #[test]
     fn brightness_counts_as_much_as_configured() {
         let mut config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         for (brightness, steps) in [(0.0, 0), (0.5, 8), (1.0, 16)] {
             config.light.brightness = brightness;
             let lamp = Lamp::new(&config).unwrap().unwrap();
             let dark = frame(&config, [30, 30, 24], [0; 3], 0);
-            assert_eq!(lamp.gains(&picture(&config, &dark)), Some([steps; 3]));
+            assert_eq!(lamp.gains(&looked_at(&config, &dark)), Some([steps; 3]));
         }
     }
 
@@ -386,7 +314,7 @@ mod tests {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         let lamp = Lamp::new(&config).unwrap().unwrap();
         let arm = frame(&config, [60, 60, 48], [200, 40, 30], 90);
-        let gains = lamp.gains(&picture(&config, &arm)).unwrap();
+        let gains = lamp.gains(&looked_at(&config, &arm)).unwrap();
         assert!(gains.iter().all(|steps| steps.abs() <= 1), "{gains:?}");
     }
 
@@ -395,11 +323,11 @@ mod tests {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         let lamp = Lamp::new(&config).unwrap().unwrap();
         for color in [[0; 3], [3; 3], [255; 3]] {
-            let gains = lamp.gains(&picture(&config, &frame(&config, color, [0; 3], 0)));
+            let gains = lamp.gains(&looked_at(&config, &frame(&config, color, [0; 3], 0)));
             assert_eq!(gains, None, "{color:?}");
         }
         let magenta = frame(&config, [250, 6, 250], [0; 3], 0);
-        let strange = lamp.gains(&picture(&config, &magenta)).unwrap();
+        let strange = lamp.gains(&looked_at(&config, &magenta)).unwrap();
         assert!(strange.iter().all(|steps| steps.abs() <= MOST_STEPS), "{strange:?}");
         assert!(is_at_bound(strange) && !is_at_bound([20, -20, 0]), "{strange:?}");
         let of = |light| Lamp::new(&Config { light, ..Config::default() }).unwrap();

@@ -14,8 +14,9 @@
 //! a fixed order, so the same frame gives the same zones on every machine.
 
 use crate::ClassTables;
-use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE, for_each_color};
-use crate::picture::Picture;
+use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
+use crate::lattice::{Grid, Lattice};
+use crate::ranks::Ranks;
 use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
 use common::config::{Config, LightConfig};
@@ -47,8 +48,8 @@ type Matrix = SMatrix<f64, TERMS, TERMS>;
 /// How bright the pitch is, relative to its middle, in which part of a picture.
 #[derive(Debug, Clone)]
 pub struct Shading {
-    /// On the pitch, those of a cell together.
-    sites: Vec<[u16; 2]>,
+    /// Numbers of those on the pitch in the lattice, those of a cell together.
+    sites: Vec<usize>,
     /// Of each cell where its sites end, and what its median says of each term.
     cells: Vec<(usize, Terms)>,
     /// Of each tile the terms at its centre.
@@ -59,7 +60,7 @@ pub struct Shading {
     units: Vec<f64>,
     /// Room for sorting.
     sorted: Vec<f64>,
-    values: Vec<u16>,
+    values: Ranks,
     tile_px: usize,
     columns: usize,
 }
@@ -69,11 +70,14 @@ impl Shading {
     pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
         let (width, height) = (config.camera.width as usize, config.camera.height as usize);
         let cell_px = width.max(height).div_ceil(CELLS);
-        let cell_of = |&[x, y]: &[u16; 2]| (usize::from(y) / cell_px, usize::from(x) / cell_px);
-        let mut sites = PitchProbe::new(config)?.into_sites();
-        sites.sort_by_key(cell_of);
-        let mut by_cell: Vec<&[[u16; 2]]> =
-            sites.chunk_by(|a, b| cell_of(a) == cell_of(b)).collect();
+        let at: Vec<[usize; 2]> = Grid::new(&config.camera).places().collect();
+        let cell_of = |&site: &usize| at[site].map(|place| place / cell_px);
+        let mut sites: Vec<usize> = PitchProbe::new(config)?.places().collect();
+        sites.sort_by_key(|site| {
+            let [column, row] = cell_of(site);
+            (row, column)
+        });
+        let mut by_cell: Vec<&[usize]> = sites.chunk_by(|a, b| cell_of(a) == cell_of(b)).collect();
         by_cell.retain(|sites| sites.len() >= FEWEST_SITES);
 
         let half = width.max(height) as f64 / 2.0;
@@ -87,7 +91,7 @@ impl Shading {
             .map(|sites| {
                 let count = sites.len() as f64;
                 let mean = |axis: usize| {
-                    sites.iter().map(|site| f64::from(site[axis])).sum::<f64>() / count
+                    sites.iter().map(|&site| at[site][axis] as f64).sum::<f64>() / count
                 };
                 (count, terms(mean(0), mean(1)))
             })
@@ -110,8 +114,8 @@ impl Shading {
             .map(|[x, y]| terms(x, y))
             .collect();
         let mut is_on_pitch = vec![false; tiles.len()];
-        for &[x, y] in by_cell.iter().copied().flatten() {
-            is_on_pitch[usize::from(y) / tile_px * columns + usize::from(x) / tile_px] = true;
+        for [x, y] in by_cell.iter().copied().flatten().map(|&site| at[site]) {
+            is_on_pitch[y / tile_px * columns + x / tile_px] = true;
         }
         let most = by_cell.iter().map(|sites| sites.len()).max().unwrap_or(0);
         Ok(Some(Self {
@@ -119,7 +123,7 @@ impl Shading {
             cells,
             units: vec![0.0; tiles.len()],
             sorted: Vec::with_capacity(tiles.len()),
-            values: Vec::with_capacity(most),
+            values: Ranks::with_room(most),
             tiles,
             is_on_pitch,
             tile_px,
@@ -127,18 +131,17 @@ impl Shading {
         }))
     }
 
-    /// Measures the pitch of a picture.
-    pub fn look_at(&mut self, picture: &Picture) {
+    /// Measures the pitch of the picture that was looked at.
+    pub fn look_at(&mut self, lattice: &Lattice) {
+        let [_, greens, _] = lattice.channels();
         let mut surface = Terms::zeros();
         let mut begin = 0;
         for (end, says) in &self.cells {
-            self.values.clear();
-            for_each_color(picture, &self.sites[begin..*end], |[_, green, _]| {
-                self.values.push(LOG[usize::from(green)]);
-            });
-            let middle = self.values.len() / 2;
-            let median = f64::from(*self.values.select_nth_unstable(middle).1);
-            surface += says * median;
+            let sites = &self.sites[begin..*end];
+            self.values.fill(sites.iter().map(|&site| greens[site]));
+            // The median of logarithms is that of the values.
+            let median = LOG[usize::from(self.values.nth(sites.len() / 2))];
+            surface += says * f64::from(median);
             begin = *end;
         }
         for (units, terms) in self.units.iter_mut().zip(&self.tiles) {
@@ -200,9 +203,9 @@ impl ShadedTables {
         }))
     }
 
-    /// Measures the pitch of a picture.
-    pub fn look_at(&mut self, picture: &Picture) {
-        self.shading.look_at(picture);
+    /// Measures the pitch of the picture that was looked at.
+    pub fn look_at(&mut self, lattice: &Lattice) {
+        self.shading.look_at(lattice);
         for (zone, units) in self.zones.of_tiles_mut().iter_mut().zip(&self.shading.units) {
             let zones = (-self.unevenness * units / UNITS_PER_ZONE).round() as i32;
             *zone = (zones.clamp(-ZONES_EACH, ZONES_EACH) + ZONES_EACH) as u8;

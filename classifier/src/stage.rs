@@ -3,6 +3,7 @@
 use crate::haze::Haze;
 use crate::kernels::{Kernel, SimdChoice, SimdLevel};
 use crate::lamp::{self, Gains, Lamp, NO_GAINS};
+use crate::lattice::Lattice;
 use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::shading::ShadedTables;
@@ -18,6 +19,7 @@ pub struct Classifier {
     width: u32,
     height: u32,
     tables: ClassTables,
+    lattice: Lattice,
     lamp: Option<Lamp>,
     /// The light of the last frame, and the tables for it: a cache, not a memory.
     gains: Gains,
@@ -63,6 +65,7 @@ impl Classifier {
             width,
             height,
             tables,
+            lattice: Lattice::new(&config.camera),
             lamp,
             gains,
             lit_tables,
@@ -95,9 +98,14 @@ impl Classifier {
         let layout = self.check(header, pixels.len())?;
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
-        self.follow_lamp(&picture);
-        let Self { kernel, tables, gains, lit_tables, mask, shaded, one_zone, haze, .. } = self;
-        let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(&picture).then_some(haze));
+        if self.lamp.is_some() || self.haze.is_some() {
+            self.lattice.look_at(&picture);
+        }
+        self.follow_lamp();
+        let Self {
+            kernel, tables, lattice, gains, lit_tables, mask, shaded, one_zone, haze, ..
+        } = self;
+        let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(lattice).then_some(haze));
         self.is_under_glare = hazy.is_some();
         let middle = lit_tables.version();
         let (written, class_table_version) = match hazy {
@@ -108,7 +116,7 @@ impl Classifier {
             None => {
                 let (zoned, version) = match shaded {
                     Some(shaded) => {
-                        shaded.look_at(&picture);
+                        shaded.look_at(lattice);
                         let version = shaded.version(middle);
                         (shaded.under(tables, *gains), version)
                     }
@@ -128,10 +136,10 @@ impl Classifier {
         Ok(())
     }
 
-    /// Brings the tables up to date with the light of a picture.
-    fn follow_lamp(&mut self, picture: &Picture) {
+    /// Brings the tables up to date with the light of the picture that was looked at.
+    fn follow_lamp(&mut self) {
         let Some(lamp) = &self.lamp else { return };
-        let gains = lamp.gains(picture);
+        let gains = lamp.gains(&self.lattice);
         self.is_pitch_seen = gains.is_some();
         let gains = gains.unwrap_or(NO_GAINS);
         if gains != self.gains {

@@ -12,18 +12,20 @@ use crate::second_look::SecondLook;
 use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
+use std::sync::Arc;
 
 /// The configured colours, ready for classifying pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClassTables {
     rgb: Boxes,
-    /// Only of colours that have a box in YUV.
-    yuv: Boxes,
+    /// Only of colours that have a box in YUV. This and the second looks are the same under any light, and
+    /// shared by the tables for all of them.
+    yuv: Arc<Boxes>,
     /// Bit set of the colours that have none.
     rgb_only_bits: u32,
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
-    second_looks: [SecondLook; MAX_CLASSES],
+    second_looks: Arc<[SecondLook; MAX_CLASSES]>,
     /// What the values of each channel are taken for; `None` for what they are.
     corrections: Option<[[u8; 256]; 3]>,
     version: u64,
@@ -68,70 +70,79 @@ impl ClassTables {
         if colors.len() > MAX_CLASSES {
             return Err(ClassifierError::TooManyColors(colors.len()));
         }
-        let mut tables = Self {
-            rgb: Boxes::NONE,
-            yuv: Boxes::NONE,
-            rgb_only_bits: 0,
-            second_look_bits: 0,
-            second_looks: [SecondLook::ANY; MAX_CLASSES],
-            corrections: None,
-            version: version(colors),
-        };
+        let (mut rgb, mut yuv) = (Boxes::NONE, Boxes::NONE);
+        let mut second_looks = [SecondLook::ANY; MAX_CLASSES];
+        let (mut rgb_only_bits, mut second_look_bits) = (0, 0);
         for (class, color) in colors.iter().enumerate() {
             let ranges = [("red", color.red), ("green", color.green), ("blue", color.blue)];
-            tables.rgb.add(class, color, ranges)?;
+            rgb.add(class, color, ranges)?;
             if let Some([y, u, v]) = color.yuv_box() {
-                tables.yuv.add(class, color, [("y", y), ("u", u), ("v", v)])?;
+                yuv.add(class, color, [("y", y), ("u", u), ("v", v)])?;
             } else {
-                tables.rgb_only_bits |= 1 << class;
+                rgb_only_bits |= 1 << class;
             }
             if let Some(look) = SecondLook::new(color)? {
-                tables.second_look_bits |= 1 << class;
-                tables.second_looks[class] = look;
+                second_look_bits |= 1 << class;
+                second_looks[class] = look;
             }
         }
-        Ok(tables)
+        Ok(Self {
+            rgb,
+            yuv: Arc::new(yuv),
+            rgb_only_bits,
+            second_look_bits,
+            second_looks: Arc::new(second_looks),
+            corrections: None,
+            version: version(colors),
+        })
     }
 
     /// The tables for another light: what each pixel is classified as is what these classify it as
     /// once its channels are corrected by the gains. Boxes in YUV stay as they are.
     pub fn under(&self, gains: Gains) -> Self {
-        let mut tables = self.clone();
         if gains == NO_GAINS {
-            return tables;
+            return self.clone();
         }
         let corrections = lamp::corrections(gains);
-        for (channel, table) in tables.rgb.0.iter_mut().enumerate() {
-            let entry =
-                |value: usize| self.rgb.0[channel][usize::from(corrections[channel][value])];
-            *table = std::array::from_fn(entry);
-        }
-        tables.corrections = Some(corrections);
         let mut hash = Fnv1a(self.version);
         gains.iter().for_each(|steps| hash.write(&steps.to_le_bytes()));
-        tables.version = hash.0;
-        tables
+        self.corrected(corrections, hash.0)
     }
 
     /// The tables for pixels over which white light of so many grey levels lies: what each pixel is
     /// classified as is what these classify it as without that. Boxes in YUV stay as they are.
     pub fn without_haze(&self, haze: u8) -> Self {
-        let mut tables = self.clone();
-        let without = |value: usize| value.saturating_sub(usize::from(haze));
-        for (table, full) in tables.rgb.0.iter_mut().zip(&self.rgb.0) {
-            *table = std::array::from_fn(|value| full[without(value)]);
-        }
-        tables.corrections = Some(std::array::from_fn(|channel| {
-            std::array::from_fn(|value| match &self.corrections {
-                Some(corrections) => corrections[channel][without(value)],
-                None => without(value) as u8,
-            })
-        }));
+        let without = std::array::from_fn(|value| (value as u8).saturating_sub(haze));
         let mut hash = Fnv1a(self.version);
         hash.write(b"haze");
         hash.write(&[haze]);
-        tables.version = hash.0;
-        tables
+        self.corrected([without; 3], hash.0)
+    }
+
+    /// The tables that classify a pixel as these do once its channels' values are taken for others.
+    fn corrected(&self, corrections: [[u8; 256]; 3], version: u64) -> Self {
+        let mut rgb = Boxes::NONE;
+        let boxes = rgb.0.iter_mut().zip(&self.rgb.0);
+        for ((table, before), values) in boxes.zip(&corrections) {
+            for (entry, value) in table.iter_mut().zip(values) {
+                *entry = before[usize::from(*value)];
+            }
+        }
+        let mut corrections = corrections;
+        if let Some(before) = &self.corrections {
+            for (values, before) in corrections.iter_mut().zip(before) {
+                values.iter_mut().for_each(|value| *value = before[usize::from(*value)]);
+            }
+        }
+        Self {
+            rgb,
+            yuv: Arc::clone(&self.yuv),
+            rgb_only_bits: self.rgb_only_bits,
+            second_look_bits: self.second_look_bits,
+            second_looks: Arc::clone(&self.second_looks),
+            corrections: Some(corrections),
+            version,
+        }
     }
 
     /// The colours whose RGB box holds the pixel, as a bit set.

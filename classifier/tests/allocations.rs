@@ -27,13 +27,17 @@ fn steps_after_the_first_allocate_nothing() {
             let pixels = (0..bytes).map(|_| noise.next_u32() as u8).collect();
             let mut frame = Frame::new(640, 480, stride, BayerOrder::Gbrg, pixels);
             frame.header.pixel_format = format as u32;
-            let mut step = || {
+            // The first under any light, then twice as bright.
+            frame.pixels.iter_mut().for_each(|pixel| *pixel /= 2);
+            let mut step = |pixels: &[u8]| {
                 allocations_in(|| {
-                    classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).unwrap();
+                    classifier.step(&frame.header, pixels, &mut header, &mut runs).unwrap();
                 })
             };
-            step();
-            assert_eq!(step(), 0, "{level}, {format}");
+            step(&frame.pixels);
+            assert_eq!(step(&frame.pixels), 0, "{level}, {format}");
+            let brighter: Vec<u8> = frame.pixels.iter().map(|pixel| 2 * pixel).collect();
+            assert_eq!(step(&brighter), 0, "{level}, {format}, brighter");
         }
     }
 }

@@ -4,6 +4,7 @@
 //! instruction set the machine has; which one that is, [`SimdLevel`] knows.
 
 mod bayer;
+mod buckets;
 mod classes;
 mod color;
 mod demosaic;
@@ -19,6 +20,7 @@ use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
+use buckets::Buckets;
 use common::messages::Run;
 use prefilter::Prefilter;
 
@@ -32,15 +34,19 @@ const ROWS_AHEAD: usize = 4;
 #[derive(Debug, Clone)]
 pub struct Kernel {
     level: SimdLevel,
+    buckets: [Buckets; 2],
     /// By zone.
     prefilters: Vec<Prefilters>,
     scratch: Scratch,
 }
 
 impl Kernel {
-    /// A level that this machine does not have is as good as [`SimdLevel::Scalar`].
+    /// A level that this machine does not have is as good as [`SimdLevel::Scalar`]. It gives the right
+    /// runs for any tables, and is quick with such as are like these: of the same colours under any light.
     pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
-        Self { level, prefilters: vec![Prefilters::new(tables)], scratch: Scratch::default() }
+        let buckets = [Buckets::new(tables.rgb(), demosaic::EXCESS), Buckets::new(tables.yuv(), 0)];
+        let prefilters = vec![Prefilters::new(tables, &buckets)];
+        Self { level, buckets, prefilters, scratch: Scratch::default() }
     }
 
     /// Whose instructions it uses.
@@ -48,7 +54,7 @@ impl Kernel {
         self.level
     }
 
-    /// As [`scalar::classify`]. Other tables than last time cost some microseconds each, a wider
+    /// As [`scalar::classify`]. Other tables than last time cost a microsecond each, a wider
     /// picture or more zones an allocation.
     pub fn classify(
         &mut self,
@@ -59,10 +65,11 @@ impl Kernel {
     ) -> Written {
         let ZonedTables { tables, .. } = zoned;
         let known = self.prefilters.len();
-        self.prefilters.extend(tables.iter().skip(known).map(Prefilters::new));
+        let new = |tables| Prefilters::new(tables, &self.buckets);
+        self.prefilters.extend(tables.iter().skip(known).map(new));
         for (prefilters, tables) in self.prefilters.iter_mut().zip(tables) {
             if prefilters.version != tables.version() {
-                *prefilters = Prefilters::new(tables);
+                *prefilters = new(tables);
             }
         }
         let setup = Setup { zoned, prefilters: &self.prefilters, mask };
@@ -97,11 +104,11 @@ struct Prefilters {
 }
 
 impl Prefilters {
-    fn new(tables: &ClassTables) -> Self {
+    fn new(tables: &ClassTables, [rgb, yuv]: &[Buckets; 2]) -> Self {
         Self {
             version: tables.version(),
-            rgb: Prefilter::new(tables.rgb(), demosaic::EXCESS),
-            yuv: Prefilter::new(tables.yuv(), 0),
+            rgb: Prefilter::new(tables.rgb(), rgb, demosaic::EXCESS),
+            yuv: Prefilter::new(tables.yuv(), yuv, 0),
         }
     }
 }

@@ -10,7 +10,7 @@
 //! that a vector register holds a whole table and one shuffle instruction looks up a register full
 //! of pixels.
 
-use crate::MAX_CLASSES;
+use super::buckets::Buckets;
 
 /// For the three channels of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,54 +25,14 @@ pub struct ChannelFilter {
     pub fine: [u8; 64],
 }
 
-const BUCKETS: usize = 8;
-
 impl Prefilter {
-    /// For the colours in the exact tables, and for values that are at most `excess` above the exact
-    /// ones.
-    pub fn new(tables: &[[u32; 256]; 3], excess: u8) -> Self {
-        let mut buckets = [Bucket { values: [0; 3] }; MAX_CLASSES];
-        for (channel, table) in tables.iter().enumerate() {
-            for (value, &classes) in (0..=255u8).zip(table) {
-                let values = 1 << (value >> 2) | 1 << (value.saturating_add(excess) >> 2);
-                for (class, bucket) in buckets.iter_mut().enumerate() {
-                    if classes >> class & 1 == 1 {
-                        bucket.values[channel] |= values;
-                    }
-                }
-            }
-        }
-        let mut count = 0;
-        for index in 0..MAX_CLASSES {
-            if buckets[index].volume() > 0 {
-                buckets[count] = buckets[index];
-                count += 1;
-            }
-        }
-        while count > BUCKETS {
-            let (first, second) = cheapest_pair(&buckets[..count]);
-            buckets[first] = buckets[first].merged(&buckets[second]);
-            count -= 1;
-            buckets[second] = buckets[count];
-        }
-        Self([0, 1, 2].map(|channel| {
-            let may_hold = |value: usize| {
-                let bit = |(index, bucket): (usize, &Bucket)| {
-                    u8::from(bucket.values[channel] >> value & 1 == 1) << index
-                };
-                buckets[..count].iter().enumerate().map(bit).fold(0, |bits, bit| bits | bit)
-            };
-            ChannelFilter {
-                coarse: std::array::from_fn(|index| {
-                    (4 * index..4 * index + 4).fold(0, |bits, value| bits | may_hold(value))
-                }),
-                fine: std::array::from_fn(may_hold),
-            }
-        }))
+    /// For the colours in the exact tables, sorted into any buckets, and for values that are at most
+    /// `excess` above the exact ones. Made anew for each zone when the light changes, so it takes well
+    /// below a microsecond.
+    pub fn new(tables: &[[u32; 256]; 3], buckets: &Buckets, excess: u8) -> Self {
+        Self([0, 1, 2].map(|channel: usize| ChannelFilter::new(&tables[channel], buckets, excess)))
     }
-}
 
-impl Prefilter {
     /// Lets pass what either does.
     pub fn or(&self, other: &Self) -> Self {
         Self(std::array::from_fn(|channel| {
@@ -85,32 +45,24 @@ impl Prefilter {
     }
 }
 
-/// Colours that share a bit. For each channel, bit v is set if a value whose upper six bits are v may
-/// belong to one of them.
-#[derive(Debug, Clone, Copy)]
-struct Bucket {
-    values: [u64; 3],
-}
-
-impl Bucket {
-    fn merged(&self, other: &Self) -> Self {
-        Self { values: [0, 1, 2].map(|channel| self.values[channel] | other.values[channel]) }
+impl ChannelFilter {
+    fn new(table: &[u32; 256], buckets: &Buckets, excess: u8) -> Self {
+        let (mut coarse, mut fine) = ([0; 16], [0; 64]);
+        // Neighbouring values mostly belong to the same colours.
+        let (mut classes_before, mut bits_before) = (0, 0);
+        for (index, (bits, values)) in fine.iter_mut().zip(table.as_chunks::<4>().0).enumerate() {
+            let [a, b, c, d] = values;
+            // What is too high may be of one of the values before.
+            let lower = &table[(4 * index).saturating_sub(usize::from(excess))..4 * index];
+            let classes = lower.iter().fold(a | b | c | d, |all, classes| all | classes);
+            if classes != classes_before {
+                (classes_before, bits_before) = (classes, buckets.of(classes));
+            }
+            *bits = bits_before;
+            coarse[index / 4] |= bits_before;
+        }
+        Self { coarse, fine }
     }
-
-    /// How much of the colour space passes.
-    fn volume(&self) -> u64 {
-        self.values.iter().map(|values| u64::from(values.count_ones())).product()
-    }
-}
-
-/// The two buckets, first one first, that let the least pass needlessly when they become one.
-fn cheapest_pair(buckets: &[Bucket]) -> (usize, usize) {
-    let cost = |&(first, second): &(usize, usize)| {
-        let (first, second) = (&buckets[first], &buckets[second]);
-        first.merged(second).volume() as i64 - (first.volume() + second.volume()) as i64
-    };
-    let pairs = (1..buckets.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
-    pairs.min_by_key(cost).expect("there are at least two buckets")
 }
 
 #[cfg(test)]
@@ -147,10 +99,14 @@ mod tests {
             bounds in proptest::collection::vec(any::<[(u8, u8); 3]>(), 0..=32),
             shares in [0.0..=1.0f32, 0.0..=1.0f32, 0.0..=1.0f32],
             excess in 0u8..3,
+            sorted_as in proptest::collection::vec(any::<[(u8, u8); 3]>(), 0..=32),
         ) {
-            let boxes: Vec<[[u8; 2]; 3]> =
-                bounds.iter().map(|b| b.map(|(a, b)| [a.min(b), a.max(b)])).collect();
-            let filter = Prefilter::new(&tables(&boxes), excess);
+            let [boxes, others] = [bounds, sorted_as].map(|bounds| -> Vec<[[u8; 2]; 3]> {
+                bounds.iter().map(|b| b.map(|(a, b)| [a.min(b), a.max(b)])).collect()
+            });
+            // The buckets may be those of other colours.
+            let buckets = Buckets::new(&tables(&others), excess);
+            let filter = Prefilter::new(&tables(&boxes), &buckets, excess);
             for ranges in boxes {
                 let pixel = std::array::from_fn(|channel| {
                     let [low, high] = ranges[channel];
@@ -164,15 +120,18 @@ mod tests {
 
     #[test]
     fn far_away_values_do_not_pass() {
+        let of = |boxes: &[[[u8; 2]; 3]]| {
+            let tables = tables(boxes);
+            Prefilter::new(&tables, &Buckets::new(&tables, 1), 1)
+        };
         let boxes = [[[100, 120], [0, 20], [200, 255]], [[0, 20], [100, 120], [200, 255]]];
-        let filter = Prefilter::new(&tables(&boxes), 1);
+        let filter = of(&boxes);
         for near in [[110, 10, 220], [10, 110, 220]] {
             assert_eq!(passes(&filter, near), [true; 2]);
         }
         for far in [[110, 110, 220], [110, 10, 180], [10, 10, 220]] {
             assert_eq!(passes(&filter, far), [false; 2]);
         }
-        let nothing = Prefilter::new(&tables(&[]), 1);
-        assert_eq!(passes(&nothing, [0, 0, 0]), [false; 2]);
+        assert_eq!(passes(&of(&[]), [0, 0, 0]), [false; 2]);
     }
 }

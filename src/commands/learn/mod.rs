@@ -6,6 +6,7 @@ mod unevenness;
 use super::{CommandError, load_config, output};
 use crate::cli::LearnArgs;
 use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
+use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
 use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
 use common::config::{ColorConfig, Config, LightConfig, commented_toml};
@@ -141,10 +142,11 @@ fn bayer_image<'a>(config: &Config, bayer: &'a [u8]) -> Result<BayerImage<'a>, C
 /// The middle of the pitch's colours in all pictures; `None` when it cannot be seen in one of them.
 fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, CommandError> {
     let probe = PitchProbe::new(config)?;
+    let mut lattice = Lattice::new(&config.camera);
     let mut logs = [0.0; 3];
     for lesson in lessons {
-        let frame = Frame::Bayer(bayer_image(config, &lesson.bayer)?);
-        let Some(rgb) = probe.measure(&frame) else {
+        lattice.look_at(&Frame::Bayer(bayer_image(config, &lesson.bayer)?));
+        let Some(rgb) = probe.measure(&lattice) else {
             eprintln!(
                 "touchline: {}: the pitch is too dark to tell the light from it; the colours will \
                  not follow the lamps",
@@ -162,17 +164,18 @@ fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, 
 fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> {
     let lamp = Lamp::new(config)?;
     let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
+    let mut lattice = Lattice::new(&config.camera);
     let mut gatherer = Gatherer::new(config)?;
     let mut rgb = Vec::new();
     for lesson in lessons {
         let image = bayer_image(config, &lesson.bayer)?;
         demosaic(&image, &mut rgb);
-        let (width, frame) = (image.width(), Frame::Bayer(image));
-        let gains: Gains = lamp.as_ref().and_then(|lamp| lamp.gains(&frame)).unwrap_or(NO_GAINS);
-        let picture = Picture::new(width, &rgb);
+        let picture = Picture::new(image.width(), &rgb);
+        lattice.look_at(&Frame::Bayer(image));
+        let gains: Gains = lamp.as_ref().and_then(|lamp| lamp.gains(&lattice)).unwrap_or(NO_GAINS);
         let picture = match &mut shaded {
             Some(shaded) => {
-                shaded.look_at(&frame);
+                shaded.look_at(&lattice);
                 let (zones, tables) = (shaded.zones(), ShadedTables::corrections(gains));
                 picture.corrected(|column, row| &tables[zones.at(column, row)])
             }

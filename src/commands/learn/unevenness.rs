@@ -2,6 +2,7 @@
 //! much brighter is that which lies where the floor is an octave brighter.
 
 use super::{CommandError, Lesson, bayer_image};
+use classifier::lattice::Lattice;
 use classifier::shading::Shading;
 use classifier::{Picture as Frame, demosaic};
 use common::config::Config;
@@ -25,6 +26,7 @@ type Pair = [f64; 2];
 /// The share, from 0 to 1 in hundredths; `None` if the lessons do not tell.
 pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, CommandError> {
     let Some(mut shading) = Shading::new(config)? else { return Ok(None) };
+    let mut lattice = Lattice::new(&config.camera);
     // Of each colour in each picture, relative to their mean.
     let mut apart: Vec<Pair> = Vec::new();
     let mut rgb = Vec::new();
@@ -32,7 +34,8 @@ pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, Comma
         let image = bayer_image(config, &lesson.bayer)?;
         demosaic(&image, &mut rgb);
         let picture = Picture::new(image.width(), &rgb);
-        shading.look_at(&Frame::Bayer(image));
+        lattice.look_at(&Frame::Bayer(image));
+        shading.look_at(&lattice);
         // A picture of the floor's brightness has its samples where the picture has them.
         let mut floor = picture.clone();
         for (index, level) in floor.rgb.iter_mut().enumerate() {

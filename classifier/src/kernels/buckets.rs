@@ -1,0 +1,97 @@
+//! Which colours share a bit of the [prefilter](super::prefilter): the colours are sorted into at most as
+//! many buckets as a byte has bits, so that as little as possible passes needlessly.
+//!
+//! Sorting takes longer than all else about a prefilter, so it is done once, for the colours as they are
+//! set. Under another light they are other ranges of values, but still much the same ones beside each
+//! other. Which bucket a colour is in decides how much passes, never what does not.
+
+use crate::MAX_CLASSES;
+
+const BUCKETS: usize = 8;
+
+/// For each colour the bit of its bucket.
+#[derive(Debug, Clone)]
+pub struct Buckets([u8; MAX_CLASSES]);
+
+impl Buckets {
+    /// For the colours in the exact tables, and for values that are at most `excess` above the exact
+    /// ones.
+    pub fn new(tables: &[[u32; 256]; 3], excess: u8) -> Self {
+        let mut buckets: [Bucket; MAX_CLASSES] =
+            std::array::from_fn(|class| Bucket { values: [0; 3], classes: 1 << class });
+        for (channel, table) in tables.iter().enumerate() {
+            for (value, &classes) in (0..=255u8).zip(table) {
+                let values = 1 << (value >> 2) | 1 << (value.saturating_add(excess) >> 2);
+                for (class, bucket) in buckets.iter_mut().enumerate() {
+                    if classes >> class & 1 == 1 {
+                        bucket.values[channel] |= values;
+                    }
+                }
+            }
+        }
+        let mut count = 0;
+        for index in 0..MAX_CLASSES {
+            if buckets[index].volume() > 0 {
+                buckets[count] = buckets[index];
+                count += 1;
+            }
+        }
+        while count > BUCKETS {
+            let (first, second) = cheapest_pair(&buckets[..count]);
+            buckets[first] = buckets[first].merged(&buckets[second]);
+            count -= 1;
+            buckets[second] = buckets[count];
+        }
+        // What nothing is known of goes into the first: it may be in tables that come later.
+        let mut bits = [1; MAX_CLASSES];
+        for (index, bucket) in buckets[..count].iter().enumerate() {
+            for (class, bit) in bits.iter_mut().enumerate() {
+                if bucket.classes >> class & 1 == 1 {
+                    *bit = 1 << index;
+                }
+            }
+        }
+        Self(bits)
+    }
+
+    /// The bits of the buckets that a set of colours is in.
+    pub fn of(&self, mut classes: u32) -> u8 {
+        let mut bits = 0;
+        while classes != 0 {
+            bits |= self.0[classes.trailing_zeros() as usize];
+            classes &= classes - 1;
+        }
+        bits
+    }
+}
+
+/// Colours that share a bit.
+#[derive(Debug, Clone, Copy)]
+struct Bucket {
+    /// For each channel, bit v is set if a value whose upper six bits are v may belong to one of them.
+    values: [u64; 3],
+    /// Which they are.
+    classes: u32,
+}
+
+impl Bucket {
+    fn merged(&self, other: &Self) -> Self {
+        let values = [0, 1, 2].map(|channel: usize| self.values[channel] | other.values[channel]);
+        Self { values, classes: self.classes | other.classes }
+    }
+
+    /// How much of the colour space passes.
+    fn volume(&self) -> u64 {
+        self.values.iter().map(|values| u64::from(values.count_ones())).product()
+    }
+}
+
+/// The two buckets, first one first, that let the least pass needlessly when they become one.
+fn cheapest_pair(buckets: &[Bucket]) -> (usize, usize) {
+    let cost = |&(first, second): &(usize, usize)| {
+        let (first, second) = (&buckets[first], &buckets[second]);
+        first.merged(second).volume() as i64 - (first.volume() + second.volume()) as i64
+    };
+    let pairs = (1..buckets.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
+    pairs.min_by_key(cost).expect("there are at least two buckets")
+}
