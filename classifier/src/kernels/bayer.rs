@@ -281,6 +281,6 @@ impl Row<'_> {
 fn every_other(span: Span, start: usize, parity: usize) -> u64 {
     let index = |column: usize| (column.saturating_sub(start) + 1 - parity) / 2;
     let (begin, end) = (index(span.begin), index(span.end));
-    debug_assert!(span.end - start <= 2 * MAX_LANES);
+    debug_assert!(span.end <= start + 2 * MAX_LANES);
     if begin < end { !0 >> (64 - (end - begin)) << begin } else { 0 }
 }
