@@ -64,6 +64,8 @@ impl BlockFilters {
         self.end_row = (row / tile + 1) * tile;
         self.zone = usize::from(tiles[0]);
         self.merged.clear();
+        // With the first picture, even if that is in one zone.
+        self.merged.reserve(blocks);
         if tiles.iter().all(|&zone| zone == tiles[0]) {
             return;
         }
