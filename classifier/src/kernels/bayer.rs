@@ -13,6 +13,7 @@ use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
 use super::planes::{MARGIN, Planes, Ring};
+use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
 use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
 use crate::mask::Span;
@@ -36,9 +37,11 @@ pub struct Scratch {
 struct Noted {
     /// Which one of the row.
     index: usize,
-    /// Of each of the two rows, in even and odd columns: bit i if pixel i has passed the prefilter.
-    passing: [[u64; 2]; 2],
+    passing: Passing,
 }
+
+/// Of each of two rows, in even and odd columns: bit i if pixel i has passed the prefilter.
+type Passing = [[u64; 2]; 2];
 
 impl Scratch {
     /// Forgets the last picture, and makes room for one of this width.
@@ -91,7 +94,11 @@ pub fn classify<S: Lanes>(
         let blocks = around.begin / block..around.end.div_ceil(block);
         let filters = filters.of_row(prefilters, zoned.zones, upper, width.div_ceil(block), block);
         let sites = [Sites::of(image, upper), Sites::of(image, lower)];
-        let count = find_apart(simd, rows, sites[0], blocks, filters, noted);
+        let mut count = find_apart(simd, rows, sites[0], blocks, filters, noted);
+        if filters.only_zone().is_none() {
+            let row = Place { row: upper, width };
+            count = narrow_apart(simd, rows, sites[0], row, setup, &mut noted[..count]);
+        }
         if count == 0 {
             continue;
         }
@@ -143,44 +150,118 @@ fn find<S: Lanes, const P: usize>(
 ) -> usize {
     let lanes = S::u8s::LEN;
     // All of the same length, which spares a check at each access.
-    let [row0, row1, row2, row3] = rows;
     let (first, pixels) = (MARGIN + blocks.start * lanes - 1, blocks.len() * lanes);
-    let (row0, row1) = (within(row0, first, pixels), within(row1, first, pixels));
-    let (row2, row3) = (within(row2, first, pixels), within(row3, first, pixels));
-    let [own, other] = if has_red { [0, 2] } else { [2, 0] };
+    let rows = within(rows, first, pixels);
     let mut count = 0;
     let mut begin = 0;
     for index in blocks {
         if begin + lanes > pixels {
             break;
         }
-        let rows = [
-            within(row0, begin, lanes),
-            within(row1, begin, lanes),
-            within(row2, begin, lanes),
-            within(row3, begin, lanes),
-        ];
-        let filter = &filters.of_block(index).rgb.0;
-        let own = simd.table(&filter[own]);
-        let green = simd.table(&filter[1]);
-        let other = simd.table(&filter[other]);
-        let [[upper_even, upper_odd], [lower_even, lower_odd]] = rough_colors::<S, P>(simd, rows);
-        // What is red in one row is blue in the other.
-        let upper_even = simd.passing(upper_even, [own, green, other]);
-        let upper_odd = simd.passing(upper_odd, [own, green, other]);
-        let lower_even = simd.passing(lower_even, [other, green, own]);
-        let lower_odd = simd.passing(lower_odd, [other, green, own]);
-        noted[count] = Noted { index, passing: [[upper_even, upper_odd], [lower_even, lower_odd]] };
-        count += usize::from(upper_even | upper_odd | lower_even | lower_odd != 0);
+        let colors = rough_colors::<S, P>(simd, within(rows, begin, lanes));
+        let passing = passing_of_rows(simd, colors, has_red, &filters.of_block(index).rgb);
+        noted[count] = Noted { index, passing };
+        count += usize::from(is_any(passing));
         begin += lanes;
     }
     count
 }
 
-/// Some pixels of each plane of a row, and one more before and behind them.
+/// Of each row, in even and odd columns, a bit for each pixel that passes the prefilter.
 #[inline(always)]
-fn within<'a>([even, odd]: Planes<'a>, begin: usize, pixels: usize) -> Planes<'a> {
-    [&even[begin..begin + pixels + 2], &odd[begin..begin + pixels + 2]]
+fn passing_of_rows<S: Lanes>(
+    simd: S,
+    [[upper_even, upper_odd], [lower_even, lower_odd]]: [[[S::u8s; 3]; 2]; 2],
+    has_red: bool,
+    Prefilter([red, green, blue]): &Prefilter,
+) -> Passing {
+    let (own, other) = if has_red { (red, blue) } else { (blue, red) };
+    let (own, green, other) = (simd.table(own), simd.table(green), simd.table(other));
+    let upper_even = simd.passing(upper_even, [own, green, other]);
+    let upper_odd = simd.passing(upper_odd, [own, green, other]);
+    // What is red in one row is blue in the other.
+    let lower_even = simd.passing(lower_even, [other, green, own]);
+    let lower_odd = simd.passing(lower_odd, [other, green, own]);
+    [[upper_even, upper_odd], [lower_even, lower_odd]]
+}
+
+#[inline(always)]
+fn is_any([[a, b], [c, d]]: Passing) -> bool {
+    a | b | c | d != 0
+}
+
+/// Which row it is, and its length.
+#[derive(Clone, Copy)]
+struct Place {
+    row: usize,
+    width: usize,
+}
+
+/// [`narrow`] as a function of its own, which has all registers for itself.
+#[inline(never)]
+fn narrow_apart<S: Lanes>(
+    simd: S,
+    rows: [Planes; 4],
+    sites: Sites,
+    upper: Place,
+    setup: Setup,
+    noted: &mut [Noted],
+) -> usize {
+    simd.vectorize(
+        #[inline(always)]
+        || match sites.colored_parity {
+            0 => narrow::<S, 0>(simd, rows, sites.has_red, upper, setup, noted),
+            _ => narrow::<S, 1>(simd, rows, sites.has_red, upper, setup, noted),
+        },
+    )
+}
+
+/// Between the steps, where a row is in several zones: takes what only another zone's prefilter lets pass
+/// from the notes, which is half of it under lamps as uneven as one to two.
+#[inline(always)]
+fn narrow<S: Lanes, const P: usize>(
+    simd: S,
+    rows: [Planes; 4],
+    has_red: bool,
+    upper: Place,
+    setup: Setup,
+    noted: &mut [Noted],
+) -> usize {
+    let lanes = S::u8s::LEN;
+    let mut count = 0;
+    for number in 0..noted.len() {
+        let Noted { index, passing: before } = noted[number];
+        let colors = rough_colors::<S, P>(simd, within(rows, MARGIN + index * lanes - 1, lanes));
+        let start = 2 * lanes * index;
+        let block = Span { begin: start, end: upper.width.min(start + 2 * lanes) };
+        let mut passing = [[0; 2]; 2];
+        for (span, zone) in setup.zoned.zones.divide(upper.row, block) {
+            let columns = [every_other(span, start, 0), every_other(span, start, 1)];
+            let of_zone = passing_of_rows(simd, colors, has_red, &setup.prefilters[zone].rgb);
+            for row in 0..2 {
+                for parity in 0..2 {
+                    passing[row][parity] |=
+                        before[row][parity] & of_zone[row][parity] & columns[parity];
+                }
+            }
+        }
+        noted[count] = Noted { index, passing };
+        count += usize::from(is_any(passing));
+    }
+    count
+}
+
+/// Some pixels of each plane of some rows, and one more before and behind them.
+#[inline(always)]
+fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
+    let [row0, row1, row2, row3] = rows;
+    let part = begin..begin + pixels + 2;
+    [
+        [&row0[0][part.clone()], &row0[1][part.clone()]],
+        [&row1[0][part.clone()], &row1[1][part.clone()]],
+        [&row2[0][part.clone()], &row2[1][part.clone()]],
+        [&row3[0][part.clone()], &row3[1][part]],
+    ]
 }
 
 /// A row, and what is needed to classify it.
