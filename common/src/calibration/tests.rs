@@ -99,7 +99,8 @@ proptest! {
         tilts in prop::array::uniform2(-0.15..0.15f64),
         turn in -3.1..3.1f64,
         stretch in 0.9..1.1f64,
-        k1 in prop_oneof![Just(0.0), -0.15..0.05f64],
+        // A lens that bends more than this is, from few points, sometimes taken for another one.
+        k1 in prop_oneof![Just(0.0), -0.08..0.05f64],
         wall in 40.0..120.0f64,
     ) {
         let truth = Pinhole {
