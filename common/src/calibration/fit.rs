@@ -83,16 +83,38 @@ impl Task<'_> {
 
     fn best_fit_of(&self, lens: [bool; 3]) -> Result<Fitted, GeometryError> {
         let start = self.start()?;
-        let mut best = self.fit(start, lens, 0)?;
+        let mut best = self.fit_from(start, start, lens, 0);
         for parameters in [1, 2, 4].into_iter().filter(|&count| count <= self.max_distortion) {
-            let Ok((numbers, minimum)) = self.fit(best.0, lens, parameters) else { break };
-            if !self.is_worth_it(&best.1, &minimum) || !self.is_usable(&numbers) {
+            let from = best.as_ref().map_or(start, |&(numbers, _)| numbers);
+            let Ok((numbers, minimum)) = self.fit_from(from, start, lens, parameters) else {
+                break;
+            };
+            let is_better = best.as_ref().map_or(true, |(_, few)| self.is_worth_it(few, &minimum));
+            if !is_better || !self.is_usable(&numbers) {
                 // One more number may need the next to show its worth, but not the centre.
                 if parameters == 1 { continue } else { break }
             }
-            best = (numbers, minimum);
+            best = Ok((numbers, minimum));
         }
-        self.finished(best, lens)
+        self.finished(best?, lens)
+    }
+
+    /// The better one of two fits: from what is given, and from where the lens is thought to be, where it
+    /// is held at first. Raised points tell little of a lens that hangs high above them, and a distortion that is not
+    /// allowed for yet may send it anywhere, from where it does not find back.
+    fn fit_from(
+        &self,
+        given: Numbers,
+        start: Numbers,
+        lens: [bool; 3],
+        distortion: usize,
+    ) -> Result<(Numbers, Minimum), GeometryError> {
+        let held = self.fit(start, [false; 3], distortion);
+        let held = held.and_then(|(numbers, _)| self.fit(numbers, lens, distortion));
+        match (self.fit(given, lens, distortion), held) {
+            (Ok(a), Ok(b)) => Ok(if a.1.sum_of_squares <= b.1.sum_of_squares { a } else { b }),
+            (a, b) => a.or(b),
+        }
     }
 
     /// Which coordinates of the lens the points may decide.

@@ -89,6 +89,26 @@ fn jitter(marks: &mut [Mark], sigma: f64, seed: u64) {
     }
 }
 
+/// Low walls tell little of the lens, and a distortion that is not allowed for yet seems to tell something
+/// else: these were taken for cameras without a place.
+#[test]
+fn a_bent_picture_does_not_send_the_lens_away() {
+    let cases = [
+        ([338.5, 0.0, 3230.9], [0.0, -0.119, 0.0], 0.9, -0.1482),
+        ([0.0, 0.0, 3027.6], [0.0, 0.0, 2.567], 1.057, -0.1449),
+    ];
+    for (lens_mm, turns, stretch, k1) in cases {
+        let focal_px = 0.2 * lens_mm[2];
+        let focal_px = [focal_px * stretch, focal_px];
+        let truth = Pinhole { lens_mm, turns, focal_px, middle_px: [319.5, 239.5], k1 };
+        let found = fit(&truth.marks(&places(40.0)), GUESS).unwrap();
+        assert_eq!(found.lens_source, LensSource::Points);
+        assert!(found.worst().1 < 0.05, "{:?}", found.errors_px);
+        let error = (found.geometry.camera_mm[2] - lens_mm[2]).abs();
+        assert!(error < 1.0, "{:?}", found.geometry.camera_mm);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -99,8 +119,7 @@ proptest! {
         tilts in prop::array::uniform2(-0.15..0.15f64),
         turn in -3.1..3.1f64,
         stretch in 0.9..1.1f64,
-        // A lens that bends more than this is, from few points, sometimes taken for another one.
-        k1 in prop_oneof![Just(0.0), -0.08..0.05f64],
+        k1 in prop_oneof![Just(0.0), -0.15..0.05f64],
         wall in 40.0..120.0f64,
     ) {
         let truth = Pinhole {
