@@ -94,11 +94,11 @@ pub fn classify<S: Lanes>(
         let blocks = around.begin / block..around.end.div_ceil(block);
         let filters = filters.of_row(prefilters, zoned.zones, upper, width.div_ceil(block), block);
         let sites = [Sites::of(image, upper), Sites::of(image, lower)];
-        let mut count = find_apart(simd, rows, sites[0], blocks, filters, noted);
-        if filters.only_zone().is_none() {
-            let row = Place { row: upper, width };
-            count = narrow_apart(simd, rows, sites[0], row, setup, &mut noted[..count]);
-        }
+        let pair = Pair { rows, upper, width, has_red: sites[0].has_red };
+        let count = match sites[0].colored_parity {
+            0 => find_apart::<S, 0>(simd, &pair, blocks, filters, setup, noted),
+            _ => find_apart::<S, 1>(simd, &pair, blocks, filters, setup, noted),
+        };
         if count == 0 {
             continue;
         }
@@ -118,32 +118,46 @@ pub fn classify<S: Lanes>(
     runs.written()
 }
 
-/// [`find`] as a function of its own, which has all registers for itself.
+/// Two rows, and what is needed to look for something in them.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    /// The one above the two, the two, and the one below.
+    rows: [Planes<'a>; 4],
+    /// Which one of the picture the upper one is.
+    upper: usize,
+    width: usize,
+    /// The upper one has red and green sites; otherwise blue and green ones.
+    has_red: bool,
+}
+
+/// Step 1 for two rows: notes blocks, returns how many. `P` is the column parity of the upper row's
+/// coloured sites. A function of its own, which has all registers for itself.
 #[inline(never)]
-fn find_apart<S: Lanes>(
+fn find_apart<S: Lanes, const P: usize>(
     simd: S,
-    rows: [Planes; 4],
-    sites: Sites,
+    pair: &Pair,
     blocks: Range<usize>,
     filters: RowFilters,
+    setup: Setup,
     noted: &mut [Noted],
 ) -> usize {
     simd.vectorize(
         #[inline(always)]
-        || match sites.colored_parity {
-            0 => find::<S, 0>(simd, rows, sites.has_red, blocks, filters, noted),
-            _ => find::<S, 1>(simd, rows, sites.has_red, blocks, filters, noted),
+        || {
+            let count = find::<S, P>(simd, pair, blocks, filters, noted);
+            match filters.only_zone() {
+                Some(_) => count,
+                None => narrow::<S, P>(simd, pair, setup, &mut noted[..count]),
+            }
         },
     )
 }
 
-/// Step 1 for two rows: notes blocks, returns how many. `P` is the column parity of the upper row's
-/// coloured sites.
+/// Notes the blocks in which something passes their prefilter.
 #[inline(always)]
 fn find<S: Lanes, const P: usize>(
     simd: S,
-    rows: [Planes; 4],
-    has_red: bool,
+    pair: &Pair,
     blocks: Range<usize>,
     filters: RowFilters,
     noted: &mut [Noted],
@@ -151,7 +165,7 @@ fn find<S: Lanes, const P: usize>(
     let lanes = S::u8s::LEN;
     // All of the same length, which spares a check at each access.
     let (first, pixels) = (MARGIN + blocks.start * lanes - 1, blocks.len() * lanes);
-    let rows = within(rows, first, pixels);
+    let rows = within(pair.rows, first, pixels);
     let mut count = 0;
     let mut begin = 0;
     for index in blocks {
@@ -159,7 +173,7 @@ fn find<S: Lanes, const P: usize>(
             break;
         }
         let colors = rough_colors::<S, P>(simd, within(rows, begin, lanes));
-        let passing = passing_of_rows(simd, colors, has_red, &filters.of_block(index).rgb);
+        let passing = passing_of_rows(simd, colors, pair.has_red, &filters.of_block(index).rgb);
         noted[count] = Noted { index, passing };
         count += usize::from(is_any(passing));
         begin += lanes;
@@ -190,40 +204,12 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Which row it is, and its length.
-#[derive(Clone, Copy)]
-struct Place {
-    row: usize,
-    width: usize,
-}
-
-/// [`narrow`] as a function of its own, which has all registers for itself.
-#[inline(never)]
-fn narrow_apart<S: Lanes>(
-    simd: S,
-    rows: [Planes; 4],
-    sites: Sites,
-    upper: Place,
-    setup: Setup,
-    noted: &mut [Noted],
-) -> usize {
-    simd.vectorize(
-        #[inline(always)]
-        || match sites.colored_parity {
-            0 => narrow::<S, 0>(simd, rows, sites.has_red, upper, setup, noted),
-            _ => narrow::<S, 1>(simd, rows, sites.has_red, upper, setup, noted),
-        },
-    )
-}
-
-/// Between the steps, where a row is in several zones: takes what only another zone's prefilter lets pass
-/// from the notes, which is half of it under lamps as uneven as one to two.
+/// Where the rows are in several zones: takes from the notes what only another zone's prefilter lets pass,
+/// which is half of it under lamps as uneven as one to two.
 #[inline(always)]
 fn narrow<S: Lanes, const P: usize>(
     simd: S,
-    rows: [Planes; 4],
-    has_red: bool,
-    upper: Place,
+    pair: &Pair,
     setup: Setup,
     noted: &mut [Noted],
 ) -> usize {
@@ -231,13 +217,14 @@ fn narrow<S: Lanes, const P: usize>(
     let mut count = 0;
     for number in 0..noted.len() {
         let Noted { index, passing: before } = noted[number];
-        let colors = rough_colors::<S, P>(simd, within(rows, MARGIN + index * lanes - 1, lanes));
+        let colors =
+            rough_colors::<S, P>(simd, within(pair.rows, MARGIN + index * lanes - 1, lanes));
         let start = 2 * lanes * index;
-        let block = Span { begin: start, end: upper.width.min(start + 2 * lanes) };
+        let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
         let mut passing = [[0; 2]; 2];
-        for (span, zone) in setup.zoned.zones.divide(upper.row, block) {
+        for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
             let columns = [every_other(span, start, 0), every_other(span, start, 1)];
-            let of_zone = passing_of_rows(simd, colors, has_red, &setup.prefilters[zone].rgb);
+            let of_zone = passing_of_rows(simd, colors, pair.has_red, &setup.prefilters[zone].rgb);
             for row in 0..2 {
                 for parity in 0..2 {
                     passing[row][parity] |=
