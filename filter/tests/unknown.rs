@@ -396,6 +396,25 @@ fn their_number_is_bounded() {
     assert!(bench.unknown().iter().all(|robot| robot.y_mm == 0.0 && robot.frames_unseen == 10));
 }
 
+/// A predecessor's message may name two by one number, or have used up all numbers there are.
+#[test]
+fn a_number_has_one_owner_whatever_was_resumed_from() {
+    let three = [patch(YELLOW, [0.0, 0.0]), patch(BLUE, [300.0, 0.0]), patch(BLUE, [600.0, 0.0])];
+    let mut bench = Bench::new();
+    bench.see_for(5, &three);
+    assert_eq!(bench.ids(), [1, 2, 3]);
+
+    let mut world = bench.world.clone();
+    world.unknown_robot_memories[1].track_id = 1;
+    world.last_track_id = u32::MAX;
+    bench.filter.resume(&world);
+    // The first keeps the number, the second has to be seen for a while to get one. 1 would be next.
+    bench.see(&three);
+    assert_eq!(bench.ids(), [1, 3]);
+    bench.see_for(5, &three);
+    assert_eq!(bench.ids(), [1, 2, 3]);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 

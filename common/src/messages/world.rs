@@ -248,7 +248,7 @@ pub struct WorldFrame {
     pub unknown_robot_count: u32,
     /// Valid elements of `unknown_robot_memories`: those of `unknown_robots`, and what may become one.
     pub unknown_memory_count: u32,
-    /// The highest [`UnknownRobotState::track_id`] given so far.
+    /// The [`UnknownRobotState::track_id`] given last.
     pub last_track_id: u32,
     /// Reserved, 0.
     pub reserved: u32,

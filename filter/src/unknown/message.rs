@@ -22,7 +22,6 @@ impl UnknownRobots {
             match from_message(memory, last.frame.t_capture_ns, &self.motion) {
                 Some(noted) if noted.track_id == 0 => self.noted.push(noted),
                 Some(trusted) => {
-                    self.last_track_id = self.last_track_id.max(trusted.track_id);
                     insert(&mut self.trusted, trusted);
                 }
                 None => {}

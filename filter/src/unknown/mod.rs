@@ -235,10 +235,14 @@ impl UnknownRobots {
             if unknown.frames_tracked < FRAMES_TO_TRUST {
                 return true;
             }
-            *last_track_id = last_track_id.wrapping_add(1).max(1);
-            unknown.track_id = *last_track_id;
-            insert(trusted, *unknown);
-            false
+            // After the last number there is they start anew, and some may still be somebody's.
+            loop {
+                *last_track_id = last_track_id.wrapping_add(1).max(1);
+                unknown.track_id = *last_track_id;
+                if insert(trusted, *unknown) {
+                    return false;
+                }
+            }
         });
     }
 }
@@ -264,14 +268,14 @@ fn place_rates(robot: &RobotTrack, motion: &RobotMotion) -> Rates<2> {
     }
 }
 
-/// Puts a track where it belongs, by team and number; `false` if there is one of that name.
+/// Puts a track where it belongs, by team and number; `false` if its number is another's, of either team.
 fn insert(tracks: &mut Vec<UnknownTrack>, new: UnknownTrack) -> bool {
-    let name = |unknown: &UnknownTrack| (unknown.team, unknown.track_id);
-    let place = tracks.binary_search_by_key(&name(&new), name);
-    if let Err(place) = place {
-        tracks.insert(place, new);
+    let is_free = tracks.iter().all(|unknown| unknown.track_id != new.track_id);
+    if is_free {
+        let key = |unknown: &UnknownTrack| (unknown.team, unknown.track_id);
+        tracks.insert(tracks.partition_point(|unknown| key(unknown) < key(&new)), new);
     }
-    place.is_err()
+    is_free
 }
 
 fn predict(
