@@ -4,94 +4,102 @@
 //! row, move right together and find every pair of runs that share a column; pairs of the same
 //! class belong to one region (4-connectivity: a pixel looks at its upper and its left neighbour,
 //! as in Fig. 6). Regions that turn out to be one are joined in a union-find forest, always to the
-//! one whose first pixel comes first. So a parent stands before its children, and once all rows are
-//! done a single pass from front to back leads every run to its root. There pixels and runs are
-//! counted; what is too small is noise, and only for the rest the sums are taken, in another pass.
-//! Every run is looked at a constant number of times, and no pixel is looked at at all.
+//! one whose first run comes first. So a parent stands before its children, and once all rows are
+//! done a single pass from front to back numbers the regions and counts their pixels and runs; another
+//! one sorts the runs by region. What is too small is noise; of the rest each region's runs, now side by
+//! side, are summed up. Every run is looked at a constant number of times, and no pixel is looked at at
+//! all.
+//!
+//! Where the next run lies nobody can guess, so what decides about a run are few branches: places are
+//! numbers that tell row and column at once, and beside the first run above one overlaps, the second one
+//! is looked at before it is known to overlap.
 //!
 //! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing
 //! is relabelled here, so which way round does not matter for the result.
 
+use bytemuck::{Zeroable, zeroed_box};
 use common::messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
 use std::cmp::Reverse;
-use std::ops::Range;
 
 /// Finds the regions of a picture. Keeps its tables from frame to frame to spare the allocator.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct RegionFinder {
     width: u32,
     height: u32,
     class_count: u32,
     min_region_px: u32,
-    /// The usable runs, in the order given.
-    runs: Vec<Run>,
+    /// The usable runs, in the order given, and how many.
+    runs: Box<ByRun<Run>>,
+    run_count: usize,
+    /// Where they are, for those a row below, and [`NOWHERE`] behind the last one.
+    spans: Box<ByRun<Span>>,
     forest: Forest,
-    /// For each node of the forest that is a root: the region it stands for.
-    regions: Vec<Count>,
-    /// Roots of the regions to publish, by their first pixel.
-    kept: Vec<u32>,
-    /// Of the regions to publish.
-    sums: Vec<Sums>,
+    /// For each run, the number of its region among all.
+    numbers: Box<ByRun<u16>>,
+    /// All regions, by their first run.
+    regions: Box<ByRun<Count>>,
+    region_count: usize,
+    /// Numbers of those to publish.
+    kept: Vec<u16>,
     by_size: Vec<(Reverse<u32>, u32)>,
 }
 
-/// A union-find forest over runs. Several runs can share a node.
-#[derive(Debug, Clone, Default)]
-struct Forest {
-    /// For each run, its node; first as it was found, in the end the root.
-    nodes: Vec<u32>,
-    /// For each node, one that stands before it in the same tree, or itself if it is the root.
-    parents: Vec<u32>,
+/// Something for each run. So long that an index of 16 bits is never beyond it and need not be checked;
+/// what is not used takes no memory.
+type ByRun<T> = [T; 1 << 16];
+const _: () = assert!(MAX_RUNS < 1 << 16);
+
+/// What a run covers, its row and columns as [`place`]s.
+#[derive(Debug, Clone, Copy, Zeroable)]
+// A power of two: where one is, is then a shift.
+#[repr(align(16))]
+struct Span {
+    begin: u32,
+    end: u32,
+    class: u32,
 }
+
+/// A union-find forest over runs: for each run, one of its region that stands before it, or itself if
+/// it is the first.
+#[derive(Debug)]
+struct Forest(Box<ByRun<u16>>);
 
 /// How large a region is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default, Zeroable)]
 struct Count {
     pixels: u32,
-    runs: u32,
-    /// Index in the output, or [`UNPUBLISHED`].
-    number: u32,
-}
-
-/// What is gathered over the runs of a region that is published.
-#[derive(Debug, Clone, Copy)]
-struct Sums {
-    /// Twice the sum of the columns.
-    double_x: u64,
-    y: u64,
+    runs: u16,
     /// Where its next run goes.
-    next_run: u32,
-    class: u32,
-    // Wider than needed: the compiler puts minima and maxima of 16 bits into vectors, whose loads then
-    // wait for the narrower stores of the run before, at twice the price of all the rest.
-    left: u32,
-    top: u32,
-    right: u32,
-    bottom: u32,
+    next_run: u16,
 }
 
-/// Node of a run that has none yet.
-const NONE: u32 = u32::MAX;
-/// Number of a region that is too small to be published, or did not fit.
-const UNPUBLISHED: u32 = u32::MAX;
+/// Behind everything.
+const NOWHERE: Span = Span { begin: u32::MAX, end: u32::MAX, class: u32::MAX };
+/// From a place to the one below it.
+const ROW: u32 = 1 << 16;
+
+/// Row and column as one number, in the order of pixels.
+fn place(row: u16, column: u16) -> u32 {
+    u32::from(row) << 16 | u32::from(column)
+}
 
 impl RegionFinder {
-    /// For pictures of `width` × `height` pixels and classes below `class_count`. Regions of fewer
-    /// than `min_region_px` pixels are noise and not published.
+    /// For pictures of `width` × `height` pixels, at most 65,535 each way, and classes below
+    /// `class_count`. Regions of fewer than `min_region_px` pixels are noise and not published.
     pub fn new(width: u32, height: u32, class_count: u32, min_region_px: u32) -> Self {
         Self {
             width,
-            height,
+            height: height.min(u16::MAX.into()),
             class_count,
             min_region_px,
-            runs: Vec::with_capacity(MAX_RUNS),
-            forest: Forest {
-                nodes: Vec::with_capacity(MAX_RUNS),
-                parents: Vec::with_capacity(MAX_RUNS),
-            },
-            regions: Vec::with_capacity(MAX_RUNS),
+            runs: zeroed_box(),
+            run_count: 0,
+            spans: zeroed_box(),
+            forest: Forest(zeroed_box()),
+            numbers: zeroed_box(),
+            regions: zeroed_box(),
+            region_count: 0,
             kept: Vec::with_capacity(MAX_RUNS),
-            sums: Vec::with_capacity(MAX_REGIONS),
             by_size: Vec::with_capacity(MAX_RUNS),
         }
     }
@@ -114,16 +122,13 @@ impl RegionFinder {
         self.publish(out);
     }
 
-    /// Takes over the usable runs and gives each its node.
+    /// Takes over the usable runs and leads each to an earlier one of its region.
     fn connect(&mut self, runs: &[Run]) {
-        let Self { runs: taken, forest, .. } = self;
         let (width, height, class_count) = (self.width, self.height, self.class_count);
-        taken.clear();
-        forest.nodes.clear();
-        forest.parents.clear();
-        let mut above: Range<usize> = 0..0;
-        let mut row_begin = 0;
-        let mut finger = 0;
+        let Self { runs: taken, spans, forest, .. } = self;
+        let at = usize::from;
+        let (mut here, mut finger) = (0u16, 0u16);
+        let mut last = Span { begin: 0, end: 0, class: u32::MAX };
         for &run in runs {
             let is_valid = (run.begin < run.end)
                 & (u32::from(run.end) <= width)
@@ -132,169 +137,169 @@ impl RegionFinder {
             if !is_valid {
                 continue;
             }
-            let here = taken.len();
-            let mut node = NONE;
-            if let Some(last) = taken.last() {
-                if last.row != run.row {
-                    let follows = last.row + 1 == run.row;
-                    above = if follows { row_begin..here } else { here..here };
-                    row_begin = here;
-                    finger = above.start;
-                } else if run.begin < last.end {
+            let (begin, end) = (place(run.row, run.begin), place(run.row, run.end));
+            let class = u32::from(run.class);
+            if begin < last.end {
+                if begin / ROW == last.end / ROW {
                     continue;
-                } else if (run.begin == last.end) & (run.class == last.class) {
-                    // A classifier has no reason to cut a run in two, but nothing forbids it.
-                    node = forest.root(forest.nodes[here - 1]);
                 }
+                finger = here;
             }
+            // A classifier has no reason to cut a run in two, but nothing forbids it.
+            let is_cut = (begin == last.end) & (class == last.class);
+            last = Span { begin, end, class };
+            taken[at(here)] = Run { reserved: 0, ..run };
+            spans[at(here)] = Span { begin: begin + ROW, end: end + ROW, class };
+            spans[at(here + 1)] = NOWHERE;
 
-            while finger < above.end && taken[finger].end <= run.begin {
+            // Mostly it is a step or none.
+            let is_past = |upper: u16| spans[at(upper)].end <= begin;
+            finger += u16::from(is_past(finger));
+            while is_past(finger) {
                 finger += 1;
             }
-            // The last run that overlaps may also overlap the next one: the finger stays on it.
-            for (upper, upper_run) in taken[..above.end].iter().enumerate().skip(finger) {
-                if upper_run.begin >= run.end {
-                    break;
+            let overlaps = |upper: u16| spans[at(upper)].begin < end;
+            let is_same = |upper: u16| spans[at(upper)].class == class;
+            let mut node = here - u16::from(is_cut);
+            forest.0[at(here)] = node;
+            if overlaps(finger) & is_same(finger) | overlaps(finger + 1) {
+                // The last run that overlaps may also overlap the next one: the finger stays.
+                let mut upper = finger;
+                while overlaps(upper) {
+                    if is_same(upper) {
+                        let root = forest.root(upper);
+                        node = if node == here { root } else { forest.join(node, root) };
+                    }
+                    upper += 1;
                 }
-                if upper_run.class == run.class {
-                    let root = forest.root(forest.nodes[upper]);
-                    node = if node == NONE { root } else { forest.join(node, root) };
-                }
+                forest.0[at(here)] = node;
             }
-            if node == NONE {
-                node = forest.parents.len() as u32;
-                forest.parents.push(node);
-            }
-            forest.nodes.push(node);
-            taken.push(Run { reserved: 0, ..run });
+            here += 1;
         }
+        self.run_count = at(here);
     }
 
-    /// Leads every run to its root, and counts there.
+    /// Numbers the regions and counts what they have.
     fn count(&mut self) {
-        let Forest { nodes, parents } = &mut self.forest;
-        self.regions.clear();
-        self.regions.resize(parents.len(), Count { pixels: 0, runs: 0, number: UNPUBLISHED });
-        let mut known = 0;
-        for (run, node) in self.runs.iter().zip(nodes) {
-            if *node == known {
-                // The first run of this node. Its parent stands before it and is done.
-                parents[known as usize] = parents[parents[known as usize] as usize];
-                known += 1;
-            }
-            *node = parents[*node as usize];
-            let region = &mut self.regions[*node as usize];
+        let Self { runs, forest, numbers, regions, .. } = self;
+        let mut count = 0u16;
+        for (node, run) in (0u16..).zip(&runs[..self.run_count]) {
+            // It stands before its child and has its number, which is that of the root.
+            let parent = forest.0[usize::from(node)];
+            let is_first = parent == node;
+            let number = if is_first { count } else { numbers[usize::from(parent)] };
+            numbers[usize::from(node)] = number;
+            count += u16::from(is_first);
+            let region = &mut regions[usize::from(number)];
+            let (pixels, runs) = if is_first { (0, 0) } else { (region.pixels, region.runs) };
             // No overflow: at most MAX_RUNS runs of at most 65,535 pixels.
-            region.pixels += run.pixels();
-            region.runs += 1;
+            (region.pixels, region.runs) = (pixels + run.pixels(), runs + 1);
         }
+        self.region_count = count.into();
     }
 
-    /// Decides which regions are published and in which order.
+    /// Decides which regions are published and in which order, and where their runs go.
     fn select(&mut self, out: &mut DetectionFrame) {
-        self.kept.clear();
-        let least = self.min_region_px.max(1);
-        // What is not a root has no pixels.
-        let nodes = (0u32..).zip(&self.regions);
-        self.kept.extend(nodes.filter(|(_, count)| count.pixels >= least).map(|(node, _)| node));
+        let Self { regions, kept, by_size, .. } = self;
+        let regions = &mut regions[..self.region_count];
+        kept.clear();
+        let least = self.min_region_px;
+        let numbers = (0u16..).zip(&*regions);
+        kept.extend(numbers.filter(|(_, it)| it.pixels >= least).map(|(number, _)| number));
         out.flags &= !DetectionFrame::REGIONS_OVERFLOW;
-        if self.kept.len() > MAX_REGIONS {
+        if kept.len() > MAX_REGIONS {
             out.flags |= DetectionFrame::REGIONS_OVERFLOW;
-            self.by_size.clear();
-            let regions = &self.regions;
-            self.by_size.extend(
-                (0u32..)
-                    .zip(&self.kept)
-                    .map(|(order, &root)| (Reverse(regions[root as usize].pixels), order)),
-            );
-            let (_, &mut last, _) = self.by_size.select_nth_unstable(MAX_REGIONS - 1);
+            let size = |number: u16| Reverse(regions[usize::from(number)].pixels);
+            by_size.clear();
+            by_size.extend((0..).zip(&*kept).map(|(order, &number)| (size(number), order)));
+            let (_, &mut last, _) = by_size.select_nth_unstable(MAX_REGIONS - 1);
             let mut order = 0;
-            self.kept.retain(|&root| {
-                let rank = (Reverse(regions[root as usize].pixels), order);
+            kept.retain(|&number| {
+                let rank = (size(number), order);
                 order += 1;
                 rank <= last
             });
         }
-        for (number, &root) in (0..).zip(&self.kept) {
-            self.regions[root as usize].number = number;
+        let run_count: u32 =
+            kept.iter().map(|&number| u32::from(regions[usize::from(number)].runs)).sum();
+        // Runs of regions that are not published go behind all others, over each other: no branch.
+        for region in &mut *regions {
+            region.next_run = run_count as u16;
         }
+        let mut first_run = 0;
+        for &number in &*kept {
+            let region = &mut regions[usize::from(number)];
+            region.next_run = first_run;
+            first_run += region.runs;
+        }
+        (out.region_count, out.run_count) = (kept.len() as u32, run_count);
     }
 
-    /// Sorts the runs into their regions, gathers what there is to know of these on the way, and
-    /// writes them.
+    /// Sorts the runs into their regions, sums those up, and writes them.
     fn publish(&mut self, out: &mut DetectionFrame) {
-        self.sums.clear();
+        let Self { runs, numbers, regions, .. } = self;
+        for (&run, &number) in runs[..self.run_count].iter().zip(&numbers[..]) {
+            let next_run = &mut regions[usize::from(number)].next_run;
+            out.runs[usize::from(*next_run)] = run;
+            *next_run += 1;
+        }
         let mut first_run = 0;
-        for &root in &self.kept {
-            self.sums.push(Sums::of_none(first_run));
-            first_run += self.regions[root as usize].runs;
+        for (region, &number) in out.regions.iter_mut().zip(&self.kept) {
+            let Count { pixels, runs, .. } = regions[usize::from(number)];
+            let runs = &out.runs[first_run..][..usize::from(runs)];
+            *region = summed_up(runs, pixels, first_run);
+            first_run += runs.len();
         }
-        for (&run, &root) in self.runs.iter().zip(&self.forest.nodes) {
-            let number = self.regions[root as usize].number;
-            if let Some(sums) = self.sums.get_mut(number as usize) {
-                out.runs[sums.next_run as usize] = run;
-                sums.add(run);
-            }
-        }
-        for ((region, &root), sums) in out.regions.iter_mut().zip(&self.kept).zip(&self.sums) {
-            let count = &self.regions[root as usize];
-            let pixels = f64::from(count.pixels);
-            *region = Region {
-                class: sums.class,
-                pixel_count: count.pixels,
-                x_px: ((sums.double_x / 2) as f64 / pixels) as f32,
-                y_px: (sums.y as f64 / pixels) as f32,
-                left: sums.left as u16,
-                top: sums.top as u16,
-                right: sums.right as u16,
-                bottom: sums.bottom as u16,
-                first_run: sums.next_run - count.runs,
-                run_count: count.runs,
-            };
-        }
-        out.region_count = self.kept.len() as u32;
-        out.run_count = first_run;
     }
 }
 
-impl Sums {
-    fn of_none(first_run: u32) -> Self {
-        let (left, top) = (u32::MAX, u32::MAX);
-        Self { double_x: 0, y: 0, next_run: first_run, class: 0, left, top, right: 0, bottom: 0 }
-    }
-
-    fn add(&mut self, run: Run) {
-        let (row, begin, end) = (u32::from(run.row), u32::from(run.begin), u32::from(run.end));
-        let pixels = u64::from(end - begin);
+/// The region of these runs, of which there is at least one, from top to bottom.
+fn summed_up(runs: &[Run], pixel_count: u32, first_run: usize) -> Region {
+    let (mut double_x, mut y) = (0, 0);
+    let (mut left, mut right) = (u16::MAX, 0);
+    for run in runs {
+        let (row, begin, end) = (u64::from(run.row), u64::from(run.begin), u64::from(run.end));
+        let pixels = end - begin;
         // First and last column times the number of columns: always even.
-        self.double_x += u64::from(begin + end - 1) * pixels;
-        self.y += u64::from(row) * pixels;
-        self.next_run += 1;
-        self.class = u32::from(run.class);
-        self.left = self.left.min(begin);
-        self.top = self.top.min(row);
-        self.right = self.right.max(end - 1);
-        self.bottom = self.bottom.max(row);
+        double_x += (begin + end - 1) * pixels;
+        y += row * pixels;
+        left = left.min(run.begin);
+        right = right.max(run.end - 1);
+    }
+    let (first, last) = (runs[0], runs[runs.len() - 1]);
+    let pixels = f64::from(pixel_count);
+    Region {
+        class: first.class.into(),
+        pixel_count,
+        x_px: ((double_x / 2) as f64 / pixels) as f32,
+        y_px: (y as f64 / pixels) as f32,
+        left,
+        top: first.row,
+        right,
+        bottom: last.row,
+        first_run: first_run as u32,
+        run_count: runs.len() as u32,
     }
 }
 
 impl Forest {
-    /// Makes the trees of two roots one; returns its root.
-    fn join(&mut self, a: u32, b: u32) -> u32 {
-        let (first, second) = (a.min(b), a.max(b));
-        self.parents[second as usize] = first;
+    /// Makes the trees of two runs one; returns its root.
+    fn join(&mut self, a: u16, b: u16) -> u16 {
+        let (a, b) = (self.root(a), self.root(b));
+        let first = a.min(b);
+        self.0[usize::from(a.max(b))] = first;
         first
     }
 
-    /// The root of a node's tree; halves the path on its way.
-    fn root(&mut self, mut node: u32) -> u32 {
+    /// The root of a run's tree; halves the path on its way.
+    fn root(&mut self, mut node: u16) -> u16 {
         loop {
-            let parent = self.parents[node as usize];
+            let parent = self.0[usize::from(node)];
             if parent == node {
                 return node;
             }
-            let grandparent = self.parents[parent as usize];
-            self.parents[node as usize] = grandparent;
+            let grandparent = self.0[usize::from(parent)];
+            self.0[usize::from(node)] = grandparent;
             node = grandparent;
         }
     }

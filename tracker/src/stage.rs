@@ -18,7 +18,7 @@ pub use crate::error::TrackerError;
 
 /// Finds regions, robots and balls in one frame after another. It remembers nothing of a frame but
 /// the memory it used: the same input gives the same output, whatever came before.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Tracker {
     camera: CameraModel,
     pitch: Pitch,

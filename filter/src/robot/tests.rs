@@ -176,12 +176,10 @@ proptest! {
         let ours = motion.advance(&from, drive, T).fixed_rows::<2>(0).into_owned();
         let (v, omega) = (0.5 * (left_mm_s + right_mm_s), (right_mm_s - left_mm_s) / 65.0);
         let papers = Vector2::new(theta.cos(), theta.sin()) * (v * T);
-        let arc = if omega.abs() < 1e-6 {
-            papers
-        } else {
-            let end: f64 = theta + omega * T;
-            Vector2::new(end.sin() - theta.sin(), theta.cos() - end.cos()) * (v / omega)
-        };
+        // Its chord: a difference of two places on the circle would be lost in rounding where that is large.
+        let half = 0.5 * omega * T;
+        let chord = v * T * if half == 0.0 { 1.0 } else { half.sin() / half };
+        let arc = Vector2::new((theta + half).cos(), (theta + half).sin()) * chord;
         let bound = T * T * (v * omega).abs() / 2.0;
         prop_assert!((ours - papers).norm() <= bound + 1e-9);
         prop_assert!((ours - arc).norm() <= T.powi(3) * (v * omega * omega).abs() / 24.0 + 1e-9);

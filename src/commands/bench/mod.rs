@@ -11,6 +11,7 @@ mod stages;
 use super::CommandError;
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
+use common::config::Config;
 use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
 use light::LightRow;
 use pictures::{Content, Picture};
@@ -146,6 +147,9 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
     if regions != picture.count_regions(&found).min(detections.regions.len()) {
         return Err("the merging of runs gives other regions than a flood fill".into());
     }
+    // Measured as it is used: what is too small is noise.
+    let least = Config::default().tracker.min_region_px;
+    let mut finder = RegionFinder::new(*width, *height, *classes as u32, least);
 
     let bytes = picture.pixels.len();
     let count = (COLD_BYTES / bytes).clamp(3, COLD_FRAMES);
