@@ -68,6 +68,27 @@ fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Option
     Some(in_own_place(&format!("{mount} || exit 99\n{script}")).unwrap())
 }
 
+/// `touchline … | head`: whoever reads may have seen enough before all is said.
+#[test]
+fn nobody_has_to_read_to_the_end() {
+    let scratch = Scratch::new("pipe");
+    for line in ["topics", "topics --json", "topics --format c", "doctor --json", "run --frames 20"]
+    {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let arguments: Vec<&str> = line.split(' ').collect();
+        let output = touchline(&scratch, &arguments)
+            .stdout(writer)
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .and_then(|child| child.wait_with_output())
+            .unwrap();
+        let complaints = text(&output.stderr);
+        assert!(output.status.success(), "{line}: {:?} {complaints}", output.status);
+        assert!(!complaints.contains("panicked"), "{line}: {complaints}");
+    }
+}
+
 #[test]
 fn too_little_shared_memory_is_said_before_anything_starts() {
     let scratch = Scratch::new("small-shm");

@@ -10,9 +10,9 @@ use std::process::ExitCode;
 pub fn cameras(args: CamerasArgs) -> Result<ExitCode, CommandError> {
     let listing = list();
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&listing)?);
+        say_line!("{}", serde_json::to_string_pretty(&listing)?)?;
     } else {
-        print!("{}", text(&listing));
+        say!("{}", text(&listing))?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -7,7 +7,6 @@ use common::config::{self, Complaints, Config, ConfigError, GeometryConfig, Patc
 use common::geometry::{CameraModel, FieldPoint};
 use common::messages::Team;
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -18,11 +17,7 @@ pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
         ConfigCommand::Check { file } => check(&file)?,
         ConfigCommand::Schema => schema(),
     };
-    match io::stdout().write_all(text.as_bytes()) {
-        // The reader has seen enough: `touchline config init | head`.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        written => written?,
-    }
+    say!("{text}")?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -25,18 +25,18 @@ pub fn status(args: StatusArgs) -> Result<ExitCode, CommandError> {
         .into());
     };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        say_line!("{}", serde_json::to_string_pretty(&report)?)?;
         return Ok(ExitCode::SUCCESS);
     }
-    print!("{}", summary(&report));
-    println!("  processes    supervisor {}", report.supervisor_pid);
+    say!("{}", summary(&report))?;
+    say_line!("  processes    supervisor {}", report.supervisor_pid)?;
     for (stage, processes) in report.stages.iter().map(|(name, stage)| (name, &stage.processes)) {
         for process in processes {
-            println!("               {stage} {} ({})", process.pid, process.state);
+            say_line!("               {stage} {} ({})", process.pid, process.state)?;
         }
     }
     for event in &report.events {
-        println!("  event        {} (pid {}): {}", event.stage, event.pid, event.what);
+        say_line!("  event        {} (pid {}): {}", event.stage, event.pid, event.what)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -60,7 +60,7 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    println!("the group {:?} has ended", instance.name());
+    say_line!("the group {:?} has ended", instance.name())?;
     Ok(ExitCode::SUCCESS)
 }
 

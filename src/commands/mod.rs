@@ -1,5 +1,8 @@
 //! What each subcommand does.
 
+#[macro_use]
+mod output;
+
 mod bench;
 mod calibrate;
 mod cameras;
@@ -10,7 +13,6 @@ mod doctor;
 mod group;
 mod learn;
 mod operate;
-mod output;
 mod painted_light;
 mod pipeline;
 mod recordings;

@@ -36,15 +36,15 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     while !waiting.is_empty() {
         // On a busy machine there may be no report just now; that is no reason to give up.
         let now = status(&instance).map(|report| active(&report)).unwrap_or_default();
-        waiting.retain(|&stage| {
+        let is_done = |stage: &ProcessKind| {
             let (old, new) = (before.get(stage.name()), now.get(stage.name()));
-            let is_done = new.is_some() && new != old;
-            if let Some(new) = new.filter(|_| is_done) {
-                let old = old.map_or("none".into(), u32::to_string);
-                println!("{}: {old} → {new}", stage.name());
-            }
-            !is_done
-        });
+            new.is_some() && new != old
+        };
+        for stage in waiting.extract_if(.., |stage| is_done(stage)) {
+            let [old, new] = [&before, &now].map(|pids| pids.get(stage.name()));
+            let [old, new] = [old, new].map(|pid| pid.map_or("none".into(), u32::to_string));
+            say_line!("{}: {old} → {new}", stage.name())?;
+        }
         if Instant::now() > deadline {
             let names: Vec<&str> = waiting.iter().map(|stage| stage.name()).collect();
             return Err(format!(
@@ -73,7 +73,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
     };
     let runs_it = |pid: u32| is_same_program(&program_of(pid), &program);
     if processes(&status(&instance)?).into_iter().all(|(pid, _)| runs_it(pid)) {
-        println!("the group {:?} runs {} already", instance.name(), program.display());
+        say_line!("the group {:?} runs {} already", instance.name(), program.display())?;
         return Ok(ExitCode::SUCCESS);
     }
     check(&program, &instance, supervisor)?;
@@ -87,12 +87,12 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
             let processes = processes(&report);
             for (pid, what) in processes.iter().filter(|(pid, _)| runs_it(*pid)) {
                 if !told.contains(pid) {
-                    println!("{what}: {pid}");
+                    say_line!("{what}: {pid}")?;
                     told.push(*pid);
                 }
             }
             if report.complete && processes.iter().all(|&(pid, _)| runs_it(pid)) {
-                println!("the group {:?} runs {} now", instance.name(), program.display());
+                say_line!("the group {:?} runs {} now", instance.name(), program.display())?;
                 return Ok(ExitCode::SUCCESS);
             }
         }
@@ -110,7 +110,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
 
 /// Prints what another program asks before an upgrade.
 pub fn interface() -> Result<ExitCode, CommandError> {
-    println!("{}", serde_json::to_string_pretty(&Interface::own())?);
+    say_line!("{}", serde_json::to_string_pretty(&Interface::own())?)?;
     Ok(ExitCode::SUCCESS)
 }
 

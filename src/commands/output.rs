@@ -1,5 +1,7 @@
-//! Files that commands write: never over one that is there, unless asked to.
+//! What commands write: to the standard output, and into files, never over one that is there, unless
+//! asked to.
 
+use std::fmt::Arguments;
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -18,6 +20,26 @@ pub enum OutputError {
         /// Why not.
         source: io::Error,
     },
+}
+
+/// As `print!`, with an [`io::Result`] instead of a panic. See [`say()`].
+macro_rules! say {
+    ($($text:tt)*) => { $crate::commands::output::say(format_args!($($text)*)) };
+}
+
+/// As `println!`, with an [`io::Result`] instead of a panic. See [`say()`].
+macro_rules! say_line {
+    ($($text:tt)*) => { say!("{}\n", format_args!($($text)*)) };
+}
+
+/// Writes to the standard output. That its reader has seen enough (`touchline bench | head`) is no error;
+/// a full disk is one.
+pub fn say(text: Arguments) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_fmt(text).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => written,
+    }
 }
 
 /// Says before long work whether [`write()`] will refuse because a file is in the way.

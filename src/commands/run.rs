@@ -41,7 +41,7 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     };
 
     if !args.quiet {
-        print!("{}", summary(&report));
+        say!("{}", summary(&report))?;
     }
     if let Some(file) = report_file {
         serde_json::to_writer_pretty(&file, &report)?;

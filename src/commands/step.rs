@@ -35,7 +35,7 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
                 heard = Instant::now();
                 left -= 1;
                 if let Some(world) = received.message() {
-                    println!("{}", line(world));
+                    say_line!("{}", line(world))?;
                 }
             }
             // Numbers missing in the recording, or steps of others that were too fast for us.

@@ -13,6 +13,7 @@ use common::config::{Config, GeometryConfig};
 use common::instance::Instance;
 use grabber::source::{LOOP_FRAMES, Source};
 use serde::Serialize;
+use std::io;
 use std::process::ExitCode;
 
 /// Rates are tried in steps of this factor …
@@ -72,20 +73,20 @@ pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
         config.geometry = GeometryConfig::above(&config.field, &config.camera, camera_height_mm);
     }
     let runs = search(args.from, |fps| {
-        let run = run_at(&config, &args, fps);
-        if let (Ok(run), false) = (&run, args.json) {
-            show(run);
+        let run = run_at(&config, &args, fps)?;
+        if !args.json {
+            show(&run)?;
         }
-        run
+        Ok(run)
     })?;
     let lossless = runs.iter().filter(|run| run.is_lossless());
     let sustained_fps = lossless.map(|run| run.fps).fold(0.0, f64::max);
     let (width, height) = (config.camera.width, config.camera.height);
     if args.json {
         let outcomes = Outcomes { width, height, sustained_fps, runs };
-        println!("{}", serde_json::to_string_pretty(&outcomes)?);
+        say_line!("{}", serde_json::to_string_pretty(&outcomes)?)?;
     } else {
-        println!("{width}×{height}: {sustained_fps:.0} frames a second without losing one");
+        say_line!("{width}×{height}: {sustained_fps:.0} frames a second without losing one")?;
     }
     Ok(if sustained_fps > 0.0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -159,14 +160,14 @@ impl Run {
     }
 }
 
-fn show(run: &Run) {
+fn show(run: &Run) -> io::Result<()> {
     let Percentiles { p50, p99, max, .. } = run.latency_us;
     let verdict = match (run.missing, run.not_captured) {
         (0, 0) => "nothing lost".to_string(),
         (missing, 0) => format!("{missing} lost"),
         (missing, late) => format!("{missing} lost, {late} not captured in time"),
     };
-    println!(
+    say_line!(
         "{:>6.0} fps  {:>7} frames  {verdict:<32}  world after {p50:>6.0} µs (p99 {p99:.0}, max {max:.0})  \
          CPU: injector {:.0} %, stages {:.0} %, supervisor {:.0} %  {} MB",
         run.fps,
@@ -175,7 +176,8 @@ fn show(run: &Run) {
         run.stages_cpu_percent,
         run.supervisor_cpu_percent,
         run.memory_bytes / 1_000_000,
-    );
+    )?;
+    Ok(())
 }
 
 #[cfg(test)]

@@ -109,6 +109,37 @@ fn a_bent_picture_does_not_send_the_lens_away() {
     }
 }
 
+/// With points marked by hand the lens is nine times out of ten within two of the deviations that are
+/// claimed (a normal error would be nineteen times out of twenty: with few points the deviation itself
+/// is not well known), and the pitch is found within a few pixels' worth.
+#[test]
+fn errors_are_as_large_as_claimed() {
+    for k1 in [0.0, -0.08] {
+        let mut within_two = 0;
+        for seed in 0..100 {
+            let truth = Pinhole { k1, ..Pinhole::above() };
+            let mut marks = truth.marks(&places(100.0));
+            jitter(&mut marks, 0.4, seed);
+            let found = fit(&marks, GUESS).unwrap();
+            assert!(found.rms_px() < 1.2);
+            for axis in 0..3 {
+                let error = (found.geometry.camera_mm[axis] - truth.lens_mm[axis]).abs();
+                let sigma = found.lens_sigma_mm[axis];
+                assert!(error < 6.0 * sigma, "{k1} {seed}: {error} {sigma}");
+                assert!(sigma < 400.0, "{k1} {seed}: {sigma}");
+                within_two += usize::from(error < 2.0 * sigma);
+            }
+            for point in [[333.0, -222.0, 0.0], [-1000.0, 700.0, 75.0], [900.0, 0.0, 75.0]] {
+                let place = FieldPoint::new(point[0], point[1]);
+                let seen = found.model.image_from_field(place, point[2]);
+                let [x_px, y_px] = truth.sees(point);
+                assert!((seen.x_px - x_px).hypot(seen.y_px - y_px) < 2.5, "{k1} {seed}");
+            }
+        }
+        assert!((270..=294).contains(&within_two), "{k1}: {within_two} of 300");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -140,29 +171,6 @@ proptest! {
             let seen = found.model.image_from_field(FieldPoint::new(point[0], point[1]), point[2]);
             let [x_px, y_px] = truth.sees(point);
             prop_assert!((seen.x_px - x_px).hypot(seen.y_px - y_px) < 0.1);
-        }
-    }
-
-    /// With points marked by hand the lens is found within four of the deviations that are claimed,
-    /// and the pitch within a few pixels' worth.
-    #[test]
-    fn errors_are_as_large_as_claimed(seed in any::<u64>(), k1 in prop_oneof![Just(0.0), Just(-0.08)]) {
-        let truth = Pinhole { k1, ..Pinhole::above() };
-        let mut marks = truth.marks(&places(100.0));
-        jitter(&mut marks, 0.4, seed);
-        let found = fit(&marks, GUESS).unwrap();
-        prop_assert!(found.rms_px() < 1.2);
-        for axis in 0..3 {
-            let error = (found.geometry.camera_mm[axis] - truth.lens_mm[axis]).abs();
-            let sigma = found.lens_sigma_mm[axis];
-            // Six, since with few points the deviation itself is not well known.
-            prop_assert!(error < 6.0 * sigma, "{error} {sigma}");
-            prop_assert!(sigma < 400.0, "{sigma}");
-        }
-        for point in [[333.0, -222.0, 0.0], [-1000.0, 700.0, 75.0], [900.0, 0.0, 75.0]] {
-            let seen = found.model.image_from_field(FieldPoint::new(point[0], point[1]), point[2]);
-            let [x_px, y_px] = truth.sees(point);
-            prop_assert!((seen.x_px - x_px).hypot(seen.y_px - y_px) < 2.5);
         }
     }
 

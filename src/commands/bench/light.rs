@@ -8,6 +8,7 @@ use common::config::{Config, LightConfig};
 use common::messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
 use serde::Serialize;
 use std::hint::black_box;
+use std::io;
 use std::time::{Duration, Instant};
 
 /// What the classifier takes for a frame with some corrections, in microseconds.
@@ -102,12 +103,12 @@ pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
 }
 
 /// For people.
-pub fn show(rows: &[LightRow]) {
-    println!(
+pub fn show(rows: &[LightRow]) -> io::Result<()> {
+    say_line!(
         "a match frame under uneven lamps, cold: the classifier, one correction after the other"
-    );
+    )?;
     for row in rows {
-        println!(
+        say_line!(
             "    {:<12} {:>9.1} µs ({:>4.2}×), 99 % below {:>6.1}; {} runs; gains changed in {:.0} % of frames",
             row.corrections,
             row.classifier_us,
@@ -115,6 +116,7 @@ pub fn show(rows: &[LightRow]) {
             row.p99_us,
             row.runs,
             100.0 * row.changed,
-        );
+        )?;
     }
+    Ok(())
 }

@@ -18,6 +18,7 @@ use pictures::{Content, Picture};
 use serde::Serialize;
 use stages::Stages;
 use std::hint::black_box;
+use std::io;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use tracker::regions::RegionFinder;
@@ -88,9 +89,9 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let (cpu, processors) =
         (cpu_name(), std::thread::available_parallelism().map_or(1, usize::from));
     if !args.json {
-        println!(
+        say_line!(
             "{cpu}, {processors} processors; medians, one core; × is times a copy of the frame"
-        );
+        )?;
     }
     let mut rows = Vec::new();
     for (number, &(width, height, classes, content)) in SUBJECTS.iter().enumerate() {
@@ -99,7 +100,7 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
         }
         let row = measure(&Picture::new(width, height, classes, content), budget)?;
         if !args.json {
-            show(&row);
+            show(&row)?;
         }
         rows.push(row);
     }
@@ -107,10 +108,10 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let light = light::measure(4 * budget)?;
     if args.json {
         let outcome = Outcome { cpu, processors, rows, stages, light };
-        println!("{}", serde_json::to_string_pretty(&outcome)?);
+        say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
     } else {
-        stages.show(processors);
-        light::show(&light);
+        stages.show(processors)?;
+        light::show(&light)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -219,8 +220,8 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
     })
 }
 
-fn show(row: &Row) {
-    println!(
+fn show(row: &Row) -> io::Result<()> {
+    say_line!(
         "{}×{}, {} classes, {}: copy {:.1} µs hot, {:.1} cold; {} runs, merging {:.1} µs ({:.1} ns a run)",
         row.width,
         row.height,
@@ -231,9 +232,9 @@ fn show(row: &Row) {
         row.runs,
         row.merging_us,
         row.merging_ns_per_run,
-    );
+    )?;
     for level in &row.levels {
-        println!(
+        say_line!(
             "    {:<8} {:>9.1} µs hot ({:>6.1}×)  {:>9.1} µs cold ({:>6.1}×)  with merging {:>6.1}× hot, {:>5.1}× cold",
             level.level,
             level.hot_us,
@@ -242,8 +243,9 @@ fn show(row: &Row) {
             level.cold_ratio,
             level.regions_hot_ratio,
             level.regions_cold_ratio,
-        );
+        )?;
     }
+    Ok(())
 }
 
 /// Microseconds.

@@ -9,6 +9,7 @@ use common::messages::{DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, W
 use filter::Filter;
 use serde::Serialize;
 use std::hint::black_box;
+use std::io;
 use std::time::{Duration, Instant};
 use tracker::Tracker;
 
@@ -44,8 +45,8 @@ impl Stages {
     }
 
     /// For people.
-    pub fn show(&self, processors: usize) {
-        println!(
+    pub fn show(&self, processors: usize) -> io::Result<()> {
+        say_line!(
             "a match frame, {}×{}, cold: copy {:.1}, classifier ({}) {:.1}, tracker {:.1}, filter {:.1}: \
              {:.1} µs in all; {} robots found",
             self.width,
@@ -57,11 +58,12 @@ impl Stages {
             self.filter_us,
             self.sum_us,
             self.robots_found,
-        );
-        println!(
+        )?;
+        say_line!(
             "on {processors} processors that is some {:.0} frames a second; `touchline stress` measures it",
             self.sustained_fps(processors)
-        );
+        )?;
+        Ok(())
     }
 }
 

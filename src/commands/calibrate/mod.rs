@@ -52,13 +52,13 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     match &args.output {
         None => {
             eprint!("{report}");
-            print!("{}", section(&calibration.geometry));
+            say!("{}", section(&calibration.geometry))?;
         }
         Some(path) => {
             output::write(path, &commented_toml(&config), args.force)?;
             let path = path.display();
-            print!("{report}");
-            println!("{path}: written; `touchline config check {path}` checks it");
+            say!("{report}")?;
+            say_line!("{path}: written; `touchline config check {path}` checks it")?;
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -12,7 +12,6 @@ use crate::cli::DoctorArgs;
 use common::instance::{Instance, runtime_base};
 use serde::Serialize;
 use std::fmt;
-use std::io::{self, Write};
 use std::process::ExitCode;
 
 /// How bad it is.
@@ -88,11 +87,7 @@ pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
     } else {
         findings.iter().map(|finding| format!("{finding}\n")).collect()
     };
-    match io::stdout().write_all(text.as_bytes()) {
-        // The reader has seen enough: `touchline doctor | head`.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        written => written?,
-    }
+    say!("{text}")?;
     let is_fit = findings.iter().all(|finding| finding.level < Level::Problem);
     Ok(if is_fit { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -57,10 +57,10 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     eprintln!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
     config.colors = learned;
     match &args.output {
-        None => print!("{}", fragment(&config)),
+        None => say!("{}", fragment(&config))?,
         Some(path) => {
             output::write(path, &commented_toml(&config), args.force)?;
-            println!("{path}: written", path = path.display());
+            say_line!("{path}: written", path = path.display())?;
         }
     }
     Ok(ExitCode::SUCCESS)

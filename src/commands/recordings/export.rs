@@ -41,10 +41,10 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
         }
     }
     if let (Some(table), Some(path)) = (table, &args.csv) {
-        println!("{}: {} rows", path.display(), table.finish()?);
+        say_line!("{}: {} rows", path.display(), table.finish()?)?;
     }
     if let Some(directory) = &args.png {
-        println!("{}: {pictures} pictures", directory.display());
+        say_line!("{}: {pictures} pictures", directory.display())?;
         if unknown > 0 {
             eprintln!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
         }

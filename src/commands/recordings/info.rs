@@ -88,11 +88,11 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
         }
     }
     if args.config {
-        print!("{}", config.ok_or("no configuration was recorded")?);
+        say!("{}", config.ok_or("no configuration was recorded")?)?;
     } else if args.json {
-        println!("{}", serde_json::to_string_pretty(&info)?);
+        say_line!("{}", serde_json::to_string_pretty(&info)?)?;
     } else {
-        print!("{}", text(&info));
+        say!("{}", text(&info))?;
     }
     if let Some(damage) = reader.damage() {
         eprintln!(

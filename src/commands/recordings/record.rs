@@ -45,7 +45,7 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
     let outcome = recorder::record(&options, &stop, |progress| display.show(progress));
     display.clear();
     let (end, progress) = outcome?;
-    print!("{}", summary(&progress));
+    say!("{}", summary(&progress))?;
     if end == End::DiskNearlyFull {
         return Err(format!(
             "stopped: less than {} are free on the disk (--keep-free); what was recorded is complete",

@@ -14,8 +14,10 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     for path in &args.files {
         let shown = path.display();
         match recover_file(path, args.output.as_deref()) {
-            Ok(Recovery::NotNeeded) => println!("{shown} is complete"),
-            Ok(Recovery::Recovered(messages)) => println!("{shown}: recovered {messages} messages"),
+            Ok(Recovery::NotNeeded) => say_line!("{shown} is complete")?,
+            Ok(Recovery::Recovered(messages)) => {
+                say_line!("{shown}: recovered {messages} messages")?
+            }
             Ok(Recovery::BeingWritten) => {
                 eprintln!("touchline: {shown} is being written by a recorder");
                 code = ExitCode::FAILURE;

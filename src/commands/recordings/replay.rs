@@ -41,7 +41,7 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
         eprint!("\r\x1b[K");
     }
     let findings = verifier.finish();
-    print!("{}", text(&findings, began.elapsed()));
+    say!("{}", text(&findings, began.elapsed()))?;
     if let Some(damage) = reader.damage() {
         eprintln!("touchline: {} was never finished: {damage}", args.file.display());
     }

@@ -49,18 +49,14 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     let report = Report::new(pictures, tolerances);
     let text =
         if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
-    match io::stdout().lock().write_all(text.as_bytes()) {
-        // The reader has seen enough: `touchline score … | head`.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        written => written?,
-    }
+    say!("{text}")?;
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Plays the synthetic scenes, and prints each as soon as it is done.
 fn score_scenes(config: &Config, args: &ScoreArgs) -> Result<ExitCode, CommandError> {
     if !args.json {
-        print!("{}", synthetic::HEADING);
+        say!("{}", synthetic::HEADING)?;
     }
     synthetic::play(config, &args.scenes, args.frames as usize, |score| {
         let text = if args.json { serde_json::to_string(&score)? + "\n" } else { score.text() };

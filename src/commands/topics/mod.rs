@@ -74,14 +74,14 @@ struct Iceoryx2 {
 pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     match args.format {
-        Some(TopicsFormat::Python) => print!("{}", python::module(&collect_types())),
-        Some(TopicsFormat::C) => print!("{}", c::header(&collect_types())),
-        Some(TopicsFormat::Config) => print!("{}", ipc_toml(&instance)?),
+        Some(TopicsFormat::Python) => say!("{}", python::module(&collect_types()))?,
+        Some(TopicsFormat::C) => say!("{}", c::header(&collect_types()))?,
+        Some(TopicsFormat::Config) => say!("{}", ipc_toml(&instance)?)?,
         None if args.json => {
             let document = document(&instance, args.seconds)?;
-            println!("{}", serde_json::to_string_pretty(&document)?);
+            say_line!("{}", serde_json::to_string_pretty(&document)?)?;
         }
-        None => print!("{}", text(&document(&instance, args.seconds)?)),
+        None => say!("{}", text(&document(&instance, args.seconds)?))?,
     }
     Ok(ExitCode::SUCCESS)
 }
