@@ -1,4 +1,5 @@
-//! What the system can do for a stage: processors, real-time priority, memory that stays.
+//! What the system can do for a stage: processors, real-time priority, memory that stays, processors that
+//! stay awake.
 //!
 //! All of it is optional, and much of it needs rights. What is not permitted is done without: each
 //! function says so in one line.
@@ -9,7 +10,11 @@ use rustix::io::Errno;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
 use std::num::NonZeroU64;
+use std::os::fd::IntoRawFd;
+use std::path::Path;
 
 /// Stages that would spin at the same time.
 const SPINNING_STAGES: usize = 3;
@@ -18,10 +23,19 @@ const SPINNING_STAGES: usize = 3;
 pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
     // By default the system may let a sleep take 50 µs longer, to save energy. Cannot fail.
     let _ = set_current_timer_slack(NonZeroU64::new(1));
-    [restrict_to(config.cpus.of(kind), kind), set_priority(config.realtime_priority)]
-        .into_iter()
-        .flatten()
-        .collect()
+    let mut complaints: Vec<String> =
+        [restrict_to(config.cpus.of(kind), kind), set_priority(config.realtime_priority)]
+            .into_iter()
+            .flatten()
+            .collect();
+    if config.keep_awake {
+        match keep_awake(Path::new(LATENCY_DEVICE)) {
+            // Stays open, and with it the demand in force, until the process ends.
+            Ok(device) => _ = device.into_raw_fd(),
+            Err(complaint) => complaints.push(complaint),
+        }
+    }
+    complaints
 }
 
 /// What of a configuration this machine does not permit, for whoever starts a group, a line each.
@@ -35,6 +49,9 @@ pub fn complaints(config: &SchedulingConfig) -> Vec<String> {
         complaints.extend(set_priority(config.realtime_priority));
         if config.lock_memory && !may_lock_memory() {
             complaints.push(LOCK_REFUSED.into());
+        }
+        if config.keep_awake {
+            complaints.extend(keep_awake(Path::new(LATENCY_DEVICE)).err());
         }
         if config.wake_up == WakeUpStrategy::Spin {
             complaints.extend(too_few_to_spin(processors()));
@@ -135,9 +152,42 @@ pub fn lock_memory() -> Option<String> {
     }
 }
 
+/// Where Linux takes demands on how long a processor may take to wake up (Documentation/power/pm_qos_interface
+/// of the kernel). A demand holds as long as the file is open.
+const LATENCY_DEVICE: &str = "/dev/cpu_dma_latency";
+
+/// Demands that no processor needs any time to wake up: idle ones then wait instead of falling asleep.
+fn keep_awake(device: &Path) -> Result<File, String> {
+    let no_time_us = 0i32.to_ne_bytes();
+    let demand = || {
+        let mut file = OpenOptions::new().write(true).open(device)?;
+        file.write_all(&no_time_us)?;
+        Ok(file)
+    };
+    demand().map_err(|error: std::io::Error| {
+        format!(
+            "scheduling.keep_awake = true is not possible ({}: {error}): processors fall asleep between \
+             frames; allow it with a udev rule `KERNEL==\"cpu_dma_latency\", GROUP=\"touchline\", \
+             MODE=\"0660\"`",
+            device.display()
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn processors_are_asked_to_wake_up_in_no_time() {
+        let path = std::env::temp_dir().join(format!("tl-latency-{}", std::process::id()));
+        let complaint = keep_awake(&path).unwrap_err();
+        assert!(complaint.contains("scheduling.keep_awake") && !complaint.contains('\n'));
+        std::fs::write(&path, "----").unwrap();
+        let demanded = keep_awake(&path).map(|_| std::fs::read(&path).unwrap());
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(demanded.unwrap(), 0i32.to_ne_bytes());
+    }
 
     #[test]
     fn what_is_impossible_is_said_in_a_line_and_nothing_else_is() {

@@ -294,6 +294,7 @@ impl Default for SchedulingConfig {
             wake_up: WakeUpStrategy::Event,
             realtime_priority: 0,
             lock_memory: false,
+            keep_awake: false,
             cpus: StageCpus::default(),
         }
     }

@@ -80,6 +80,9 @@ pub struct SchedulingConfig {
     pub realtime_priority: u8,
     /// Keep the stages' memory from being paged out, and have it at hand before the first frame.
     pub lock_memory: bool,
+    /// Keep idle processors from falling asleep, from which they need their time to wake up. Takes
+    /// power and makes warm; for the match, not for the night.
+    pub keep_awake: bool,
     /// Processors the stages may run on.
     pub cpus: StageCpus,
 }
