@@ -20,6 +20,11 @@ pub struct Timeline {
 /// up for at once, a long stop (a debugger, a suspended machine) is not replayed.
 const MAX_LAG_NS: u64 = 250_000_000;
 
+/// So long before a frame is due a source stops sleeping and looks at the clock instead, but at most for
+/// [`MAX_WATCHED_SHARE`] of the time: a processor takes its time to wake up, and a camera would not.
+const WATCHED_NS: u64 = 150_000;
+const MAX_WATCHED_SHARE: f64 = 0.02;
+
 impl Timeline {
     /// A timeline that starts now, or continues after a predecessor's last frame.
     pub fn new(fps: f64, last: Option<LastFrame>) -> Self {
@@ -54,10 +59,15 @@ impl Timeline {
         }
     }
 
-    /// Sleeps until the next frame is due and returns its exposure.
+    /// Waits until the next frame is due and returns its exposure.
     pub fn wait(&mut self, skipped: u64) -> Exposure {
         let due_ns = self.due_ns(self.next_seq);
-        sleep_until(due_ns);
+        let watched_ns = WATCHED_NS.min((self.period_ns * MAX_WATCHED_SHARE) as u64);
+        sleep_until(due_ns.saturating_sub(watched_ns));
+        while monotonic_ns() < due_ns {
+            // Whoever needs the processor meanwhile shall have it.
+            std::thread::yield_now();
+        }
         let exposure = Exposure {
             seq: self.next_seq,
             t_capture_ns: due_ns,
