@@ -566,7 +566,7 @@ typedef struct TouchlineWorldFrame {
     uint32_t unknown_robot_count;
     /* Valid elements of unknown_robot_memories: those of unknown_robots, and what may become one. */
     uint32_t unknown_memory_count;
-    /* The highest UnknownRobotState::track_id given so far. */
+    /* The UnknownRobotState::track_id given last. */
     uint32_t last_track_id;
     /* Reserved, 0. */
     uint32_t reserved;
