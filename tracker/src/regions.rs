@@ -10,9 +10,10 @@
 //! side, are summed up. Every run is looked at a constant number of times, and no pixel is looked at at
 //! all.
 //!
-//! Where the next run lies nobody can guess, so what decides about a run are few branches: places are
-//! numbers that tell row and column at once, and beside the first run above one overlaps, the second one
-//! is looked at before it is known to overlap.
+//! Where the next run lies nobody can guess, and a wrong guess of the processor costs more than all the
+//! rest. So there are few branches: row and column are compared as one number, the upper finger takes its
+//! first two steps without one, and whether a run joins anything is asked once, of the first two runs
+//! above it together.
 //!
 //! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing
 //! is relabelled here, so which way round does not matter for the result.
@@ -152,7 +153,7 @@ impl RegionFinder {
             spans[at(here)] = Span { begin: begin + ROW, end: end + ROW, class };
             spans[at(here + 1)] = NOWHERE;
 
-            // Mostly it is two steps or fewer, and nobody can guess how many.
+            // Mostly it is two steps or fewer.
             let is_past = |upper: u16| spans[at(upper)].end <= begin;
             finger += u16::from(is_past(finger)) + u16::from(is_past(finger + 1));
             while is_past(finger) {
