@@ -141,9 +141,11 @@ impl RegionFinder {
             let (begin, end) = (place(run.row, run.begin), place(run.row, run.end));
             let class = u32::from(run.class);
             if begin < last.end {
-                if begin / ROW == last.end / ROW {
+                let overlaps_last = begin / ROW == last.end / ROW;
+                if overlaps_last {
                     continue;
                 }
+                // An earlier row: nothing so far lies above it.
                 finger = here;
             }
             // A classifier has no reason to cut a run in two, but nothing forbids it.
