@@ -72,8 +72,14 @@ fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Option
 #[test]
 fn nobody_has_to_read_to_the_end() {
     let scratch = Scratch::new("pipe");
-    for line in ["topics", "topics --json", "topics --format c", "doctor --json", "run --frames 20"]
-    {
+    for line in [
+        "topics",
+        "topics --json",
+        "topics --format c",
+        "doctor --json",
+        "score --synthetic --frames 1",
+        "run --frames 20",
+    ] {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
         let arguments: Vec<&str> = line.split(' ').collect();

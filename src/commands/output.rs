@@ -32,13 +32,22 @@ macro_rules! say_line {
     ($($text:tt)*) => { say!("{}\n", format_args!($($text)*)) };
 }
 
-/// Writes to the standard output. That its reader has seen enough (`touchline bench | head`) is no error;
-/// a full disk is one.
-pub fn say(text: Arguments) -> io::Result<()> {
+/// Whether anybody reads the standard output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reader {
+    /// As far as is known.
+    There,
+    /// It has seen enough (`touchline bench | head`): what takes long and only speaks can end.
+    Gone,
+}
+
+/// Writes to the standard output. That its reader is gone is no error; a full disk is one.
+pub fn say(text: Arguments) -> io::Result<Reader> {
     let mut out = io::stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written,
+        Ok(()) => Ok(Reader::There),
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(Reader::Gone),
+        Err(error) => Err(error),
     }
 }
 

@@ -100,8 +100,8 @@ impl Task<'_> {
     }
 
     /// The better one of two fits: from what is given, and from where the lens is thought to be, where it
-    /// is held at first. Raised points tell little of a lens that hangs high above them, and a distortion that is not
-    /// allowed for yet may send it anywhere, from where it does not find back.
+    /// is held at first. Raised points tell little of a lens that hangs high above them, and a distortion
+    /// that is not allowed for yet may send it anywhere, from where it does not find back.
     fn fit_from(
         &self,
         given: Numbers,

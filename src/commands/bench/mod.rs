@@ -9,6 +9,7 @@ mod pictures;
 mod stages;
 
 use super::CommandError;
+use super::output::Reader;
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
 use common::config::Config;
@@ -99,8 +100,8 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
             eprint!("\r{} of {} …\r", number + 1, SUBJECTS.len());
         }
         let row = measure(&Picture::new(width, height, classes, content), budget)?;
-        if !args.json {
-            show(&row)?;
+        if !args.json && show(&row)? == Reader::Gone {
+            return Ok(ExitCode::SUCCESS);
         }
         rows.push(row);
     }
@@ -220,8 +221,8 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
     })
 }
 
-fn show(row: &Row) -> io::Result<()> {
-    say_line!(
+fn show(row: &Row) -> io::Result<Reader> {
+    let mut reader = say_line!(
         "{}×{}, {} classes, {}: copy {:.1} µs hot, {:.1} cold; {} runs, merging {:.1} µs ({:.1} ns a run)",
         row.width,
         row.height,
@@ -234,7 +235,7 @@ fn show(row: &Row) -> io::Result<()> {
         row.merging_ns_per_run,
     )?;
     for level in &row.levels {
-        say_line!(
+        reader = say_line!(
             "    {:<8} {:>9.1} µs hot ({:>6.1}×)  {:>9.1} µs cold ({:>6.1}×)  with merging {:>6.1}× hot, {:>5.1}× cold",
             level.level,
             level.hot_us,
@@ -245,7 +246,7 @@ fn show(row: &Row) -> io::Result<()> {
             level.regions_cold_ratio,
         )?;
     }
-    Ok(())
+    Ok(reader)
 }
 
 /// Microseconds.

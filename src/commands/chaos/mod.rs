@@ -36,7 +36,6 @@ use population::{Population, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write as _;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -125,8 +124,7 @@ fn settings(args: &ChaosArgs, config: &Config) -> Settings {
 
 /// A reader that has gone away (`| head`) is no reason to leave a match running.
 fn say(line: &str) {
-    let mut out = std::io::stdout().lock();
-    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+    let _ = say_line!("{line}");
 }
 
 fn list<'a>(words: impl Iterator<Item = &'a str>) -> String {

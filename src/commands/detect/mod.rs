@@ -7,6 +7,7 @@
 mod answer;
 mod overlay;
 
+use super::output::Reader;
 use super::pipeline::Pipeline;
 use super::{CommandError, load_config};
 use crate::cli::DetectArgs;
@@ -17,7 +18,7 @@ use common::messages::{DetectionFrame, MAX_RUNS};
 use grabber::pictures::{list_pictures, load_bayer};
 use overlay::Overlay;
 use std::collections::HashSet;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -31,7 +32,6 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         Some(folder) => Some(Painter::new(folder, &config, &pictures)?),
         None => None,
     };
-    let mut output = io::stdout().lock();
     for path in &pictures {
         let answer = match look_at(path, &config, &mut pipeline, painter.as_mut()) {
             Ok(answer) => answer,
@@ -42,10 +42,8 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
             }
         };
         let text = if args.json { serde_json::to_string(&answer)? + "\n" } else { answer.text() };
-        match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
-            // The reader has seen enough: `touchline detect … | head`.
-            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => break,
-            written => written?,
+        if say!("{text}")? == Reader::Gone {
+            break;
         }
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })

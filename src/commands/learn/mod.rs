@@ -57,7 +57,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     eprintln!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
     config.colors = learned;
     match &args.output {
-        None => say!("{}", fragment(&config))?,
+        None => _ = say!("{}", fragment(&config))?,
         Some(path) => {
             output::write(path, &commented_toml(&config), args.force)?;
             say_line!("{path}: written", path = path.display())?;

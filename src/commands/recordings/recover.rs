@@ -14,9 +14,9 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     for path in &args.files {
         let shown = path.display();
         match recover_file(path, args.output.as_deref()) {
-            Ok(Recovery::NotNeeded) => say_line!("{shown} is complete")?,
+            Ok(Recovery::NotNeeded) => _ = say_line!("{shown} is complete")?,
             Ok(Recovery::Recovered(messages)) => {
-                say_line!("{shown}: recovered {messages} messages")?
+                say_line!("{shown}: recovered {messages} messages")?;
             }
             Ok(Recovery::BeingWritten) => {
                 eprintln!("touchline: {shown} is being written by a recorder");

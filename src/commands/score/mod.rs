@@ -13,7 +13,6 @@ use common::geometry::CameraModel;
 use grabber::pictures::load_bayer;
 use learning::labels::{ImageLabels, Labels};
 use report::Report;
-use std::io::{self, Write};
 use std::process::ExitCode;
 use verdict::{Judge, PictureScore, Tolerances};
 
@@ -60,9 +59,7 @@ fn score_scenes(config: &Config, args: &ScoreArgs) -> Result<ExitCode, CommandEr
     }
     synthetic::play(config, &args.scenes, args.frames as usize, |score| {
         let text = if args.json { serde_json::to_string(&score)? + "\n" } else { score.text() };
-        let mut output = io::stdout().lock();
-        output.write_all(text.as_bytes())?;
-        Ok(output.flush()?)
+        Ok(say!("{text}")?)
     })?;
     Ok(ExitCode::SUCCESS)
 }

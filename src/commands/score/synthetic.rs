@@ -4,6 +4,7 @@
 //! and what was found is compared with the truth.
 
 use crate::commands::CommandError;
+use crate::commands::output::Reader;
 use crate::commands::painted_light::follow_painted_light;
 use crate::commands::pipeline::Pipeline;
 use crate::monitor::accuracy::{ReportedRobot, Scorer};
@@ -64,12 +65,13 @@ pub fn names() -> Vec<&'static str> {
     SCENES.iter().map(|(name, _)| *name).collect()
 }
 
-/// Plays the scenes whose names contain one of `filters`, or all. Each is handed on when it is done.
+/// Plays the scenes whose names contain one of `filters`, or all. Each is handed on when it is done, as
+/// long as there is somebody to hand it to.
 pub fn play(
     config: &Config,
     filters: &[String],
     frames: usize,
-    mut done: impl FnMut(SceneScore) -> Result<(), CommandError>,
+    mut done: impl FnMut(SceneScore) -> Result<Reader, CommandError>,
 ) -> Result<(), CommandError> {
     let is_wanted = |name: &str| {
         filters.is_empty() || filters.iter().any(|filter| name.contains(filter.as_str()))
@@ -79,7 +81,9 @@ pub fn play(
         return Err(format!("no such scene; there are {}", names().join(", ")).into());
     }
     for &(scene, change) in scenes {
-        done(play_scene(config, scene, change, frames)?)?;
+        if done(play_scene(config, scene, change, frames)?)? == Reader::Gone {
+            break;
+        }
     }
     Ok(())
 }

@@ -79,10 +79,10 @@ pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
         Some(TopicsFormat::Config) => say!("{}", ipc_toml(&instance)?)?,
         None if args.json => {
             let document = document(&instance, args.seconds)?;
-            say_line!("{}", serde_json::to_string_pretty(&document)?)?;
+            say_line!("{}", serde_json::to_string_pretty(&document)?)?
         }
         None => say!("{}", text(&document(&instance, args.seconds)?))?,
-    }
+    };
     Ok(ExitCode::SUCCESS)
 }
 
