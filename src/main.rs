@@ -3,6 +3,9 @@
 //! One program. `touchline run` (also without arguments) starts a group of processes, each of
 //! which is this program again with a stage's name as subcommand; see ARCHITECTURE.md.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 mod cli;
 mod commands;
 mod drawing;
@@ -21,7 +24,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // A complaint about a configuration begins with file and line, as editors expect it.
             let prefix = if error.is::<common::config::ConfigError>() { "" } else { "touchline: " };
-            eprintln!("{prefix}{error}");
+            common::tell!("{prefix}{error}");
             ExitCode::FAILURE
         }
     }

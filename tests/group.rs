@@ -109,6 +109,22 @@ fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     group.assert_nothing_left();
 }
 
+/// There is much to be said of a kill, and nobody left to say it to.
+#[test]
+fn a_match_goes_on_when_its_terminal_is_gone() {
+    let mut group = Group::start_unheard("unheard");
+    for stage in ["tracker", "filter"] {
+        let pid = Group::pid_of(&group.wait_for("spares", has_spares), stage);
+        group.signal(pid, Signal::KILL);
+        group.wait_for("a replacement", |status| {
+            status["complete"] == true && Group::pid_of(status, stage) != pid
+        });
+    }
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
 #[test]
 fn a_stalled_stage_is_replaced() {
     let mut group = Group::start("stalled", "", &[]);

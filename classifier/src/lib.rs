@@ -25,6 +25,9 @@
 //! * A frame that is not what the configuration promises is refused with a reason, and nothing is
 //!   written; no frame makes the classifier panic. After construction it allocates nothing.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 mod error;
 mod haze;
 pub mod kernels;

@@ -19,7 +19,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     let mut wake_up = process.wake_up(&topics::FRAMES)?;
     process.counters.light = classifier.light();
-    eprintln!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
+    common::tell!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {
         return Ok(());
     }

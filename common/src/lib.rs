@@ -12,6 +12,9 @@
 //!   radians, counter-clockwise from x.
 //! * **robot**: millimetres; origin at the centre of the robot's top, x forward, y to the left.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 pub mod bus;
 pub mod calibration;
 pub mod clock;
@@ -34,5 +37,6 @@ mod rhythm;
 pub mod rolling_shutter;
 pub mod scheduling;
 mod shared_number;
+pub mod tell;
 pub mod topics;
 pub mod wake_up;

@@ -121,7 +121,7 @@ impl Process {
             .map_err(system("handle signals"))?;
 
         for complaint in scheduling::set_up(&config.scheduling, kind) {
-            eprintln!("{}: {complaint}", kind.name());
+            crate::tell!("{}: {complaint}", kind.name());
         }
         let bus = Bus::join(&options.instance, kind.name())?;
         let health = bus.publisher(&topics::HEALTH, 1)?;
@@ -165,7 +165,7 @@ impl Process {
         if self.lock_memory
             && let Some(complaint) = scheduling::lock_memory()
         {
-            eprintln!("{}: {complaint}", self.kind.name());
+            crate::tell!("{}: {complaint}", self.kind.name());
         }
         self.beat(ProcessState::Spare)?;
         if self.spare {

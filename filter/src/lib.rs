@@ -48,6 +48,9 @@
 //! | frame more than a second after the last, or before it | `Initialised` | everything starts over |
 //! | frame of the same instant as the last | `Measured` | corrected once more, not predicted |
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 pub mod ball;
 pub mod blend;
 pub mod commands;

@@ -7,6 +7,9 @@
 //! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never
 //!   captured. Capture times are the source's own.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 mod bulletin;
 pub mod camera;
 pub mod genicam;

@@ -75,7 +75,7 @@ fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
     let Some(path) = file else { return Ok(Config::default()) };
     let (config, warnings) = common::config::check_file(path)?;
     if !warnings.list.is_empty() {
-        eprintln!("{warnings}\n");
+        common::tell!("{warnings}\n");
     }
     Ok(config)
 }

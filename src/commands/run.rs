@@ -23,7 +23,7 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     // Whatever is wrong with the source is said now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
     for complaint in common::scheduling::complaints(&config.scheduling) {
-        eprintln!("touchline: {complaint}");
+        common::tell!("touchline: {complaint}");
     }
     // Nor does a match end with a report that cannot be written.
     let report_file = args.report.as_deref().map(create).transpose()?;
@@ -96,7 +96,7 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
         command.exec()
     };
     let error = run(program);
-    eprintln!("touchline: {}: {error}; the old program goes on", program.display());
+    common::tell!("touchline: {}: {error}; the old program goes on", program.display());
     format!("the supervisor cannot go on: {}", run(this)).into()
 }
 

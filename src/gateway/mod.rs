@@ -298,7 +298,7 @@ impl Door {
     fn say(&mut self, what: String) {
         if self.lines_left > 0 {
             self.lines_left -= 1;
-            eprintln!("{NAME}: {what}");
+            common::tell!("{NAME}: {what}");
         }
     }
 

@@ -43,9 +43,9 @@ impl Display {
     pub fn events(&mut self, events: &[Event]) {
         for event in events {
             self.clear();
-            eprintln!("touchline: {} (pid {}): {}", event.stage, event.pid, event.what);
+            common::tell!("touchline: {} (pid {}): {}", event.stage, event.pid, event.what);
             for line in event.evidence.lines() {
-                eprintln!("    {line}");
+                common::tell!("    {line}");
             }
         }
     }

@@ -111,7 +111,7 @@ fn watch(
         // Looked at first: what was published before the request is still collected.
         let last_round = stop.load(Ordering::Relaxed);
         if let Err(error) = collector.collect() {
-            eprintln!("touchline: monitor: {error}");
+            common::tell!("touchline: monitor: {error}");
         }
         let events = collector.take_new_events();
         for event in &events {

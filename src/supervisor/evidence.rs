@@ -21,7 +21,7 @@ pub fn save_frame(instance: &Instance, frame: &Received<u8, FrameHeader>) -> Pat
             picture.save(&target).map_err(|error| error.to_string())
         });
         if let Err(error) = saved {
-            eprintln!("touchline: frame {seq} cannot be kept in {}: {error}", target.display());
+            common::tell!("touchline: frame {seq} cannot be kept in {}: {error}", target.display());
         }
     });
     path

@@ -59,7 +59,7 @@ impl Gateway {
             return Ok(None);
         };
         if let Some(closed) = place::prepare(instance, group)? {
-            eprintln!("touchline: {}", place::advice(&closed, group));
+            common::tell!("touchline: {}", place::advice(&closed, group));
         }
         let socket = instance.gateway_path().display().to_string();
         Ok(Some(Self {

@@ -50,7 +50,7 @@ impl Janitor {
                 };
                 // What cannot be removed is tried again and again, but told once.
                 if error != last_error && !error.is_empty() {
-                    eprintln!("touchline: clean-up after a dead process: {error}");
+                    common::tell!("touchline: clean-up after a dead process: {error}");
                 }
                 last_error = error;
                 if !last_error.is_empty() {

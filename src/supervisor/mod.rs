@@ -149,7 +149,7 @@ fn supervise(
     let gateway = match Gateway::prepare(&launch.instance, config) {
         // A match that goes on is worth more than those who cannot watch it.
         Err(error) if !inheritance.stages.is_empty() => {
-            eprintln!("touchline: {error}; nobody but the owner can attach");
+            common::tell!("touchline: {error}; nobody but the owner can attach");
             None
         }
         prepared => prepared?,

@@ -47,7 +47,7 @@ impl Notifier {
         match connect(name.as_encoded_bytes()) {
             Ok(socket) => Self::new(socket, watchdog.map(Duration::from_micros)),
             Err(error) => {
-                eprintln!("touchline: {SOCKET_VARIABLE} {}: {error}", name.display());
+                common::tell!("touchline: {SOCKET_VARIABLE} {}: {error}", name.display());
                 Self::default()
             }
         }

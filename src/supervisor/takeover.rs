@@ -60,7 +60,7 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             let stages = stages.into_iter().map(recorded).collect();
             return Ok(Inheritance { stages, record });
         };
-        eprintln!(
+        common::tell!(
             "touchline: a group without supervisor is running, but {differs}: it is ended and \
              started afresh"
         );
@@ -86,7 +86,7 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
         return Err(SupervisorError::NoMemory { needed, ample, free });
     }
     if free < ample {
-        eprintln!(
+        common::tell!(
             "touchline: {} MB of shared memory are free; noisy pictures and hand-overs may need up to \
              {} MB: {}",
             free >> 20,
@@ -110,7 +110,7 @@ fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
 /// What cannot be removed now is tried again by the janitor, and is no reason to give up a match.
 fn warn(cleaned: Result<usize, BusError>) {
     if let Err(error) = cleaned {
-        eprintln!("touchline: {error}; it is tried again");
+        common::tell!("touchline: {error}; it is tried again");
     }
 }
 

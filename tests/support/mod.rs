@@ -78,6 +78,26 @@ impl Group {
 
     /// As [`start`](Self::start), with variables in the environment of all its processes.
     pub fn start_with(name: &str, config: &str, args: &[&str], variables: &[(&str, &str)]) -> Self {
+        Self::start_changed(name, config, args, |supervisor| {
+            supervisor.envs(variables.iter().copied());
+        })
+    }
+
+    /// As [`start`](Self::start), but nobody reads what it says: the terminal is gone.
+    pub fn start_unheard(name: &str) -> Self {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        Self::start_changed(name, "", &[], |supervisor| {
+            supervisor.stdout(writer.try_clone().unwrap()).stderr(writer);
+        })
+    }
+
+    fn start_changed(
+        name: &str,
+        config: &str,
+        args: &[&str],
+        change: impl FnOnce(&mut Command),
+    ) -> Self {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let scratch = Scratch::new(name);
         let config = if config.contains("[supervisor]") {
@@ -90,7 +110,9 @@ impl Group {
         let base = ["run", "--instance", "test", "--config", config.to_str().unwrap()];
         let arguments: Vec<String> =
             base.iter().chain(args).map(|argument| argument.to_string()).collect();
-        let supervisor = Self::spawn(&scratch, &arguments, variables);
+        let mut supervisor = Self::command(&scratch, &arguments);
+        change(&mut supervisor);
+        let supervisor = supervisor.spawn().unwrap();
         Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
     }
 
@@ -102,19 +124,18 @@ impl Group {
         let base = ["run", "--instance", "test"];
         let arguments: Vec<String> =
             base.iter().chain(args).map(|argument| argument.to_string()).collect();
-        let supervisor = Self::spawn(&scratch, &arguments, &[]);
+        let supervisor = Self::command(&scratch, &arguments).spawn().unwrap();
         Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
     }
 
-    fn spawn(scratch: &Scratch, arguments: &[String], variables: &[(&str, &str)]) -> Child {
+    fn command(scratch: &Scratch, arguments: &[String]) -> Command {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        touchline(scratch, &arguments)
-            .envs(variables.iter().copied())
+        let mut command = touchline(scratch, &arguments);
+        command
             .env("XDG_STATE_HOME", scratch.path.join("state"))
             .stdout(Stdio::null())
-            .stderr(fs::File::create(scratch.path.join("stderr")).unwrap())
-            .spawn()
-            .unwrap()
+            .stderr(fs::File::create(scratch.path.join("stderr")).unwrap());
+        command
     }
 
     /// Kills the supervisor, and nobody else, and starts another one with the same arguments.
@@ -136,7 +157,7 @@ impl Group {
     pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
         self.kill_supervisor();
         let arguments: Vec<String> = arguments.iter().map(|text| text.to_string()).collect();
-        self.supervisor = Self::spawn(&self.scratch, &arguments, &[]);
+        self.supervisor = Self::command(&self.scratch, &arguments).spawn().unwrap();
     }
 
     /// Runs a subcommand on this group to its end.

@@ -21,6 +21,9 @@
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 mod agreement;
 mod assignment;
 mod ball;

@@ -8,6 +8,9 @@
 //!
 //! Everything here is a pure function of what it is given, except [`labels::Labels::load`].
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 pub mod confusion;
 pub mod labels;
 pub mod palette;

@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(levels.last(), Some(&SimdLevel::Scalar));
         let present = SimdLevel::ALL.into_iter().filter(|level| level.is_present());
         assert_eq!(levels, present.collect::<Vec<_>>());
-        eprintln!("levels: {levels:?}");
+        common::tell!("levels: {levels:?}");
     }
 
     #[test]

@@ -13,6 +13,9 @@
 //! takes a few kilobytes. The scene for viewers (`foxglove.SceneUpdate`, JSON) is derived from
 //! `world` and never read back.
 
+// A process outlives whoever reads what it says: see `common::tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
 mod channel;
 mod image;
 mod message;

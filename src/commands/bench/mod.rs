@@ -97,7 +97,7 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let mut rows = Vec::new();
     for (number, &(width, height, classes, content)) in SUBJECTS.iter().enumerate() {
         if !args.json {
-            eprint!("\r{} of {} …\r", number + 1, SUBJECTS.len());
+            common::tell_part!("\r{} of {} …\r", number + 1, SUBJECTS.len());
         }
         let row = measure(&Picture::new(width, height, classes, content), budget)?;
         if !args.json && show(&row)? == Reader::Gone {

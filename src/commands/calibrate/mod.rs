@@ -51,7 +51,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let report = report(&points, &calibration, &config.warnings());
     match &args.output {
         None => {
-            eprint!("{report}");
+            common::tell_part!("{report}");
             say!("{}", section(&calibration.geometry))?;
         }
         Some(path) => {

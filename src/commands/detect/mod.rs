@@ -36,7 +36,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         let answer = match look_at(path, &config, &mut pipeline, painter.as_mut()) {
             Ok(answer) => answer,
             Err(error) => {
-                eprintln!("touchline: {error}");
+                common::tell!("touchline: {error}");
                 all_good = false;
                 continue;
             }
@@ -58,7 +58,7 @@ fn list(arguments: &[PathBuf]) -> (Vec<PathBuf>, bool) {
         match list_pictures(argument) {
             Ok(found) => pictures.extend(found),
             Err(error) => {
-                eprintln!("touchline: {error}");
+                common::tell!("touchline: {error}");
                 all_good = false;
             }
         }
@@ -76,7 +76,7 @@ fn look_at(
     let bayer = load_bayer(path, &config.camera)?;
     let seen = pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
     if seen.flags & DetectionFrame::INPUT_OVERFLOW != 0 {
-        eprintln!(
+        common::tell!(
             "touchline: {name}: more than {MAX_RUNS} stretches of colour; the lower part of the \
              picture was not looked at; make the colours narrower"
         );

@@ -54,7 +54,7 @@ pub fn learn(config: &Config, lessons: &mut [Lesson]) -> Result<Vec<ColorConfig>
         }
         for round in 1..=ROUNDS {
             let found = find(config, colors, lessons)?;
-            eprintln!(
+            common::tell!(
                 "beginning {number} of {}, round {round}: {} robots and {} balls in {} pictures",
                 BEGINNINGS.len(),
                 found.robots,

@@ -54,7 +54,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         Some(found) => found,
         None => learn_from(&config, &lessons, true)?,
     };
-    eprintln!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
+    common::tell!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
     config.colors = learned;
     match &args.output {
         None => _ = say!("{}", fragment(&config))?,
@@ -147,7 +147,7 @@ fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, 
     for lesson in lessons {
         lattice.look_at(&Frame::Bayer(bayer_image(config, &lesson.bayer)?));
         let Some(rgb) = probe.measure(&lattice) else {
-            eprintln!(
+            common::tell!(
                 "touchline: {}: the pitch is too dark to tell the light from it; the colours will \
                  not follow the lamps",
                 lesson.labels.file.display()

@@ -61,7 +61,7 @@ pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, Comma
     }
     let share = apart.iter().map(|[floor, patch]| floor * patch).sum::<f64>() / floor2;
     let share = (share.clamp(0.0, 1.0) * 100.0).round() / 100.0;
-    eprintln!(
+    common::tell!(
         "{count} patches share {:.0} % of the unevenness of the pitch's brightness",
         100.0 * share
     );

@@ -46,7 +46,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     if let Some(directory) = &args.png {
         say_line!("{}: {pictures} pictures", directory.display())?;
         if unknown > 0 {
-            eprintln!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
+            common::tell!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -95,7 +95,7 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
         say!("{}", text(&info))?;
     }
     if let Some(damage) = reader.damage() {
-        eprintln!(
+        common::tell!(
             "touchline: {} was never finished or is damaged ({damage}); `touchline recover` makes a \
              proper file of it",
             args.file.display()

@@ -24,7 +24,7 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     for said in recorder::recover_family(&args.file) {
-        eprintln!("touchline: {said}");
+        common::tell!("touchline: {said}");
     }
     let mut channels = args.topics;
     if channels.contains(&Channel::Scene) {
@@ -110,10 +110,10 @@ impl Display {
         self.measure(progress);
         let line = self.line(progress);
         if self.is_terminal {
-            eprint!("\r\x1b[K{line}");
+            common::tell_part!("\r\x1b[K{line}");
             let _ = std::io::stderr().flush();
         } else {
-            eprintln!("{line}");
+            common::tell!("{line}");
         }
     }
 
@@ -152,7 +152,7 @@ impl Display {
 
     fn clear(&self) {
         if self.is_terminal && self.shown.is_some() {
-            eprint!("\r\x1b[K");
+            common::tell_part!("\r\x1b[K");
         }
     }
 }

@@ -19,12 +19,12 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
                 say_line!("{shown}: recovered {messages} messages")?;
             }
             Ok(Recovery::BeingWritten) => {
-                eprintln!("touchline: {shown} is being written by a recorder");
+                common::tell!("touchline: {shown} is being written by a recorder");
                 code = ExitCode::FAILURE;
             }
             // One that cannot be recovered is no reason to leave out the others.
             Err(error) => {
-                eprintln!("touchline: {error}");
+                common::tell!("touchline: {error}");
                 code = ExitCode::FAILURE;
             }
         }

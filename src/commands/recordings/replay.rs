@@ -33,17 +33,17 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
         if is_terminal && told.elapsed() > TELL_PERIOD {
             told = Instant::now();
             let seconds = entry.t_sent_ns.saturating_sub(first_ns) as f64 / 1e9;
-            eprint!("\r\x1b[K{} of the recording checked", time_text(seconds));
+            common::tell_part!("\r\x1b[K{} of the recording checked", time_text(seconds));
             let _ = std::io::stderr().flush();
         }
     }
     if is_terminal {
-        eprint!("\r\x1b[K");
+        common::tell_part!("\r\x1b[K");
     }
     let findings = verifier.finish();
     say!("{}", text(&findings, began.elapsed()))?;
     if let Some(damage) = reader.damage() {
-        eprintln!("touchline: {} was never finished: {damage}", args.file.display());
+        common::tell!("touchline: {} was never finished: {damage}", args.file.display());
     }
     let equal: u64 = findings.outputs.values().map(|tally| tally.equal).sum();
     let different: u64 = findings.outputs.values().map(|tally| tally.different).sum();

@@ -40,7 +40,7 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
         match look_at(image, &config, &mut pipeline, &judge) {
             Ok(score) => pictures.push(score),
             Err(error) => {
-                eprintln!("touchline: {error}");
+                common::tell!("touchline: {error}");
                 all_good = false;
             }
         }
