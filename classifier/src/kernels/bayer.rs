@@ -15,12 +15,11 @@ use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
-use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
+use super::{RowRuns, RunWriter, Setup, Written};
 use crate::mask::Span;
 use crate::picture::BayerImage;
 use crate::zones::ZonedTables;
 use common::messages::Run;
-use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
 use std::ops::Range;
 
@@ -29,7 +28,18 @@ use std::ops::Range;
 pub struct Scratch {
     ring: Ring,
     noted: Vec<Noted>,
+    colors: Colors,
     filters: BlockFilters,
+}
+
+/// Of the pixels of a block in even and in odd columns: red, green and blue.
+#[derive(Debug, Clone)]
+struct Colors([[[u8; MAX_LANES]; 3]; 2]);
+
+impl Default for Colors {
+    fn default() -> Self {
+        Self([[[0; MAX_LANES]; 3]; 2])
+    }
 }
 
 /// A block in which something may be.
@@ -69,7 +79,7 @@ pub fn classify<S: Lanes>(
     let Setup { zoned, prefilters, mask } = setup;
     let block = 2 * S::u8s::LEN;
     scratch.fit(width);
-    let Scratch { ring, noted, filters } = scratch;
+    let Scratch { ring, noted, colors, filters } = scratch;
     for upper in (0..height).step_by(2) {
         // The last row may be alone; then what is found in the one below it does not count.
         let lower = after(upper, height);
@@ -80,11 +90,6 @@ pub fn classify<S: Lanes>(
             (Some(only), None) | (None, Some(only)) => only,
             (None, None) => continue,
         };
-        for next in [upper + ROWS_AHEAD, lower + ROWS_AHEAD] {
-            if next < height {
-                prefetch(image.row(next));
-            }
-        }
         let numbers = [before(upper), upper, lower, after(lower, height)];
         for row in numbers {
             ring.hold(simd, image, row);
@@ -106,9 +111,13 @@ pub fn classify<S: Lanes>(
             let rows = [rows[index], rows[index + 1], rows[index + 2]];
             let zone = filters.only_zone();
             let row = upper + index;
-            let part = Row { rows, sites: sites[index], row, spans, width, zoned, zone };
+            let part = Row { rows, has_red: sites[index].has_red, row, spans, width, zoned, zone };
             let mut row_runs = RowRuns::new(&mut runs, row);
-            classify_row_apart(simd, &part, &noted[..count], index, &mut row_runs);
+            let noted = &noted[..count];
+            match sites[index].colored_parity {
+                0 => classify_row_apart::<S, 0>(simd, &part, noted, index, colors, &mut row_runs),
+                _ => classify_row_apart::<S, 1>(simd, &part, noted, index, colors, &mut row_runs),
+            }
             row_runs.finish();
         }
         if runs.is_cut_off {
@@ -256,7 +265,8 @@ fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
 struct Row<'a> {
     /// The one above, the row, and the one below.
     rows: [Planes<'a>; 3],
-    sites: Sites,
+    /// It has red and green sites; otherwise blue and green ones.
+    has_red: bool,
     row: usize,
     /// What is to be looked at.
     spans: &'a [Span],
@@ -268,36 +278,44 @@ struct Row<'a> {
 
 /// [`classify_row`] as a function of its own, which has all registers for itself.
 #[inline(never)]
-fn classify_row_apart<S: Lanes>(
+fn classify_row_apart<S: Lanes, const P: usize>(
     simd: S,
     row: &Row,
     noted: &[Noted],
     index: usize,
+    colors: &mut Colors,
     runs: &mut RowRuns,
 ) {
     simd.vectorize(
         #[inline(always)]
-        || classify_row(simd, row, noted, index, runs),
+        || classify_row::<S, P>(simd, row, noted, index, colors, runs),
     );
 }
 
-/// Step 2 for one of the two rows: those of the noted blocks where something may be in it.
+/// Step 2 for one of the two rows: those of the noted blocks where something may be in it. `P` is the
+/// column parity of the row's coloured sites.
 #[inline(always)]
-fn classify_row<S: Lanes>(simd: S, row: &Row, noted: &[Noted], index: usize, runs: &mut RowRuns) {
+fn classify_row<S: Lanes, const P: usize>(
+    simd: S,
+    row: &Row,
+    noted: &[Noted],
+    index: usize,
+    colors: &mut Colors,
+    runs: &mut RowRuns,
+) {
     let lanes = S::u8s::LEN;
-    let mut colors = [[[0; MAX_LANES]; 3]; 2];
     for noted in noted {
         let passing = noted.passing[index];
         if passing == [0; 2] {
             continue;
         }
-        let (parity, at) = (row.sites.colored_parity, MARGIN + lanes * noted.index);
-        let colored = at_colored_sites(simd, row.rows, parity, at);
-        let green = at_green_sites(simd, row.rows, 1 - parity, at);
-        for channel in 0..3 {
-            let place = if row.sites.has_red { channel } else { 2 - channel };
-            colored[channel].store_slice(&mut colors[parity][place][..lanes]);
-            green[channel].store_slice(&mut colors[1 - parity][place][..lanes]);
+        let at = MARGIN + lanes * noted.index;
+        let colored = at_colored_sites(simd, row.rows, P, at);
+        let green = at_green_sites(simd, row.rows, 1 - P, at);
+        let places = if row.has_red { [0, 1, 2] } else { [2, 1, 0] };
+        for (channel, place) in places.into_iter().enumerate() {
+            colored[channel].store_slice(&mut colors.0[P][place][..lanes]);
+            green[channel].store_slice(&mut colors.0[1 - P][place][..lanes]);
         }
         let start = 2 * lanes * noted.index;
         let block = Span { begin: start, end: row.width.min(start + 2 * lanes) };
@@ -305,10 +323,10 @@ fn classify_row<S: Lanes>(simd: S, row: &Row, noted: &[Noted], index: usize, run
         for span in row.spans {
             let span = span.within(block);
             match row.zone {
-                Some(zone) => row.classify(&colors, passing, start, (span, zone), &mut classes),
+                Some(zone) => row.classify(colors, passing, start, (span, zone), &mut classes),
                 None => {
                     for part in row.zoned.zones.divide(row.row, span) {
-                        row.classify(&colors, passing, start, part, &mut classes);
+                        row.classify(colors, passing, start, part, &mut classes);
                     }
                 }
             }
@@ -323,7 +341,7 @@ impl Row<'_> {
     #[inline(always)]
     fn classify(
         &self,
-        colors: &[[[u8; MAX_LANES]; 3]; 2],
+        Colors(colors): &Colors,
         passing: [u64; 2],
         start: usize,
         (span, zone): (Span, usize),

@@ -129,34 +129,48 @@ pub struct Written {
     pub is_cut_off: bool,
 }
 
-/// Fills a list of runs up to its capacity.
+/// Fills a list of runs up to its capacity. A run is written in two steps, where it begins and where it
+/// ends: so neither needs to know of the other, and no branch depends on what comes after what.
 struct RunWriter<'a> {
     out: &'a mut [Run],
-    count: usize,
+    /// So many runs have begun …
+    begun: usize,
+    /// … and so many have ended: as many, or one less.
+    ended: usize,
     is_cut_off: bool,
 }
 
 impl<'a> RunWriter<'a> {
     fn new(out: &'a mut [Run]) -> Self {
-        Self { out, count: 0, is_cut_off: false }
+        Self { out, begun: 0, ended: 0, is_cut_off: false }
     }
 
     /// Columns and rows of a picture fit 16 bits.
     #[inline(always)]
-    fn push(&mut self, row: usize, begin: usize, end: usize, class: u8) {
-        match self.out.get_mut(self.count) {
+    fn begin(&mut self, row: usize, column: usize, class: u8) {
+        match self.out.get_mut(self.begun) {
             Some(slot) => {
-                let [row, begin, end] = [row, begin, end].map(|value| value as u16);
-                *slot = Run { row, begin, end, class, reserved: 0 };
-                self.count += 1;
+                let [row, begin] = [row, column].map(|value| value as u16);
+                *slot = Run { row, begin, end: begin, class, reserved: 0 };
+                self.begun += 1;
             }
             None => self.is_cut_off = true,
         }
     }
 
+    /// What found no room to begin has none to end.
+    #[inline(always)]
+    fn end(&mut self, column: usize) {
+        if let Some(slot) = self.out.get_mut(self.ended) {
+            slot.end = column as u16;
+            self.ended += 1;
+        }
+    }
+
     fn written(&self) -> Written {
+        debug_assert_eq!(self.begun, self.ended);
         // At most 65,535 × 65,535 runs.
-        Written { count: self.count as u32, is_cut_off: self.is_cut_off }
+        Written { count: self.begun as u32, is_cut_off: self.is_cut_off }
     }
 }
 
@@ -164,9 +178,8 @@ impl<'a> RunWriter<'a> {
 struct RowRuns<'w, 'a> {
     runs: &'w mut RunWriter<'a>,
     row: usize,
-    /// Of the run that is still open, which began in column `begin`; none if it is background.
+    /// Of the run that is still open; none if it is background.
     class: u8,
-    begin: usize,
     /// All columns before this one have been handed in.
     reached: usize,
 }
@@ -174,7 +187,7 @@ struct RowRuns<'w, 'a> {
 impl<'w, 'a> RowRuns<'w, 'a> {
     #[inline(always)]
     fn new(runs: &'w mut RunWriter<'a>, row: usize) -> Self {
-        Self { runs, row, class: BACKGROUND, begin: 0, reached: 0 }
+        Self { runs, row, class: BACKGROUND, reached: 0 }
     }
 
     /// Hands in a pixel. Those left out are background.
@@ -182,9 +195,19 @@ impl<'w, 'a> RowRuns<'w, 'a> {
     fn add(&mut self, column: usize, class: u8) {
         self.skip_to(column);
         if class != self.class {
-            self.change(column, class);
+            self.finish();
+            if class != BACKGROUND {
+                self.begin(column, class);
+            }
         }
         self.reached = column + 1;
+    }
+
+    /// A run begins here.
+    #[inline(always)]
+    fn begin(&mut self, column: usize, class: u8) {
+        self.runs.begin(self.row, column, class);
+        self.class = class;
     }
 
     /// From the column reached so far to this one there is background, if there is anything.
@@ -196,18 +219,18 @@ impl<'w, 'a> RowRuns<'w, 'a> {
         }
     }
 
-    /// Another class begins here.
+    /// A run ends here, before what may begin here.
     #[inline(always)]
-    fn change(&mut self, column: usize, class: u8) {
-        if self.class != BACKGROUND {
-            self.runs.push(self.row, self.begin, column, self.class);
-        }
-        (self.begin, self.class) = (column, class);
+    fn end(&mut self, column: usize) {
+        self.runs.end(column);
+        self.class = BACKGROUND;
     }
 
-    /// Writes the run that is still open. To be called at the end of the row.
+    /// Ends the run that is still open, if there is one. To be called at the end of the row.
     #[inline(always)]
     fn finish(&mut self) {
-        self.change(self.reached, BACKGROUND);
+        if self.class != BACKGROUND {
+            self.end(self.reached);
+        }
     }
 }

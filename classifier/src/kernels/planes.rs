@@ -5,9 +5,11 @@
 //! it. Each row is copied once; that also settles stride, samples of two bytes, the mirrored edges
 //! and a rest that fills no register, which the code behind it need not know of.
 
+use super::ROWS_AHEAD;
 use super::lanes::{Lanes, MAX_LANES};
 use super::scalar::{after, before};
 use crate::picture::{BayerImage, narrowed};
+use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
 
 /// Rows that are held at once: two, the one above and the one below.
@@ -56,10 +58,13 @@ impl Ring {
         let planes = &mut self.bytes[begin..begin + 2 * self.plane_bytes];
         let (even, odd) = planes.split_at_mut(self.plane_bytes);
         let samples = image.row(row);
+        let ahead =
+            if row + ROWS_AHEAD < image.height() { image.row(row + ROWS_AHEAD) } else { samples };
         let (even_pixels, odd_pixels) = (&mut even[MARGIN..], &mut odd[MARGIN..]);
         match image.shift() {
-            None => separate(simd, samples, even_pixels, odd_pixels),
+            None => separate(simd, [samples, ahead], even_pixels, odd_pixels),
             Some(shift) => {
+                prefetch(ahead);
                 // A plain loop, which the compiler turns into shuffles.
                 let pairs = even_pixels.iter_mut().zip(odd_pixels);
                 for ((even, odd), &[a, b, c, d]) in pairs.zip(samples.as_chunks::<4>().0) {
@@ -88,19 +93,47 @@ impl Ring {
     }
 }
 
-/// Even and odd bytes, each on their own, where there is room for whole registers.
+/// Even and odd bytes, each on their own, where there is room for whole registers. As many bytes `ahead`
+/// are asked for meanwhile.
 #[inline(always)]
-fn separate<S: Lanes>(simd: S, bytes: &[u8], even: &mut [u8], odd: &mut [u8]) {
+fn separate<S: Lanes>(simd: S, [bytes, ahead]: [&[u8]; 2], even: &mut [u8], odd: &mut [u8]) {
     let lanes = S::u8s::LEN;
-    let places = even.chunks_exact_mut(lanes).zip(odd.chunks_exact_mut(lanes));
     let mut pairs = bytes.chunks_exact(2 * lanes);
-    let mut rest = [0; 2 * MAX_LANES];
-    let rest = &mut rest[..2 * lanes];
-    rest[..pairs.remainder().len()].copy_from_slice(pairs.remainder());
-    for ((even, odd), pair) in places.zip(pairs.by_ref().chain([&*rest])) {
-        let first = S::u8s::from_slice(simd, &pair[..lanes]);
-        let second = S::u8s::from_slice(simd, &pair[lanes..]);
-        first.unzip_low(second).store_slice(even);
-        first.unzip_high(second).store_slice(odd);
+    let places = even.chunks_exact_mut(lanes).zip(odd.chunks_exact_mut(lanes));
+    for ((pair, ahead), (even, odd)) in
+        pairs.by_ref().zip(ahead.chunks_exact(2 * lanes)).zip(places)
+    {
+        prefetch(ahead);
+        separate_registers(simd, pair, even, odd);
     }
+    // The rest of the pairs: with as much of what is before it as fills the registers. Filled up in memory
+    // of its own it would take as long as ten times that.
+    let (whole, rest) = (bytes.len() & !1, pairs.remainder());
+    match whole.checked_sub(2 * lanes) {
+        Some(begin) if !rest.is_empty() => {
+            let places = begin / 2..whole / 2;
+            let (even, odd) = (&mut even[places.clone()], &mut odd[places]);
+            separate_registers(simd, &bytes[begin..whole], even, odd);
+        }
+        Some(_) => {}
+        None => {
+            let pairs = bytes.as_chunks::<2>().0;
+            for ((even, odd), pair) in even.iter_mut().zip(&mut *odd).zip(pairs) {
+                [*even, *odd] = *pair;
+            }
+        }
+    }
+    if whole < bytes.len() {
+        even[whole / 2] = bytes[whole];
+    }
+}
+
+/// The same for two registers full of bytes.
+#[inline(always)]
+fn separate_registers<S: Lanes>(simd: S, pair: &[u8], even: &mut [u8], odd: &mut [u8]) {
+    let (first, second) = pair.split_at(S::u8s::LEN);
+    let first = S::u8s::from_slice(simd, first);
+    let second = S::u8s::from_slice(simd, second);
+    first.unzip_low(second).store_slice(even);
+    first.unzip_high(second).store_slice(odd);
 }
