@@ -65,6 +65,15 @@ fn config(change: impl FnOnce(&mut Config)) -> String {
     commented_toml(&config)
 }
 
+/// Packets for which there was no room in a socket, since the system started.
+fn dropped_by_the_system() -> u64 {
+    let text = std::fs::read_to_string("/proc/net/snmp").unwrap();
+    let mut lines = text.lines().filter(|line| line.starts_with("Udp:"));
+    let (names, counts) = (lines.next().unwrap(), lines.next().unwrap());
+    let at = names.split_whitespace().position(|name| name == "RcvbufErrors").unwrap();
+    counts.split_whitespace().nth(at).unwrap().parse().unwrap()
+}
+
 fn camera_state(status: &Value) -> &str {
     status["camera"]["device"]["state"].as_str().unwrap_or("none")
 }
@@ -90,14 +99,16 @@ fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
     let Some(_camera) = FakeCamera::start(0) else { return };
     let seconds = std::env::var("TOUCHLINE_SECONDS").ok().and_then(|text| text.parse().ok());
     let seconds: u64 = seconds.unwrap_or(5);
-    // The system itself drops packets when no processor is free for too long.
-    let is_whole = |report: &Value| {
-        let device = &report["camera"]["device"];
-        device["incomplete"] == 0 && device["lost"] == 0
+    // The system itself drops packets when no processor is free for too long, and counts them.
+    let mut attempts = (0..3).map(|attempt| {
+        let before = dropped_by_the_system();
+        let report = run(&format!("genicam-{attempt}"), &config(|_| {}), seconds * 100);
+        (report, dropped_by_the_system() - before)
+    });
+    let Some((report, _)) = attempts.find(|(_, dropped)| *dropped == 0) else {
+        eprintln!("SKIPPED: three times, the system dropped packets; this machine is too busy");
+        return;
     };
-    let mut reports =
-        (0..3).map(|attempt| run(&format!("genicam-{attempt}"), &config(|_| {}), seconds * 100));
-    let report = reports.find(is_whole).expect("three times, packets were lost");
     let device = &report["camera"]["device"];
     assert_eq!((&device["incomplete"], &device["lost"]), (&0.into(), &0.into()), "{report:#}");
     assert_eq!(report["frames"]["captured"], seconds * 100, "{report:#}");
