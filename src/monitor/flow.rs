@@ -15,7 +15,8 @@ pub struct Flow {
     /// Captured and not yet in `world`.
     pending: BTreeSet<u64>,
     /// In `world` before this monitor saw them captured: the two topics are read one after the
-    /// other.
+    /// other. Or captured before its time, when it begins beside a running group: then they do not
+    /// count.
     early: BTreeSet<u64>,
     missing: u64,
 }
@@ -33,7 +34,9 @@ impl Flow {
         self.first.get_or_insert(seq);
         self.last = self.last.max(Some(seq));
         self.captured += 1;
-        if !self.early.remove(&seq) {
+        if self.early.remove(&seq) {
+            self.world += 1;
+        } else {
             self.pending.insert(seq);
         }
         if self.pending.len() > IN_FLIGHT {
@@ -49,8 +52,9 @@ impl Flow {
             return;
         }
         self.last_world = Some(seq);
-        self.world += 1;
-        if !self.pending.remove(&seq) {
+        if self.pending.remove(&seq) {
+            self.world += 1;
+        } else {
             self.early.insert(seq);
             if self.early.len() > IN_FLIGHT {
                 self.early.pop_first();
@@ -103,7 +107,21 @@ mod tests {
         let mut flow = Flow::default();
         flow.arrived(5);
         flow.captured(5);
-        assert_eq!(flow.frames(0, true).missing_in_world, 0);
+        let frames = flow.frames(0, true);
+        assert_eq!((frames.world, frames.missing_in_world), (1, 0));
+    }
+
+    #[test]
+    fn frames_captured_before_the_monitors_time_do_not_count() {
+        let mut flow = Flow::default();
+        for seq in [1, 2, 3, 4] {
+            flow.arrived(seq);
+        }
+        flow.captured(4);
+        flow.captured(5);
+        flow.arrived(5);
+        let frames = flow.frames(0, true);
+        assert_eq!((frames.captured, frames.world, frames.missing_in_world), (2, 2, 0));
     }
 
     #[test]
