@@ -72,8 +72,10 @@ impl BlockFilters {
         self.merged.extend((0..blocks).map(|index| {
             let end = ((index + 1) * block).div_ceil(tile).min(tiles.len());
             let zones = tiles[index * block / tile..end].chunk_by(|a, b| a == b);
-            let filters = zones.map(|equal| prefilters[usize::from(equal[0])]);
-            filters.reduce(|merged, next| merged.or(&next)).unwrap_or(prefilters[self.zone])
+            let mut filters = zones.map(|equal| &prefilters[usize::from(equal[0])]);
+            let mut merged = *filters.next().unwrap_or(&prefilters[self.zone]);
+            filters.for_each(|next| merged.add(next));
+            merged
         }));
     }
 }

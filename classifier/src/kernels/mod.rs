@@ -114,9 +114,10 @@ impl Prefilters {
 }
 
 impl Prefilters {
-    /// Lets pass what either does.
-    fn or(&self, other: &Self) -> Self {
-        Self { version: 0, rgb: self.rgb.or(&other.rgb), yuv: self.yuv.or(&other.yuv) }
+    /// Lets pass what the other does, too.
+    fn add(&mut self, other: &Self) {
+        self.rgb.add(&other.rgb);
+        self.yuv.add(&other.yuv);
     }
 }
 

@@ -33,15 +33,12 @@ impl Prefilter {
         Self([0, 1, 2].map(|channel: usize| ChannelFilter::new(&tables[channel], buckets, excess)))
     }
 
-    /// Lets pass what either does.
-    pub fn or(&self, other: &Self) -> Self {
-        Self(std::array::from_fn(|channel| {
-            let (a, b) = (&self.0[channel], &other.0[channel]);
-            ChannelFilter {
-                coarse: std::array::from_fn(|index| a.coarse[index] | b.coarse[index]),
-                fine: std::array::from_fn(|index| a.fine[index] | b.fine[index]),
-            }
-        }))
+    /// Lets pass what the other does, too.
+    pub fn add(&mut self, other: &Self) {
+        for (own, other) in self.0.iter_mut().zip(&other.0) {
+            own.coarse.iter_mut().zip(other.coarse).for_each(|(own, other)| *own |= other);
+            own.fine.iter_mut().zip(other.fine).for_each(|(own, other)| *own |= other);
+        }
     }
 }
 
