@@ -30,7 +30,7 @@ impl Classes {
 
     /// Hands the first `count` pixels in, which begin in column `start`. Where the class changes is
     /// found by comparing all with themselves, shifted by one. All that begins among a register full of
-    /// pixels is written before all that ends there: in noise that saves a fifth, since nobody has to
+    /// pixels is written before all that ends there: in noise that saves a sixth, since nobody has to
     /// guess which of the two comes next.
     #[inline(always)]
     pub fn hand_in<S: Lanes>(&mut self, simd: S, start: usize, count: usize, runs: &mut RowRuns) {
