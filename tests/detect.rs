@@ -7,7 +7,8 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::layout::topmost_patch;
 use common::messages::Team;
 use grabber::mosaic::mosaic;
-use image::{GrayImage, RgbImage};
+use image::codecs::jpeg::JpegEncoder;
+use image::{GrayImage, ImageEncoder, RgbImage};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -208,6 +209,60 @@ fn raw_bayer_is_taken_as_it_is_in_any_order() {
         let [from_color, from_grey] = &answers[..] else { panic!("{output:?}") };
         assert_eq!(from_color["robots"].as_array().unwrap().len(), robots().len(), "{order}");
         assert_eq!(from_color, from_grey, "{order}");
+    }
+}
+
+/// The picture as a JPEG, stored upside down if it is said so.
+fn jpeg(picture: &RgbImage, is_upside_down: bool) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 95);
+    let mut stored = picture.clone();
+    if is_upside_down {
+        image::imageops::rotate180_in_place(&mut stored);
+        // One entry: tag 0x0112, orientation, is 3.
+        let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
+        encoder.set_exif_metadata(exif.to_vec()).unwrap();
+    }
+    let (width, height) = stored.dimensions();
+    encoder.write_image(&stored, width, height, image::ExtendedColorType::Rgb8).unwrap();
+    bytes
+}
+
+#[test]
+fn a_camera_held_upside_down_says_so_in_its_picture() {
+    let scratch = Scratch::new("detect-exif");
+    for is_upside_down in [false, true] {
+        let path = scratch.path.join("robots.jpg");
+        std::fs::write(&path, jpeg(painted(), is_upside_down)).unwrap();
+        let output = detect(&scratch, &["--json", name(&path)]);
+        let found = lines(&output)[0]["robots"].as_array().unwrap().clone();
+        assert_eq!(found.len(), robots().len(), "{output:?}");
+        for (robot, found) in robots().iter().zip(&found) {
+            assert_eq!(
+                (&found["team"], &found["id"]),
+                (&robot.team.name().into(), &robot.id.into())
+            );
+            let [x, y] = ["x_mm", "y_mm"].map(|key| found[key].as_f64().unwrap());
+            assert!(FieldPoint::new(x, y).distance(robot.pose.position) < 4.0, "{found:#}");
+        }
+    }
+}
+
+/// What a decoder does not find it fills with grey, and robots there would be missing without a word.
+#[test]
+fn a_cut_off_jpeg_is_an_error() {
+    let scratch = Scratch::new("detect-cut");
+    let (cut, whole) = (scratch.path.join("cut.jpg"), scratch.path.join("whole.jpg"));
+    let bytes = jpeg(painted(), false);
+    std::fs::write(&whole, &bytes).unwrap();
+    for share in [0.1, 0.5, 0.99] {
+        std::fs::write(&cut, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
+        let output = detect(&scratch, &["--json", name(&cut), name(&whole)]);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let [answer] = &lines(&output)[..] else { panic!("{output:?}") };
+        assert_eq!(answer["image"], name(&whole));
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert!(complaint.contains("cut.jpg: the JPEG is cut off"), "{complaint}");
     }
 }
 

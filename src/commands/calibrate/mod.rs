@@ -7,6 +7,7 @@ use super::{CommandError, load_config, output};
 use crate::cli::CalibrateArgs;
 use common::calibration::{Calibration, KnownLens, LensSource, calibrate as fit, calibrated};
 use common::config::{Config, GeometryConfig, Problem, commented_toml};
+use grabber::pictures::read_picture;
 use image::RgbImage;
 use points::{NamedMark, PointsFile};
 use std::fmt::Write as _;
@@ -65,8 +66,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
 }
 
 fn open(path: &Path) -> Result<RgbImage, CommandError> {
-    let picture = image::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(picture.into_rgb8())
+    Ok(read_picture(path)?.into_rgb8())
 }
 
 /// Points are pixels of pictures of the configured size; without a configuration that of the
