@@ -19,9 +19,9 @@ use std::ops::Range;
 
 /// Most regions one patch is put together from.
 pub(crate) const MAX_PARTS: usize = 4;
-/// Most candidates of one kind; when there are more, those of the likeliest size are kept. A match
-/// has one for each robot of a colour, and a few more for fragments.
-const MAX_CANDIDATES: usize = 96;
+/// Most candidates of one kind; when there are more, those of the likeliest size are kept. Thirty-two
+/// robots with two dots of a colour each have 64, and a few more for fragments.
+const MAX_CANDIDATES: usize = 192;
 /// A fragment is worth adding from this fraction of the patch's area.
 const MIN_FRAGMENT_RATIO: f64 = 0.05;
 /// Fragments are put together up to this multiple of the patch's area: they should make one patch.
@@ -119,6 +119,8 @@ pub(crate) struct CandidateFinder {
     splitter: Splitter,
     /// Distance and index of spots near the one being looked at.
     near: Vec<(f64, usize)>,
+    /// There were more candidates than are kept.
+    pub is_cut: bool,
     /// Parts cut out in this frame.
     cuts: u16,
     cut_work: usize,
@@ -142,7 +144,7 @@ impl CandidateFinder {
         self.measure_spots(pattern, camera, pitch, frame);
         self.candidates.clear();
         self.ranges.clear();
-        (self.cuts, self.cut_work) = (0, 0);
+        (self.cuts, self.cut_work, self.is_cut) = (0, 0, false);
         for kind in &pattern.kinds {
             let begin = self.candidates.len();
             self.find_kind(pattern, kind, camera, frame);
@@ -151,6 +153,7 @@ impl CandidateFinder {
                 a.misfit.total_cmp(&b.misfit).then_with(|| a.parts().cmp(b.parts()))
             };
             self.candidates[begin..].sort_unstable_by(by_misfit);
+            self.is_cut |= self.candidates.len() > begin + MAX_CANDIDATES;
             self.candidates.truncate(begin + MAX_CANDIDATES);
             // Kinds of team patches come first.
             if kind.team.is_none() {

@@ -14,10 +14,17 @@ use crate::pattern::Pattern;
 use crate::pose::fit_pose;
 use common::geometry::{FieldPoint, Pose};
 use common::messages::{MAX_PATCHES, Team};
+use std::cmp::Ordering;
+use std::ops::Range;
 
-/// Most distances looked at for one team patch, and most hypotheses made of it.
-const MAX_CHECKS: u32 = 5_000;
-const MAX_HYPOTHESES_EACH: u32 = 64;
+/// Most distances looked at for one team patch, shared evenly by the robots of its team: rubbish takes a
+/// bounded time, and no robot's share depends on what others wear. Twelve robots that touch take some
+/// hundred.
+const MAX_CHECKS: u32 = 6_000;
+/// Most hypotheses made of one team patch; when there are more, the worst are left out.
+const MAX_HYPOTHESES_EACH: usize = 64;
+/// Most candidates of one kind around a team patch. Touching robots of one colour have a dozen.
+const MAX_NEAR: usize = 32;
 /// Weight of a patch's distance from its place: this much when it is off by the whole tolerance.
 /// Areas count 1 at their limits: they depend on light and focus, distances do not.
 const PLACE_WEIGHT: f64 = 8.0;
@@ -47,9 +54,25 @@ pub(crate) struct Hypothesis {
     pub cost: f64,
 }
 
+impl Hypothesis {
+    /// The likeliest first. No two are equal, so the order is always the same.
+    pub fn by_cost(a: &Self, b: &Self) -> Ordering {
+        let content = |h: &Self| (h.identity, h.candidates);
+        a.cost.total_cmp(&b.cost).then_with(|| content(a).cmp(&content(b)))
+    }
+}
+
 /// What became of a candidate for a team patch on its way to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Fate {
+pub(crate) struct Fate {
+    pub outcome: Outcome,
+    /// A limit kept some explanations from being looked at: what is said of it may be wrong.
+    pub is_cut: bool,
+}
+
+/// How far a candidate for a team patch came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Outcome {
     /// No robot of the team has its patches around it.
     Incomplete,
     /// A complete robot, but outside the pitch.
@@ -58,89 +81,151 @@ pub(crate) enum Fate {
     Complete,
 }
 
-/// Appends all hypotheses of one candidate for a team patch; returns what became of it.
-pub(crate) fn of_team_patch(
-    scene: &Scene,
-    finder: &CandidateFinder,
-    team: Team,
-    candidate: usize,
-    hypotheses: &mut Vec<Hypothesis>,
-) -> Fate {
-    let mut builder = Builder {
-        scene,
-        finder,
-        hypotheses,
-        picked: [0; MAX_PATCHES],
-        checks_left: MAX_CHECKS,
-        hypotheses_left: MAX_HYPOTHESES_EACH,
-        fate: Fate::Incomplete,
-    };
-    builder.picked[scene.pattern.team_patch] = candidate;
-    for (identity, wearer) in scene.pattern.identities.iter().enumerate() {
-        if wearer.team == team {
-            builder.add_patch(identity, 0);
+/// Makes hypotheses of one team patch after the other, reusing its lists.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Hypothesiser {
+    near: Near,
+}
+
+/// Candidates in reach of a team patch: those whose distance from it is that of the layout, give or take
+/// the tolerance (eq. 5).
+#[derive(Debug, Clone, Default)]
+struct Near {
+    /// Indices among the candidates of their kind.
+    candidates: Vec<usize>,
+    /// For each kind of the pattern, its part of `candidates`.
+    ranges: Vec<Range<usize>>,
+}
+
+impl Near {
+    /// Returns whether a list was cut.
+    fn find(&mut self, scene: &Scene, finder: &CandidateFinder, team_patch: &Candidate) -> bool {
+        let pattern = scene.pattern;
+        let mut is_cut = false;
+        self.candidates.clear();
+        self.ranges.clear();
+        for (index, kind) in pattern.kinds.iter().enumerate() {
+            let begin = self.candidates.len();
+            if kind.team.is_none() {
+                let expected_mm = pattern.distance_mm(kind.patch, pattern.team_patch);
+                let is_near = |(_, candidate): &(usize, &Candidate)| {
+                    is_in_reach(pattern, candidate, team_patch, expected_mm)
+                        && candidate.beside.is_none_or(|seed| seed == team_patch.seed())
+                };
+                // The likeliest size comes first.
+                let mut near = finder.of_kind(index).iter().enumerate().filter(is_near);
+                self.candidates.extend(near.by_ref().take(MAX_NEAR).map(|(index, _)| index));
+                is_cut |= near.next().is_some();
+            }
+            self.ranges.push(begin..self.candidates.len());
         }
+        is_cut
     }
-    builder.fate
+
+    fn of_kind(&self, kind: usize) -> Range<usize> {
+        self.ranges[kind].clone()
+    }
+}
+
+/// Whether two candidates are as far apart as the layout says, and nothing belongs to both.
+fn is_in_reach(pattern: &Pattern, a: &Candidate, b: &Candidate, expected_mm: f64) -> bool {
+    let distance = distance_mm(a.measure.position, b.measure.position);
+    (distance - expected_mm).abs() <= pattern.limits.patch_tolerance_mm && !a.overlaps(b)
+}
+
+impl Hypothesiser {
+    /// Appends all hypotheses of one candidate for a team patch; returns what became of it.
+    pub fn of_team_patch(
+        &mut self,
+        scene: &Scene,
+        finder: &CandidateFinder,
+        team: Team,
+        candidate: usize,
+        hypotheses: &mut Vec<Hypothesis>,
+    ) -> Fate {
+        let pattern = scene.pattern;
+        let team_patch = &finder.of_kind(pattern.team_kind(team))[candidate];
+        let first = hypotheses.len();
+        let is_cut = self.near.find(scene, finder, team_patch);
+        let mut builder = Builder {
+            scene,
+            finder,
+            near: &self.near,
+            hypotheses,
+            picked: [0; MAX_PATCHES],
+            is_cut,
+            fate: Outcome::Incomplete,
+        };
+        builder.picked[pattern.team_patch] = candidate;
+        builder.add_patch(pattern.wearers(team), 0, MAX_CHECKS);
+        let Builder { mut is_cut, fate: outcome, .. } = builder;
+        if hypotheses.len() > first + MAX_HYPOTHESES_EACH {
+            hypotheses[first..].sort_unstable_by(Hypothesis::by_cost);
+            hypotheses.truncate(first + MAX_HYPOTHESES_EACH);
+            is_cut = true;
+        }
+        Fate { outcome, is_cut }
+    }
 }
 
 /// Puts together all hypotheses of one team patch.
 struct Builder<'a, 's> {
     scene: &'a Scene<'s>,
     finder: &'a CandidateFinder,
+    near: &'a Near,
     hypotheses: &'a mut Vec<Hypothesis>,
     /// For each patch before the current one, and the team patch: index among its candidates.
     picked: [usize; MAX_PATCHES],
-    checks_left: u32,
-    hypotheses_left: u32,
-    fate: Fate,
+    is_cut: bool,
+    fate: Outcome,
 }
 
 impl Builder<'_, '_> {
-    /// Tries all candidates for `patch` and everything behind it.
-    fn add_patch(&mut self, identity: usize, patch: usize) {
+    /// Tries all candidates in reach for `patch` and everything behind it, for identities that wear the
+    /// same before it. Looks at no more than `checks` distances, of which each identity has the same
+    /// share; returns how many are left.
+    fn add_patch(&mut self, identities: &[usize], patch: usize, checks: u32) -> u32 {
         let pattern = self.scene.pattern;
         if patch == pattern.patches.len() {
-            self.complete(identity);
-            return;
+            identities.iter().for_each(|&identity| self.complete(identity));
+            return checks;
         }
         if patch == pattern.team_patch {
-            self.add_patch(identity, patch + 1);
-            return;
+            return self.add_patch(identities, patch + 1, checks);
         }
-        let kind = pattern.identities[identity].kinds[patch];
-        for candidate in 0..self.finder.of_kind(kind).len() {
-            if self.checks_left == 0 || self.hypotheses_left == 0 {
-                return;
+        let kind_of = |identity: usize| pattern.identities[identity].kinds[patch];
+        let mut unused = 0;
+        for alike in identities.chunk_by(|&a, &b| kind_of(a) == kind_of(b)) {
+            let share = u64::from(checks) * alike.len() as u64 / identities.len() as u64;
+            let mut checks = share as u32;
+            for place in self.near.of_kind(kind_of(alike[0])) {
+                if checks == 0 {
+                    self.is_cut = true;
+                    break;
+                }
+                checks -= 1;
+                let candidate = self.near.candidates[place];
+                if self.fits_those_picked(alike[0], patch, candidate) {
+                    self.picked[patch] = candidate;
+                    checks = self.add_patch(alike, patch + 1, checks);
+                }
             }
-            self.checks_left -= 1;
-            if self.fits_those_picked(identity, patch, candidate) {
-                self.picked[patch] = candidate;
-                self.add_patch(identity, patch + 1);
-            }
+            unused += checks;
         }
+        unused
     }
 
     fn candidate(&self, identity: usize, patch: usize, index: usize) -> &Candidate {
         &self.finder.of_kind(self.scene.pattern.identities[identity].kinds[patch])[index]
     }
 
-    /// Eq. (5), and the same between identification patches.
+    /// Whether the identification patches before have the right distance from this one.
     fn fits_those_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
         let pattern = self.scene.pattern;
         let candidate = self.candidate(identity, patch, index);
-        let team_patch = self.picked[pattern.team_patch];
-        let team_patch = self.candidate(identity, pattern.team_patch, team_patch);
-        if candidate.beside.is_some_and(|seed| seed != team_patch.seed()) {
-            return false;
-        }
-        let before = (0..patch).filter(|&other| other != pattern.team_patch);
-        std::iter::once(pattern.team_patch).chain(before).all(|other| {
+        (0..patch).filter(|&other| other != pattern.team_patch).all(|other| {
             let picked = self.candidate(identity, other, self.picked[other]);
-            let distance = distance_mm(candidate.measure.position, picked.measure.position);
-            let expected = pattern.distance_mm(patch, other);
-            (distance - expected).abs() <= pattern.limits.patch_tolerance_mm
-                && !candidate.overlaps(picked)
+            is_in_reach(pattern, candidate, picked, pattern.distance_mm(patch, other))
         })
     }
 
@@ -166,13 +251,10 @@ impl Builder<'_, '_> {
             }
         }
         if !self.scene.pitch.contains(pose.position, 0.0) {
-            if self.fate == Fate::Incomplete {
-                self.fate = Fate::Outside;
-            }
+            self.fate = self.fate.max(Outcome::Outside);
             return;
         }
-        self.fate = Fate::Complete;
-        self.hypotheses_left -= 1;
+        self.fate = Outcome::Complete;
         let prior = self.scene.prior.cost(identity, pose.position, pattern.size_mm);
         self.hypotheses.push(Hypothesis {
             identity,

@@ -10,7 +10,7 @@
 use crate::agreement::Surroundings;
 use crate::assignment::{Choice, Solver};
 use crate::candidates::{Candidate, CandidateFinder};
-use crate::hypotheses::{self, Fate, Hypothesis, NO_CANDIDATE, fit};
+use crate::hypotheses::{Fate, Hypothesis, Hypothesiser, NO_CANDIDATE, Outcome, fit};
 use crate::measure::{Measure, MomentSums, distance_mm};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
@@ -20,8 +20,8 @@ use crate::second_opinion::{self, AMBIGUITY, MAX_OPINIONS, Opinion};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 
-/// Most hypotheses that are weighed against each other; when there are more, the worst are left
-/// out. A match has one or two for each robot.
+/// Most hypotheses that are weighed against each other; when there are more, the worst of each team
+/// patch are left out. A match has one or two for each robot.
 const MAX_HYPOTHESES: usize = 512;
 /// Most poses of paired robots that a second opinion begins with.
 const MAX_STARTS: usize = 4;
@@ -37,11 +37,17 @@ const DOUBTFUL: f64 = 0.1;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pairing {
     pub finder: CandidateFinder,
+    hypothesiser: Hypothesiser,
     hypotheses: Vec<Hypothesis>,
     /// For each team, what became of the candidates for its team patch.
     fates: [Vec<Fate>; 2],
+    /// Candidates for team patches, with the number of their hypotheses, in the order in which these are
+    /// made.
+    groups: Vec<(Team, usize, usize)>,
     choices: Vec<Choice>,
     believed: Vec<usize>,
+    /// The search for the best choice was given up.
+    is_cut: bool,
     /// Those believed before the ambiguous among them were dropped.
     named: Vec<usize>,
     solver: Solver,
@@ -71,6 +77,10 @@ impl Pairing {
         self.believe(scene);
         self.separate_grown_together(scene, frame);
         self.write(scene, frame);
+        let is_cut = |fate: &Fate| fate.is_cut;
+        if self.is_cut || self.finder.is_cut || self.fates.iter().flatten().any(is_cut) {
+            frame.flags |= DetectionFrame::SEARCH_CUT;
+        }
     }
 
     /// The hypotheses that are believed.
@@ -91,11 +101,13 @@ impl Pairing {
 
     /// What became of a candidate for a team patch.
     pub fn fate(&self, team: Team, candidate: usize) -> Fate {
-        self.fates[team as usize].get(candidate).copied().unwrap_or(Fate::Incomplete)
+        let unknown = Fate { outcome: Outcome::Incomplete, is_cut: true };
+        self.fates[team as usize].get(candidate).copied().unwrap_or(unknown)
     }
 
     fn hypothesise(&mut self, scene: &Scene, frame: &DetectionFrame) {
         self.hypotheses.clear();
+        self.groups.clear();
         let mut opinions_left = 0;
         for team in Team::ALL {
             // Whatever one team's colour is mistaken for, the other keeps its share.
@@ -104,23 +116,43 @@ impl Pairing {
             for candidate in 0..self.finder.of_kind(scene.pattern.team_kind(team)).len() {
                 let first = self.hypotheses.len();
                 let hypotheses = &mut self.hypotheses;
+                let hypothesiser = &mut self.hypothesiser;
                 let mut fate =
-                    hypotheses::of_team_patch(scene, &self.finder, team, candidate, hypotheses);
+                    hypothesiser.of_team_patch(scene, &self.finder, team, candidate, hypotheses);
                 if opinions_left > 0 && self.ask_pixels(scene, frame, team, candidate, first) {
                     opinions_left -= 1;
                     if self.hypotheses.len() > first {
-                        fate = Fate::Complete;
+                        fate.outcome = Outcome::Complete;
                     }
                 }
                 self.fates[team as usize].push(fate);
+                self.groups.push((team, candidate, self.hypotheses.len() - first));
             }
         }
-        // No two are equal, so the order is always the same.
-        self.hypotheses.sort_unstable_by(|a, b| {
-            let content = |h: &Hypothesis| (h.identity, h.candidates);
-            a.cost.total_cmp(&b.cost).then_with(|| content(a).cmp(&content(b)))
-        });
-        self.hypotheses.truncate(MAX_HYPOTHESES);
+        if self.hypotheses.len() > MAX_HYPOTHESES {
+            self.keep_best_of_each();
+        }
+        self.hypotheses.sort_unstable_by(Hypothesis::by_cost);
+    }
+
+    /// Leaves out hypotheses until there are no more than [`MAX_HYPOTHESES`]: every team patch keeps its
+    /// best ones, and none keeps more than another that has as many.
+    fn keep_best_of_each(&mut self) {
+        let total = |most: usize| self.groups.iter().map(|group| group.2.min(most)).sum::<usize>();
+        let most = (1..MAX_HYPOTHESES).take_while(|&most| total(most) <= MAX_HYPOTHESES).last();
+        let most = most.unwrap_or(0);
+        let (mut begin, mut kept) = (0, 0);
+        for &(team, candidate, count) in &self.groups {
+            let group = begin..begin + count;
+            self.hypotheses[group].sort_unstable_by(Hypothesis::by_cost);
+            for index in begin..begin + count.min(most) {
+                self.hypotheses.swap(kept, index);
+                kept += 1;
+            }
+            self.fates[team as usize][candidate].is_cut |= count > most;
+            begin += count;
+        }
+        self.hypotheses.truncate(kept);
     }
 
     /// Replaces the hypotheses of a team patch, those from `first` on, by what its pixels say, if they
@@ -191,7 +223,7 @@ impl Pairing {
         let (hypotheses, finder) = (&self.hypotheses, &self.finder);
         let contradict =
             |a: usize, b: usize| contradict(pattern, finder, &hypotheses[a], &hypotheses[b]);
-        self.solver.solve(&self.choices, contradict, &mut self.believed);
+        self.is_cut = !self.solver.solve(&self.choices, contradict, &mut self.believed);
         self.drop_ambiguous();
     }
 

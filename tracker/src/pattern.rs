@@ -24,6 +24,8 @@ pub(crate) struct Pattern {
     pub kinds: Vec<Kind>,
     /// The robots that may be on the pitch.
     pub identities: Vec<Identity>,
+    /// For each team, its identities, those that begin with the same kinds side by side.
+    wearers: [Vec<usize>; 2],
     /// Side of a robot.
     pub size_mm: f64,
     /// How the body is turned against the frame of the layout.
@@ -146,12 +148,19 @@ impl Pattern {
             }
             identities.push(Identity { team, id, kinds: own_kinds });
         }
+        let wearers = Team::ALL.map(|team| {
+            let mut wearers: Vec<usize> =
+                (0..identities.len()).filter(|&index| identities[index].team == team).collect();
+            wearers.sort_by(|&a, &b| identities[a].kinds.cmp(&identities[b].kinds));
+            wearers
+        });
         Ok(Self {
             patches,
             distances_mm,
             team_patch,
             kinds,
             identities,
+            wearers,
             size_mm: robots.size_mm,
             body_turn: body_turn(robots),
             height_mm: robots.height_mm,
@@ -180,6 +189,11 @@ impl Pattern {
     pub fn identity_of(&self, team: u32, id: u32) -> Option<usize> {
         let is_it = |identity: &Identity| (identity.team as u32, identity.id) == (team, id);
         self.identities.iter().position(is_it)
+    }
+
+    /// Indices of a team's identities, those that begin with the same kinds side by side.
+    pub fn wearers(&self, team: Team) -> &[usize] {
+        &self.wearers[team as usize]
     }
 
     /// Index of the kind of a team's team patch.

@@ -1,7 +1,7 @@
 //! Why candidates became nothing: what a person needs to see to set up colours and lamps.
 
 use crate::candidates::Spot;
-use crate::hypotheses::Fate;
+use crate::hypotheses::{Fate, Outcome};
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::Pattern;
 use crate::unknown::UnknownRobots;
@@ -134,15 +134,12 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
         return Some(RejectReason::OutsideField);
     }
     let candidates = pairing.finder.of_kind(pattern.team_kind(team));
-    let mut fate = None;
-    for (index, candidate) in candidates.iter().enumerate() {
-        if candidate.uses_region(spot.region) {
-            let this = pairing.fate(team, index);
-            if this == Fate::Complete || fate.is_none() || fate == Some(Fate::Incomplete) {
-                fate = Some(this);
-            }
-        }
-    }
+    let fates = (0..candidates.len())
+        .filter(|&index| candidates[index].uses_region(spot.region))
+        .map(|index| pairing.fate(team, index));
+    let best =
+        |a: Fate, b: Fate| Fate { outcome: a.outcome.max(b.outcome), is_cut: a.is_cut || b.is_cut };
+    let fate = fates.reduce(best);
     let Some(fate) = fate else {
         let expected_mm2 = pattern.patches[pattern.team_patch].area_mm2;
         let too_large = spot.measure.area_mm2 > pattern.limits.max_area_ratio * expected_mm2;
@@ -159,13 +156,18 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
     if too_close {
         return Some(RejectReason::TooCloseToTeamPatch);
     }
-    Some(match fate {
-        Fate::Complete => RejectReason::TakenByAnother,
-        Fate::Outside => RejectReason::OutsideField,
-        Fate::Incomplete if unused_identification_near(pattern, pairing, team, spot, &is_used) => {
+    if fate.is_cut {
+        return Some(RejectReason::SearchCut);
+    }
+    Some(match fate.outcome {
+        Outcome::Complete => RejectReason::TakenByAnother,
+        Outcome::Outside => RejectReason::OutsideField,
+        Outcome::Incomplete
+            if unused_identification_near(pattern, pairing, team, spot, &is_used) =>
+        {
             RejectReason::LayoutMismatch
         }
-        Fate::Incomplete => RejectReason::NoIdentificationPatch,
+        Outcome::Incomplete => RejectReason::NoIdentificationPatch,
     })
 }
 

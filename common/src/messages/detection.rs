@@ -139,11 +139,13 @@ pub enum RejectReason {
     NotRound = 8,
     /// An identification patch to which no patch of a team's colour belongs.
     NoTeamPatch = 9,
+    /// There is so much of the patches' colours around it that not everything could be tried.
+    SearchCut = 10,
 }
 
 impl RejectReason {
     /// All reasons.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::TooSmall,
         Self::TooLarge,
         Self::TooCloseToTeamPatch,
@@ -153,6 +155,7 @@ impl RejectReason {
         Self::OutsideField,
         Self::NotRound,
         Self::NoTeamPatch,
+        Self::SearchCut,
     ];
 
     /// The reason with this number in a message, if there is one.
@@ -172,6 +175,7 @@ impl RejectReason {
             Self::OutsideField => "outside the field",
             Self::NotRound => "not round enough for a ball",
             Self::NoTeamPatch => "identification patch without a team patch in range",
+            Self::SearchCut => "too many patches around it to try all combinations",
         }
     }
 }
@@ -265,6 +269,9 @@ impl DetectionFrame {
     pub const RUNS_OVERFLOW: u32 = 4;
     /// Flag: the raw frame was at hand, so that poses could be measured by edges in it.
     pub const FRAME_USED: u32 = 8;
+    /// Flag: there were more explanations of the picture than there is time to compare; robots may be
+    /// missing, and the team patches concerned are listed with [`RejectReason::SearchCut`].
+    pub const SEARCH_CUT: u32 = 16;
     /// Value of `prior_world_seq` when no `world` was used.
     pub const NO_WORLD: u64 = u64::MAX;
 
