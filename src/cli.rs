@@ -321,6 +321,7 @@ Examples:
   touchline chaos --signals kill --every 200         kills only, as fast as spares can be started
   touchline chaos --signals double --every 3000      stage and spare at once: losses are counted
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
+  touchline chaos --signals kill,hup,emfile,enospc   besides kills, a closed terminal and shortages
   touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON
   touchline chaos --source v4l2:/dev/video0          with your own camera";

@@ -25,6 +25,7 @@ fn main() -> ExitCode {
             // A complaint about a configuration begins with file and line, as editors expect it.
             let prefix = if error.is::<common::config::ConfigError>() { "" } else { "touchline: " };
             common::tell!("{prefix}{error}");
+            common::tell::finish(std::time::Duration::from_secs(1));
             ExitCode::FAILURE
         }
     }

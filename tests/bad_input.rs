@@ -182,7 +182,7 @@ fn a_stale_lock_and_rubbish_in_the_runtime_directory_stop_nobody() {
     fs::create_dir_all(&directory).unwrap();
     // Left by a supervisor whose number somebody else has now.
     fs::write(directory.join("supervisor.lock"), format!("{}\n", std::process::id())).unwrap();
-    for name in ["tracker.handover", "record.json", "config.toml"] {
+    for name in ["group.json", "control", "config.toml"] {
         fs::write(directory.join(name), b"\xff\xfe rubbish 18446744073709551616 [").unwrap();
     }
     let output = output_of(&scratch, &["stop", "--instance", "test"]);

@@ -68,6 +68,45 @@ fn a_match_goes_on_through_kills_and_pauses_without_losing_a_frame() {
     assert_eq!(places, ["report.json"], "the tool itself left something behind");
 }
 
+/// What the system refuses, and a terminal that is closed, are felt by nobody.
+#[test]
+fn shortages_and_a_closed_terminal_lose_nothing() {
+    let scratch = Scratch::new("chaos-short");
+    let report_path = scratch.path.join("report.json");
+    let has_own_place = std::process::Command::new("unshare")
+        .args(["--mount", "--map-root-user", "mount", "-t", "tmpfs", "tmpfs", "/dev/shm"])
+        .status()
+        .is_ok_and(|status| status.success());
+    if !has_own_place {
+        eprintln!("SKIPPED in part: this system does not allow a /dev/shm of one's own");
+    }
+    let signals = if has_own_place { "kill,hup,emfile,enospc" } else { "kill,hup,emfile" };
+    let arguments = ["chaos", "--seconds", "12", "--every", "500", "--signals", signals];
+    let report_argument = ["--seed", "5", "--report", report_path.to_str().unwrap()];
+    let output = touchline(&scratch, &[arguments.as_slice(), &report_argument].concat())
+        .env("TMPDIR", &scratch.path)
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    let report: Value = std::fs::read(&report_path)
+        .ok()
+        .and_then(|json| serde_json::from_slice(&json).ok())
+        .unwrap_or_else(|| panic!("no report:\n{text}\n{errors}"));
+    for what in signals.split(',') {
+        let done = report["disturbances"].as_array().unwrap();
+        assert!(done.iter().any(|done| done["what"] == what), "no {what}\n{text}");
+    }
+    assert_eq!(report["supervisor_failure"], Value::Null, "{text}");
+    for nothing in ["missing", "missing_unpromised", "duplicates", "out_of_order"] {
+        assert_eq!(report["frames"][nothing], 0, "{nothing}\n{text}");
+    }
+    assert_eq!(report["left_out"], 0, "a stage did not come back\n{text}");
+    let left = &report["left"];
+    assert_eq!(left["ended_in_order"], true, "{text}\n{errors}");
+    assert_eq!(left["shared_memory"], serde_json::json!([]), "{text}");
+}
+
 #[test]
 fn what_cannot_be_done_is_said_at_once() {
     let scratch = Scratch::new("chaos-refused");

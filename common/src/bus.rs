@@ -16,6 +16,7 @@ use crate::memory::{self, SHARED_MEMORY};
 use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
+use iceoryx2::port::DegradationAction;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher as IpcPublisher, PublisherCreateError};
 use iceoryx2::port::subscriber::SubscriberCreateError;
@@ -25,6 +26,8 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSu
 use std::fmt::Debug;
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// What may travel: plain data of fixed layout with a versioned type name.
@@ -179,6 +182,7 @@ impl Bus {
         iceoryx2::prelude::set_log_level(LogLevel::Fatal);
         // In a directory of others nothing would come of it, and nobody would say why.
         instance.check_directory()?;
+        instance.create_ipc_directory()?;
         check_memory("node")?;
         let config = instance.ipc_config()?;
         let name = NodeName::new(process).map_err(failed("node", "name it"))?;
@@ -190,6 +194,13 @@ impl Bus {
             .map_err(failed("node", "join the instance"))?;
         close_to_others(instance);
         Ok(Self { node, instance: instance.clone() })
+    }
+
+    /// Joins the instance as [`join`](Self::join), for a process that will read most topics.
+    pub fn join_as_reader(instance: &Instance, process: &str) -> Result<Self, BusError> {
+        memory::check_room_for_readers()
+            .map_err(|free| BusError::NoMemory { topic: "all", free })?;
+        Self::join(instance, process)
     }
 
     /// A writer whose messages have up to `capacity` elements.
@@ -251,6 +262,7 @@ impl Bus {
     ) -> Result<Subscriber<E, H>, BusError> {
         check_memory(topic.name)?;
         let action = "create a subscriber";
+        let misses_a_writer = Arc::new(AtomicBool::new(false));
         let is_full = |error: &SubscriberCreateError| {
             *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
         };
@@ -262,13 +274,20 @@ impl Bus {
                 .subscriber_builder()
                 .buffer_size(buffer.min(made.subscriber_max_buffer_size()))
                 .history_request(history.min(made.history_size()))
+                .set_degradation_handler({
+                    let misses_a_writer = Arc::clone(&misses_a_writer);
+                    move |_, _| {
+                        misses_a_writer.store(true, Ordering::Relaxed);
+                        DegradationAction::Ignore
+                    }
+                })
                 .create()
                 .map_err(refused(topic.name, action, is_full))?;
             Ok((port, made.subscriber_max_borrowed_samples()))
         })?;
         // One message is with the caller, and one may be kept by it.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
-        Ok(Subscriber::new(port, topic, capacity))
+        Ok(Subscriber::new(port, topic, capacity, misses_a_writer))
     }
 
     /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;

@@ -126,7 +126,7 @@ pub fn is_there(instance: &Instance) -> bool {
         return true;
     }
     // Looking would leave something behind where there never was a group.
-    instance.directory().join("ipc").is_dir()
+    instance.ipc_directory().is_dir()
         && participants::living(instance).is_ok_and(|living| {
             living.iter().any(|process| ProcessKind::ALL.iter().any(|k| k.name() == process.name))
         })

@@ -7,7 +7,7 @@
 //! itself ready costs nothing at all. A reader needs no registration, so one that takes over can
 //! sleep at once, and one that dies leaves nothing behind.
 
-use crate::shared_number::SharedNumber;
+use crate::shared_page::SharedPage;
 use rustix::thread::{Timespec, futex};
 use std::io;
 use std::path::Path;
@@ -17,13 +17,13 @@ use std::time::Duration;
 /// A number in shared memory that only rises (and begins again at 0 after the highest), and on which
 /// processes can sleep.
 pub struct EventCount {
-    count: SharedNumber<AtomicU32>,
+    count: SharedPage<AtomicU32>,
 }
 
 impl EventCount {
     /// Opens the count in a file in memory (below `/dev/shm`), which is made if there is none.
     pub fn open(path: &Path) -> io::Result<Self> {
-        Ok(Self { count: SharedNumber::open(path)? })
+        Ok(Self { count: SharedPage::open(path)? })
     }
 
     /// The present count.

@@ -2,11 +2,9 @@
 //!
 //! The supervisor watches every stage's output and confirms a process dead before its successor
 //! starts to work, so it knows exactly how far the stage has come. Only what a dead process has
-//! published before this supervisor came it does not know; that is what [marks](crate::mark) are for.
-
-use crate::instance::{Instance, create_private};
-use crate::messages::ProcessKind;
-use std::io::{self, Write};
+//! published before this supervisor came it does not know; that a stage writes down
+//! itself. Both are in the [page of the stage](crate::stage_page): telling it takes neither a file
+//! nor a disk.
 
 /// How far a stage has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,23 +16,17 @@ pub struct Handover {
 }
 
 impl Handover {
-    /// Leaves the note for the next process of a stage, in the place of the last one.
-    pub fn write(&self, instance: &Instance, kind: ProcessKind) -> io::Result<()> {
-        let skip = if self.skip_next { " skip" } else { "" };
-        let mut file = create_private(&instance.handover_path(kind.name()))?;
-        file.write_all(format!("{}{skip}\n", self.resume_after).as_bytes())
+    /// As one number, which is written and read as a whole; 0 is no note.
+    pub(crate) fn to_bits(self) -> u64 {
+        // Half of all numbers, at 80 a second, last longer than any match.
+        let resume_after = self.resume_after.min(u64::MAX >> 2);
+        (resume_after + 1) << 1 | u64::from(self.skip_next)
     }
 
-    /// The note for a stage; `None` when it has not worked yet.
-    pub fn read(instance: &Instance, kind: ProcessKind) -> Option<Self> {
-        Self::parse(&std::fs::read_to_string(instance.handover_path(kind.name())).ok()?)
-    }
-
-    /// What a note says; `None` when it is none.
-    pub fn parse(text: &str) -> Option<Self> {
-        let mut words = text.split_whitespace();
-        let resume_after = words.next()?.parse().ok()?;
-        Some(Self { resume_after, skip_next: words.next() == Some("skip") })
+    /// What a number says; `None` when it is no note.
+    pub(crate) fn from_bits(bits: u64) -> Option<Self> {
+        let resume_after = (bits >> 1).checked_sub(1)?;
+        Some(Self { resume_after, skip_next: bits & 1 == 1 })
     }
 }
 
@@ -43,18 +35,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_read() {
-        let base = std::env::temp_dir().join(format!("tl-handover-{}", std::process::id()));
-        let instance = Instance::below(&base, "test").unwrap();
-        instance.create_directory().unwrap();
-        let kind = ProcessKind::Tracker;
-        assert_eq!(Handover::read(&instance, kind), None);
-        for skip_next in [true, false] {
-            let handover = Handover { resume_after: 149, skip_next };
-            handover.write(&instance, kind).unwrap();
-            assert_eq!(Handover::read(&instance, kind), Some(handover));
-            assert_eq!(Handover::read(&instance, ProcessKind::Filter), None);
+    fn a_note_goes_through_one_number() {
+        assert_eq!(Handover::from_bits(0), None);
+        for resume_after in [0, 1, 149, u64::MAX >> 2] {
+            for skip_next in [false, true] {
+                let note = Handover { resume_after, skip_next };
+                assert_eq!(Handover::from_bits(note.to_bits()), Some(note));
+            }
         }
-        instance.remove_directory().unwrap();
+        let note = Handover { resume_after: u64::MAX, skip_next: false };
+        assert!(Handover::from_bits(note.to_bits()).is_some(), "rubbish is no reason to panic");
     }
 }

@@ -1,29 +1,24 @@
 //! A group's name, and everything that keeps two groups on one machine apart: a private runtime
-//! directory, a prefix for shared memory, and a lock that says whether its supervisor lives.
+//! directory, a prefix for shared memory, and a [lock] that says whether its supervisor lives.
 
+pub mod lock;
+
+use crate::memory::SHARED_MEMORY;
 use crate::messages::ProcessKind;
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
-use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 /// Overrides the directory under which instances keep their runtime directories.
 pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
 /// The instance used when none is named.
 pub const DEFAULT_INSTANCE: &str = "default";
-/// A lock that is held for longer than this is held by a supervisor.
-const LOCK_PATIENCE: Duration = Duration::from_millis(500);
-/// Time between two attempts to get it.
-const LOCK_RETRY: Duration = Duration::from_millis(2);
 /// Longest name.
 const MAX_NAME: usize = 20;
-/// Longest runtime directory. The system limits the path of a socket to 107 bytes; iceoryx2 puts its
-/// sockets into `ipc/` of the runtime directory and names them by our prefix (12 bytes), a number (up
-/// to 33) and `.event`.
-const MAX_DIRECTORY: usize = 107 - "/ipc/".len() - 12 - 33 - ".event".len();
+/// Longest runtime directory. The system limits the path of a socket to 107 bytes; the longest name of
+/// one in it is that of who asks the supervisor for something.
+const MAX_DIRECTORY: usize = 107 - "/control-4294967295".len();
 
 /// Why an instance cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -112,11 +107,6 @@ impl Instance {
     /// The configuration that the running group uses.
     pub fn config_path(&self) -> PathBuf {
         self.directory.join("config.toml")
-    }
-
-    /// Where the supervisor leaves, for the next process of a stage, how far the last one came.
-    pub fn handover_path(&self, stage: &str) -> PathBuf {
-        self.directory.join(format!("{stage}.handover"))
     }
 
     /// Where the supervisor keeps what its successor needs to know.
@@ -216,53 +206,20 @@ impl Instance {
         [self.directory.parent().unwrap_or(Path::new("/")), &self.directory]
     }
 
-    /// Takes the supervisor's lock; `None` when a living supervisor holds it. The kernel gives it
-    /// up when its holder dies, however that happens; but who asks whether a supervisor is alive has
-    /// it for an instant, and so has the process that a dying supervisor was just starting.
-    pub fn lock(&self) -> Result<Option<File>, InstanceError> {
-        let (path, mut file) = self.open_lock(true)?;
-        let io = |source| InstanceError::Io { path, source };
-        let deadline = Instant::now() + LOCK_PATIENCE;
-        loop {
-            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-                Ok(()) => break,
-                Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() >= deadline => {
-                    return Ok(None);
-                }
-                Err(rustix::io::Errno::WOULDBLOCK) => std::thread::sleep(LOCK_RETRY),
-                Err(error) => return Err(io(error.into())),
-            }
+    /// Where iceoryx2 keeps its files: in memory, so that processes can join whatever has happened to a
+    /// disk or to the runtime directory.
+    pub fn ipc_directory(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(self.shared_memory_prefix() + "ipc")
+    }
+
+    /// Makes iceoryx2's directory, readable by nobody else, and checks that it is really ours.
+    pub fn create_ipc_directory(&self) -> Result<(), InstanceError> {
+        let path = self.ipc_directory();
+        let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&path);
+        match made {
+            Err(error) if fs::symlink_metadata(&path).is_err() => Err(io_error(&path)(error)),
+            _ => check_places([&path; 2]),
         }
-        write_pid(&mut file).map_err(io)?;
-        Ok(Some(file))
-    }
-
-    /// Whether a supervisor is alive.
-    pub fn is_supervised(&self) -> bool {
-        self.open_lock(false).is_ok_and(|(_, file)| {
-            flock(&file, FlockOperation::NonBlockingLockShared)
-                == Err(rustix::io::Errno::WOULDBLOCK)
-        })
-    }
-
-    /// Number of the process that holds the lock, if one does.
-    pub fn supervisor_pid(&self) -> Option<u32> {
-        let (path, _) = self.open_lock(false).ok()?;
-        let pid = fs::read_to_string(path).ok()?.trim().parse().ok()?;
-        self.is_supervised().then_some(pid)
-    }
-
-    fn open_lock(&self, create: bool) -> Result<(PathBuf, File), InstanceError> {
-        let path = self.directory.join("supervisor.lock");
-        let file = OpenOptions::new()
-            .create(create)
-            .truncate(false)
-            .read(true)
-            .write(create)
-            .mode(0o600)
-            .open(&path)
-            .map_err(|source| InstanceError::Io { path: path.clone(), source })?;
-        Ok((path, file))
     }
 
     /// The iceoryx2 configuration of this instance. Dead processes are cleaned up by the
@@ -271,7 +228,7 @@ impl Instance {
     pub fn ipc_config(&self) -> Result<IpcConfig, InstanceError> {
         let too_long = || InstanceError::Path(self.directory.clone());
         let mut config = IpcConfig::default();
-        let root = self.directory.join("ipc");
+        let root = self.ipc_directory();
         let root = root.to_str().ok_or_else(too_long)?;
         config.global.set_root_path(&IpcPath::new(root.as_bytes()).map_err(|_| too_long())?);
         config.global.prefix =
@@ -289,48 +246,53 @@ impl Instance {
         format!("tl_{:08x}_", fnv1a(path.as_bytes()) as u32)
     }
 
-    /// Where a stage marks how far it has come.
-    pub fn mark_path(&self, stage: &str) -> PathBuf {
-        self.directory.join(format!("{stage}.mark"))
+    /// The page that a stage's processes and the supervisor share.
+    pub fn stage_page_path(&self, stage: &str) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(format!("{}{stage}.page", self.shared_memory_prefix()))
     }
 
     /// Removes what says how far the stages of an earlier group have come, so that those of a new one
     /// begin at the beginning. Only when none of them is alive.
     pub fn forget_progress(&self) -> Result<(), InstanceError> {
         for stage in ProcessKind::ALL.map(ProcessKind::name) {
-            for path in [self.mark_path(stage), self.handover_path(stage)] {
-                remove(fs::remove_file(&path), &path)?;
-            }
+            let path = self.stage_page_path(stage);
+            remove(fs::remove_file(&path), &path)?;
         }
         Ok(())
     }
 
     /// Where the count of a topic's messages is, on which its readers sleep.
     pub fn event_count_path(&self, topic: &str) -> PathBuf {
-        Path::new("/dev/shm").join(format!("{}{topic}.count", self.shared_memory_prefix()))
+        Path::new(SHARED_MEMORY).join(format!("{}{topic}.count", self.shared_memory_prefix()))
     }
 
-    /// Removes everything a group has left behind in shared memory and in the runtime directory.
+    /// Removes everything a group has left behind in shared memory, but for the lock.
     /// Only for the holder of the lock, and only when none of the group's processes is alive:
     /// removing one half of what iceoryx2 keeps, or removing it under a living process, is worse
     /// than leaving it.
     pub fn wipe(&self) -> Result<(), InstanceError> {
-        let shared_memory = Path::new("/dev/shm");
+        let shared_memory = Path::new(SHARED_MEMORY);
         let prefix = self.shared_memory_prefix();
-        let entries = fs::read_dir(shared_memory)
-            .map_err(|source| InstanceError::Io { path: shared_memory.into(), source })?;
-        for entry in entries.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                remove(fs::remove_file(entry.path()), &entry.path())?;
+        let lock = lock::in_memory(self);
+        let entries = fs::read_dir(shared_memory).map_err(io_error(shared_memory))?;
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if !name.starts_with(&prefix) || path == lock {
+                continue;
             }
+            let is_directory = fs::symlink_metadata(&path).is_ok_and(|data| data.is_dir());
+            let removed =
+                if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            remove(removed, &path)?;
         }
-        let ipc = self.directory.join("ipc");
-        remove(fs::remove_dir_all(&ipc), &ipc)
+        Ok(())
     }
 
-    /// Removes the runtime directory itself, at the end of a group's life.
+    /// Removes the runtime directory itself, and the lock, at the end of a group's life.
     pub fn remove_directory(&self) -> Result<(), InstanceError> {
         remove(fs::remove_dir_all(&self.directory), &self.directory)?;
+        let lock = lock::in_memory(self);
+        remove(fs::remove_file(&lock), &lock)?;
         if let Some(base) = self.directory.parent() {
             // Goes only when no other instance is in it.
             let _ = fs::remove_dir(base);
@@ -392,11 +354,6 @@ pub fn create_private(path: &Path) -> std::io::Result<File> {
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError {
     move |source| InstanceError::Io { path: path.into(), source }
-}
-
-fn write_pid(file: &mut File) -> std::io::Result<()> {
-    file.set_len(0)?;
-    writeln!(file, "{}", std::process::id())
 }
 
 fn remove(result: std::io::Result<()>, path: &Path) -> Result<(), InstanceError> {

@@ -6,9 +6,9 @@ use crate::topics::{Topic, Visitor, visit_all};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Counts up when the files that the processes of a group leave each other in the runtime directory
-/// (handover notes, the group's record) change their meaning.
-const FILES_VERSION: u32 = 1;
+/// Counts up when what the processes of a group leave each other besides messages (the pages of stages,
+/// the group's record) or the places of iceoryx2's files change.
+const FILES_VERSION: u32 = 2;
 
 /// Everything one program must share with another to work in the same group.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -149,6 +149,16 @@ pub fn check_margin() -> Result<(), u64> {
     }
 }
 
+/// Whether a process that reads all topics may connect to a group that works; if not, how many bytes are
+/// free. Every writer makes a queue for each new reader, and dies where there is no memory for it: the
+/// reader would end the match that it came to see.
+pub fn check_room_for_readers() -> Result<(), u64> {
+    match free_bytes() {
+        Ok(free) if free < BOOKKEEPING_BYTES => Err(free),
+        _ => Ok(()),
+    }
+}
+
 /// Has the system fill in memory at these addresses, as writing to them would, but without dying of
 /// it; `false` when there is none. A kernel that cannot do that (before 5.14) is no reason not to
 /// start.

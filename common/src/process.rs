@@ -10,14 +10,14 @@
 use crate::bus::{Bus, BusError, Kept, Publisher};
 use crate::clock::monotonic_ns;
 use crate::config::{Config, WakeUpStrategy};
-use crate::handover::Handover;
 use crate::instance::{Instance, InstanceError};
-use crate::mark::Mark;
+use crate::memory_rank::{self, MemoryRank};
 use crate::messages::{
     DropReason, FrameFault, GroupEvent, Heartbeat, ProcessKind, ProcessState, StatusHeader,
     reachable_frames,
 };
 use crate::scheduling;
+use crate::stage_page::StagePage;
 use crate::topics::{self, Topic};
 use crate::wake_up::WakeUp;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -80,7 +80,7 @@ pub struct Process {
     instance: Instance,
     /// What only the supervisor knows besides; it may be killed and started again at any moment.
     _kept: (Kept<u8, StatusHeader>, Kept<GroupEvent, ()>),
-    mark: Mark,
+    page: StagePage,
     health: Publisher<Heartbeat, ()>,
     kind: ProcessKind,
     stop: Arc<AtomicBool>,
@@ -88,6 +88,8 @@ pub struct Process {
     promotion: UnixStream,
     spare: bool,
     supervised: bool,
+    /// Past waiting for a promotion.
+    is_at_work: bool,
     fault: Option<u64>,
     skip_next: bool,
     orphan_timeout: Duration,
@@ -123,6 +125,8 @@ impl Process {
         for complaint in scheduling::set_up(&config.scheduling, kind) {
             crate::tell!("{}: {complaint}", kind.name());
         }
+        let rank = if options.spare { MemoryRank::Spare } else { MemoryRank::Needed };
+        let _ = memory_rank::set(rank);
         let bus = Bus::join(&options.instance, kind.name())?;
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
@@ -132,8 +136,8 @@ impl Process {
             counters,
             instance: options.instance.clone(),
             _kept: kept,
-            mark: Mark::open(&options.instance, kind)
-                .map_err(system("map the mark of the stage"))?,
+            page: StagePage::open(&options.instance, kind)
+                .map_err(system("map the page of the stage"))?,
             health,
             kind,
             stop,
@@ -143,6 +147,7 @@ impl Process {
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
+            is_at_work: false,
             orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
             orphaned_since_ns: None,
             wake_up: scheduling::wake_up_strategy(&config.scheduling),
@@ -176,7 +181,7 @@ impl Process {
             return Ok(false);
         }
         if self.supervised
-            && let Some(handover) = Handover::read(&self.instance, self.kind)
+            && let Some(handover) = self.page.note()
         {
             self.counters.seq_in = handover.resume_after;
             self.counters.seq_out = handover.resume_after;
@@ -186,8 +191,10 @@ impl Process {
         if self.supervised {
             // The supervisor may be new, and not have seen what a process has published that is dead
             // since.
-            self.resume_after_seen(self.mark.newest());
+            self.resume_after_seen(self.page.newest());
         }
+        self.is_at_work = true;
+        let _ = memory_rank::set(MemoryRank::Needed);
         self.beat(ProcessState::Active)?;
         Ok(true)
     }
@@ -203,6 +210,9 @@ impl Process {
         }
         if self.panic.load(Ordering::Relaxed) {
             panic!("asked to panic by SIGUSR2");
+        }
+        if self.is_at_work {
+            self.page.look_around(now);
         }
         // A drop is progress that shows in no output, so it is reported without delay.
         let since_beat = Duration::from_nanos(now.saturating_sub(self.beat_ns));
@@ -310,7 +320,7 @@ impl Process {
     pub fn sent(&mut self, seq: u64) {
         self.counters.seq_out = seq;
         self.counters.frames_out += 1;
-        self.mark.set(seq);
+        self.page.set_newest(seq);
     }
 
     /// Counts an input that was not worked on.

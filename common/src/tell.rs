@@ -1,10 +1,22 @@
-//! Saying something to whoever looks after a process, on the standard error output.
+//! Saying something to whoever looks after a process, on the standard error output, and showing things on
+//! the standard output.
 //!
 //! `eprintln!` panics where that output cannot be written: the terminal is gone, the reader of a pipe has
 //! ended, a log has filled its disk. None of that is a reason to end a match.
+//!
+//! Nor is a reader that has stopped reading: a terminal after Ctrl-S, a pager. Writing to it blocks for
+//! as long as that lasts. A process that must not be held up has a thread do the writing
+//! ([`never_block`]); what that one does not get rid of is left out, and counted.
 
 use std::fmt::Arguments;
 use std::io::{self, Write};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+/// Texts that wait to be written: some seconds of a lively match.
+const WAITING: usize = 256;
 
 /// As `eprintln!`, except that nothing happens if it cannot be written.
 #[macro_export]
@@ -18,7 +30,80 @@ macro_rules! tell_part {
     ($($text:tt)*) => { $crate::tell::tell(format_args!($($text)*)) };
 }
 
+/// What the writing thread is given.
+enum Task {
+    Error(String),
+    Output(String),
+    /// Answered when everything before it is written.
+    Finish(SyncSender<()>),
+}
+
+static WRITER: OnceLock<SyncSender<Task>> = OnceLock::new();
+/// Texts left out since the last that was written.
+static LEFT_OUT: AtomicU64 = AtomicU64::new(0);
+
+/// From now on, whatever this process says waits for nobody.
+pub fn never_block() -> io::Result<()> {
+    let (sender, tasks) = sync_channel(WAITING);
+    std::thread::Builder::new().name("tell".into()).spawn(move || write_all(&tasks))?;
+    // Where there is one already, the new thread ends at once.
+    let _ = WRITER.set(sender);
+    Ok(())
+}
+
 /// See [`tell!`](crate::tell!).
 pub fn tell(text: Arguments) {
-    let _ = io::stderr().lock().write_fmt(text);
+    match WRITER.get() {
+        None => drop(io::stderr().lock().write_fmt(text)),
+        Some(writer) => give(writer, Task::Error(text.to_string())),
+    }
+}
+
+/// Writes to the standard output; nothing happens if that cannot be done.
+pub fn show(text: String) {
+    match WRITER.get() {
+        None => write_output(&text),
+        Some(writer) => give(writer, Task::Output(text)),
+    }
+}
+
+/// Waits until everything is written that was said so far, but not longer than this; whether it is.
+pub fn finish(patience: Duration) -> bool {
+    let Some(writer) = WRITER.get() else { return true };
+    let (done, is_done) = sync_channel(1);
+    let begun = std::time::Instant::now();
+    // The queue may be full just now.
+    while writer.try_send(Task::Finish(done.clone())).is_err() {
+        if begun.elapsed() >= patience {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    is_done.recv_timeout(patience.saturating_sub(begun.elapsed())).is_ok()
+}
+
+fn give(writer: &SyncSender<Task>, task: Task) {
+    if writer.try_send(task).is_err() {
+        LEFT_OUT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn write_all(tasks: &Receiver<Task>) {
+    for task in tasks {
+        match task {
+            Task::Error(text) => drop(io::stderr().lock().write_all(text.as_bytes())),
+            Task::Output(text) => write_output(&text),
+            Task::Finish(done) => drop(done.try_send(())),
+        }
+        let left_out = LEFT_OUT.swap(0, Ordering::Relaxed);
+        if left_out > 0 {
+            let what = format!("touchline: {left_out} texts were left out: nobody read them\n");
+            let _ = io::stderr().lock().write_all(what.as_bytes());
+        }
+    }
+}
+
+fn write_output(text: &str) {
+    let mut out = io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }

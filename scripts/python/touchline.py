@@ -31,15 +31,17 @@ class Group:
 
     def __init__(self, instance="default", name="python", patience_s=10.0):
         directory = directory_of(instance)
+        prefix = prefix_of(directory)
+        root = f"/dev/shm/{prefix}ipc"
         ends = time.monotonic() + patience_s
-        while not os.path.isdir(os.path.join(directory, "ipc")):
+        while not os.path.isdir(root):
             if time.monotonic() > ends:
                 raise TimeoutError(f"no group {instance!r} is running ({directory})")
             time.sleep(0.1)
         iox2.set_log_level(iox2.LogLevel.Fatal)
         config = iox2.config.default()
-        config.global_cfg.root_path = iox2.Path.new(os.path.join(directory, "ipc"))
-        config.global_cfg.prefix = iox2.FileName.new(prefix_of(directory))
+        config.global_cfg.root_path = iox2.Path.new(root)
+        config.global_cfg.prefix = iox2.FileName.new(prefix)
         # The supervisor cleans up after the dead.
         config.global_cfg.node.cleanup_dead_nodes_on_creation = False
         config.global_cfg.node.cleanup_dead_nodes_on_destruction = False

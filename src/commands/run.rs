@@ -14,6 +14,10 @@ use std::fs::File;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, ExitCode};
+use std::time::Duration;
+
+/// How long whoever reads may take for the last texts.
+const LAST_TEXTS: Duration = Duration::from_secs(1);
 
 /// Runs a group until it is done or stopped.
 pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
@@ -28,21 +32,29 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     // Nor does a match end with a report that cannot be written.
     let report_file = args.report.as_deref().map(create).transpose()?;
 
+    // Whoever reads what is said may stop reading; the match goes on.
+    if let Err(error) = common::tell::never_block() {
+        common::tell!("touchline: no thread for what is said: {error}");
+    }
     let output = if args.quiet { Output::Quiet } else { Output::for_stdout() };
     let is_bounded = launch.frames.is_some() || launch.source.is_bounded();
     let until = if is_bounded { Until::Finished } else { Until::Stopped };
     let source = launch.source.to_string();
     let outcome = supervisor::run(launch, &config, until, |view| {
-        Monitor::start(&instance, source, &config, view, output)
+        Monitor::start(&instance, source.clone(), &config, view, output)
     })?;
     let report = match outcome {
         Outcome::Ended(report) => report,
-        Outcome::Upgrade(program) => return Err(go_on_as(&program, &args)),
+        Outcome::Upgrade(program) => {
+            common::tell::finish(LAST_TEXTS);
+            return Err(go_on_as(&program, &args));
+        }
     };
 
     if !args.quiet {
-        say!("{}", summary(&report))?;
+        common::tell::show(summary(&report));
     }
+    common::tell::finish(LAST_TEXTS);
     if let Some(file) = report_file {
         serde_json::to_writer_pretty(&file, &report)?;
     }

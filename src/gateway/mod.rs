@@ -21,6 +21,7 @@ use common::clock::monotonic_ns;
 use common::config::Config;
 use common::gateway::Greeting;
 use common::instance::Instance;
+use common::memory_rank::{self, MemoryRank};
 use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat, ProcessState};
 use common::process::{HEARTBEAT, LOOK_AROUND};
 use common::topics;
@@ -78,6 +79,8 @@ struct Given {
 /// Runs until it is told to end, or its group is gone.
 pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), GatewayError> {
     let name = config.access.group().ok_or(GatewayError::NotConfigured)?;
+    // The match can do without it; that it cannot be said is no reason not to work.
+    let _ = memory_rank::set(MemoryRank::Attendant);
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&stop))

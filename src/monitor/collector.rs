@@ -3,7 +3,7 @@
 use super::Outlets;
 use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
-use super::flow::Flow;
+use super::flow::{Flow, Sight};
 use super::latency::LatencyMeter;
 use super::report::{
     Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage,
@@ -11,7 +11,7 @@ use super::report::{
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
-use common::bus::{Bus, BusError, Subscriber};
+use common::bus::{Bus, BusError, Header, Message, Subscriber};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
@@ -24,6 +24,9 @@ use std::sync::Arc;
 const KEPT_TRUTH: usize = 512;
 /// Over which rates and processor shares are measured.
 const RATE_PERIOD_NS: u64 = 1_000_000_000;
+
+/// Between two attempts to see a writer that could not be connected to.
+const RECONNECT_NS: u64 = 1_000_000_000;
 
 /// How often memory is looked at, and when for the first time.
 const MEMORY_PERIOD_NS: u64 = 30_000_000_000;
@@ -41,6 +44,15 @@ pub struct Collector {
     base: Report,
     started_ns: u64,
     flow: Flow,
+    /// How many of the newest frames wait for a reader that is away.
+    kept_frames: usize,
+    frame_bytes: usize,
+    /// The frames of one look. Reused allocation.
+    new_frames: Vec<FrameHeader>,
+    /// Frames and results may have come that were not seen.
+    frames_lost_from_sight: bool,
+    world_lost_from_sight: bool,
+    connect_after_ns: u64,
     last_frame: Option<FrameHeader>,
     last_world: Option<FrameHeader>,
     known_truth: VecDeque<TruthFrame>,
@@ -85,7 +97,7 @@ impl Collector {
         config: &Config,
         view: Arc<GroupView>,
     ) -> Result<(Self, Outlets), BusError> {
-        let bus = Bus::join(instance, "monitor")?;
+        let bus = Bus::join_as_reader(instance, "monitor")?;
         let outlets = Outlets {
             status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
             events: bus.publisher(&topics::EVENTS, 1)?,
@@ -120,6 +132,12 @@ impl Collector {
             base,
             started_ns: monotonic_ns(),
             flow: Flow::default(),
+            kept_frames: topics::frames(config.camera.frame_bytes()).buffer,
+            frame_bytes: config.camera.frame_bytes(),
+            new_frames: Vec::new(),
+            frames_lost_from_sight: false,
+            world_lost_from_sight: false,
+            connect_after_ns: 0,
             last_frame: None,
             last_world: None,
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
@@ -141,7 +159,10 @@ impl Collector {
 
     /// Takes in everything published since the last call.
     pub fn collect(&mut self) -> Result<(), BusError> {
+        self.see_again();
+        let mut received_frames = 0;
         while let Some(frame) = self.frames.receive()? {
+            received_frames += 1;
             let header = frame.header();
             // Rubbish of other programs; the classifier counts it, with the reason.
             let Camera { width, height, .. } = self.base.camera;
@@ -151,9 +172,19 @@ impl Collector {
                 continue;
             }
             self.last_frame = Some(*header);
-            self.flow.captured(header.seq);
-            self.latency.frame(header);
+            self.new_frames.push(*header);
         }
+        // A full buffer, or nearly, may have been full for a while, and its oldest overwritten.
+        let was_away = received_frames * 8 >= self.kept_frames * 7;
+        self.world_lost_from_sight |= was_away;
+        let is_broken = was_away || self.frames_lost_from_sight;
+        let sight = if is_broken { Sight::Broken } else { Sight::Whole };
+        for header in &self.new_frames {
+            self.flow.captured(header.seq, sight);
+            self.latency.frame(header);
+            self.frames_lost_from_sight = false;
+        }
+        self.new_frames.clear();
         while let Some(received) = self.detections.receive()? {
             if let Some(detection) = received.message() {
                 self.take_detection(detection)?;
@@ -183,6 +214,37 @@ impl Collector {
             }
         }
         Ok(())
+    }
+
+    /// Whether it cannot see what some process publishes, for want of descriptors or memory.
+    fn is_blind(&self) -> bool {
+        self.frames.misses_a_writer()
+            || self.detections.misses_a_writer()
+            || self.world.misses_a_writer()
+            || self.truth.misses_a_writer()
+            || self.health.misses_a_writer()
+    }
+
+    /// Connects anew to topics of which it misses a writer. As long as that does not succeed, it goes
+    /// on with what it has.
+    fn see_again(&mut self) {
+        if !self.is_blind() {
+            return;
+        }
+        self.frames_lost_from_sight |= self.frames.misses_a_writer();
+        self.world_lost_from_sight |= self.world.misses_a_writer();
+        let now_ns = monotonic_ns();
+        if now_ns < self.connect_after_ns {
+            return;
+        }
+        self.connect_after_ns = now_ns + RECONNECT_NS;
+        let Self { frames, detections, world, truth, health, _bus: bus, .. } = self;
+        let topic = topics::frames(self.frame_bytes);
+        connect_again(frames, || bus.subscriber(&topic));
+        connect_again(detections, || bus.subscriber(&topics::DETECTIONS));
+        connect_again(world, || bus.subscriber(&topics::WORLD));
+        connect_again(truth, || bus.subscriber(&topics::TRUTH));
+        connect_again(health, || bus.subscriber(&topics::HEALTH));
     }
 
     /// Events that were not returned before.
@@ -260,7 +322,10 @@ impl Collector {
             self.last_world = Some(frame);
         }
         let before = self.flow.frames(0, false).duplicates_in_world;
-        self.flow.arrived(world.frame.seq);
+        // What is not seen of a topic was before what is seen next.
+        let is_broken = std::mem::take(&mut self.world_lost_from_sight);
+        let sight = if is_broken { Sight::Broken } else { Sight::Whole };
+        self.flow.arrived(world.frame.seq, sight);
         if self.flow.frames(0, false).duplicates_in_world > before {
             return Ok(());
         }
@@ -376,11 +441,17 @@ impl Collector {
             }
             _ => None,
         };
+        let mut degraded = self.view.lacks();
+        if self.is_blind() {
+            degraded
+                .push("count: a process's messages cannot be seen, and count as not seen".into());
+        }
         let camera = Camera { device: self.camera.device(), ..self.base.camera.clone() };
         Report {
             camera,
             elapsed_s: ((now - self.started_ns) as f64 / 1e7).round() / 100.0,
             complete: stages.values().all(working),
+            degraded,
             frames,
             rate: self.rate.frames.clone(),
             latency_us: self.latency.report(),
@@ -436,6 +507,17 @@ impl RateMeter {
         for (kind, stage) in stages.iter_mut() {
             stage.cpu_percent = self.cpu_percent.get(kind).copied().unwrap_or(0.0);
         }
+    }
+}
+
+fn connect_again<E: Message, H: Header>(
+    subscriber: &mut Subscriber<E, H>,
+    connect: impl FnOnce() -> Result<Subscriber<E, H>, BusError>,
+) {
+    if subscriber.misses_a_writer()
+        && let Ok(new) = connect()
+    {
+        *subscriber = new;
     }
 }
 

@@ -5,7 +5,7 @@ use super::report::{Breakdown, CameraDevice, Errors, Found, Gateway, Light, Perc
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::fmt::Write as _;
-use std::io::{IsTerminal, Write as _};
+use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// How the run is shown while it lasts.
@@ -86,10 +86,10 @@ impl Display {
     }
 }
 
-/// A reader that has gone away (`| head`) is no reason to end a match.
+/// A reader that has gone away (`| head`), or that has stopped reading, is no reason to end or to hold
+/// up a match.
 fn print(text: &str) {
-    let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    common::tell::show(text.into());
 }
 
 /// Cuts lines to the terminal's width: a line that wraps would upset the counting of lines.
@@ -152,6 +152,13 @@ fn body(report: &Report) -> String {
         frames.dropped_by_grabber,
         frames.never_captured,
     );
+    if frames.not_seen + frames.not_seen_in_world > 0 {
+        let _ = writeln!(
+            text,
+            "  not seen     {} frames and {} results passed while nobody counted",
+            frames.not_seen, frames.not_seen_in_world
+        );
+    }
     let _ = writeln!(
         text,
         "  {:<12} {:>8} {:>8} {:>7} {:>8} {:>6} {:>7}   from capture, µs: p50 / p99 / max",
@@ -203,6 +210,9 @@ fn body(report: &Report) -> String {
     }
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
+    }
+    for lack in &report.degraded {
+        let _ = writeln!(text, "  degraded     {lack}");
     }
     if !report.rejected.is_empty() {
         let reasons: Vec<String> =
@@ -355,6 +365,9 @@ fn line(report: &Report) -> String {
     );
     if let Some(device) = report.camera.device.as_ref().filter(|it| it.state != "streaming") {
         let _ = write!(text, "  camera {}: {}", device.state.replace('_', " "), device.problem);
+    }
+    if let Some(lack) = report.degraded.first() {
+        let _ = write!(text, "  degraded: {lack}");
     }
     if report.light.as_ref().is_some_and(|light| light.at_bound) {
         text += "  light beyond correction";

@@ -19,6 +19,19 @@ pub struct Flow {
     /// count.
     early: BTreeSet<u64>,
     missing: u64,
+    /// Numbers that this monitor has not seen, having been away.
+    not_seen: u64,
+    /// Captured before `world`s that it has not seen.
+    not_seen_in_world: u64,
+}
+
+/// Whether messages before one may have been overwritten before the monitor came to read them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// It has seen everything there was.
+    Whole,
+    /// It was away, or could not see: it knows nothing of what it has not seen.
+    Broken,
 }
 
 /// Frames in flight are not missing yet. More than the deepest buffer on the way.
@@ -27,9 +40,12 @@ const IN_FLIGHT: usize = 256;
 impl Flow {
     /// A frame was captured. An old number is a frame that some other program has published again;
     /// the stages drop it, and so does the count.
-    pub fn captured(&mut self, seq: u64) {
+    pub fn captured(&mut self, seq: u64, sight: Sight) {
         if self.last >= Some(seq) {
             return;
+        }
+        if let (Some(last), Sight::Broken) = (self.last, sight) {
+            self.not_seen += seq - last - 1;
         }
         self.first.get_or_insert(seq);
         self.last = self.last.max(Some(seq));
@@ -46,12 +62,16 @@ impl Flow {
     }
 
     /// A frame's world was published.
-    pub fn arrived(&mut self, seq: u64) {
+    pub fn arrived(&mut self, seq: u64, sight: Sight) {
         if self.last_world >= Some(seq) {
             self.duplicates += 1;
             return;
         }
         self.last_world = Some(seq);
+        if sight == Sight::Broken {
+            let later = self.pending.split_off(&seq);
+            self.not_seen_in_world += std::mem::replace(&mut self.pending, later).len() as u64;
+        }
         if self.pending.remove(&seq) {
             self.world += 1;
         } else {
@@ -74,7 +94,9 @@ impl Flow {
         Frames {
             captured: self.captured,
             dropped_by_grabber,
-            never_captured: span - self.captured.min(span),
+            never_captured: span.saturating_sub(self.captured + self.not_seen),
+            not_seen: self.not_seen,
+            not_seen_in_world: self.not_seen_in_world,
             world: self.world,
             missing_in_world: self.missing + lost as u64,
             duplicates_in_world: self.duplicates,
@@ -90,10 +112,10 @@ mod tests {
     fn gaps_losses_and_duplicates_are_told_apart() {
         let mut flow = Flow::default();
         for seq in [0, 1, 2, 3, 6, 7] {
-            flow.captured(seq);
+            flow.captured(seq, Sight::Whole);
         }
         for seq in [0, 1, 3, 3, 2, 6] {
-            flow.arrived(seq);
+            flow.arrived(seq, Sight::Whole);
         }
         let running = flow.frames(0, false);
         assert_eq!((running.captured, running.never_captured, running.world), (6, 2, 4));
@@ -105,8 +127,8 @@ mod tests {
     #[test]
     fn a_world_seen_before_its_frame_is_not_missing() {
         let mut flow = Flow::default();
-        flow.arrived(5);
-        flow.captured(5);
+        flow.arrived(5, Sight::Whole);
+        flow.captured(5, Sight::Whole);
         let frames = flow.frames(0, true);
         assert_eq!((frames.world, frames.missing_in_world), (1, 0));
     }
@@ -115,11 +137,11 @@ mod tests {
     fn frames_captured_before_the_monitors_time_do_not_count() {
         let mut flow = Flow::default();
         for seq in [1, 2, 3, 4] {
-            flow.arrived(seq);
+            flow.arrived(seq, Sight::Whole);
         }
-        flow.captured(4);
-        flow.captured(5);
-        flow.arrived(5);
+        flow.captured(4, Sight::Whole);
+        flow.captured(5, Sight::Whole);
+        flow.arrived(5, Sight::Whole);
         let frames = flow.frames(0, true);
         assert_eq!((frames.captured, frames.world, frames.missing_in_world), (2, 2, 0));
     }
@@ -128,19 +150,50 @@ mod tests {
     fn a_frame_published_again_counts_once() {
         let mut flow = Flow::default();
         for seq in [0, 1, 0] {
-            flow.captured(seq);
+            flow.captured(seq, Sight::Whole);
         }
-        flow.arrived(0);
-        flow.arrived(1);
+        flow.arrived(0, Sight::Whole);
+        flow.arrived(1, Sight::Whole);
         let frames = flow.frames(0, true);
         assert_eq!((frames.captured, frames.missing_in_world), (2, 0));
+    }
+
+    #[test]
+    fn what_was_not_seen_is_not_said_to_be_lost() {
+        let mut flow = Flow::default();
+        for seq in 0..100 {
+            flow.captured(seq, Sight::Whole);
+        }
+        for seq in 0..97 {
+            flow.arrived(seq, Sight::Whole);
+        }
+        // Away for 200 frames; the last 64 of each topic are still there, of `world` one frame behind.
+        for seq in 236..300 {
+            flow.captured(seq, Sight::Broken);
+        }
+        for seq in 235..299 {
+            flow.arrived(seq, Sight::Broken);
+        }
+        let frames = flow.frames(0, false);
+        assert_eq!((frames.captured, frames.not_seen), (164, 136));
+        assert_eq!((frames.never_captured, frames.missing_in_world), (0, 0));
+        assert_eq!((frames.world, frames.not_seen_in_world), (97 + 63, 3));
+        assert_eq!(frames.duplicates_in_world, 0);
+        // A grabber that dies in the sight of the monitor is another matter.
+        flow.captured(310, Sight::Whole);
+        assert_eq!(flow.frames(0, false).never_captured, 10);
+        let frames = flow.frames(0, true);
+        assert_eq!(
+            frames.captured,
+            frames.world + frames.not_seen_in_world + frames.missing_in_world
+        );
     }
 
     #[test]
     fn a_long_outage_is_counted_without_growing() {
         let mut flow = Flow::default();
         for seq in 0..10_000 {
-            flow.captured(seq);
+            flow.captured(seq, Sight::Whole);
         }
         assert_eq!(flow.frames(0, true).missing_in_world, 10_000);
         assert!(flow.pending.len() <= IN_FLIGHT);

@@ -25,6 +25,10 @@ pub struct Report {
     pub supervisor_pid: u32,
     /// Whether every stage is working.
     pub complete: bool,
+    /// What the group does without at the moment, in a line each: stages that fail again and again, and
+    /// what the system refuses. It is tried again all the time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub degraded: Vec<String>,
     /// Frames, end to end.
     pub frames: Frames,
     /// Frames a second over the last second, captured and arrived in `world`.
@@ -101,10 +105,15 @@ pub struct Frames {
     /// Numbers between the first and the last frame that nobody captured: while there was no
     /// grabber, and those it dropped.
     pub never_captured: u64,
+    /// Numbers of which nothing is known, because the monitor itself was away: frozen, overtaken, or
+    /// without the means to connect to a new grabber.
+    pub not_seen: u64,
     /// Arrived in `world`.
     pub world: u64,
     /// Captured, but not in `world`.
     pub missing_in_world: u64,
+    /// Captured, but whether they are in `world` is not known, because the monitor was away.
+    pub not_seen_in_world: u64,
     /// In `world` more than once, or out of order.
     pub duplicates_in_world: u64,
 }

@@ -109,6 +109,7 @@ pub struct GroupView {
 struct Inner {
     processes: Vec<ProcessView>,
     restarts: BTreeMap<ProcessKind, u64>,
+    lacks: Vec<String>,
     gateway: Option<GatewayView>,
     updated_ns: Option<u64>,
     events: VecDeque<Event>,
@@ -159,6 +160,16 @@ impl GroupView {
     /// The last events, oldest first.
     pub fn events(&self) -> Vec<Event> {
         self.lock().events.iter().cloned().collect()
+    }
+
+    /// Replaces what the group does without at the moment.
+    pub fn update_lacks(&self, lacks: Vec<String>) {
+        self.lock().lacks = lacks;
+    }
+
+    /// What the group does without at the moment, in a line each.
+    pub fn lacks(&self) -> Vec<String> {
+        self.lock().lacks.clone()
     }
 
     /// Replaces what is known of the gateway.

@@ -1,15 +1,17 @@
 //! Starting, signalling and reaping the group's processes.
 
+use super::log::Log;
 use super::notify;
-use super::policy::MemberId;
 use super::starvation::{ProcessorWait, SchedulerTimes};
+use super::sys::{self, Call};
 use common::descriptors;
-use common::instance::{Instance, create_private};
+use common::instance::Instance;
 use common::messages::ProcessKind;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, OwnedFd};
+use rustix::io::Errno;
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
 };
@@ -41,7 +43,7 @@ pub struct Process {
     pub pidfd: OwnedFd,
     /// `None` for a process that another supervisor has started.
     child: Option<Child>,
-    log: PathBuf,
+    log: Log,
     wait: ProcessorWait,
 }
 
@@ -56,23 +58,17 @@ pub struct End {
     pub last_words: String,
 }
 
-/// Enough of a dead process's last output to see a panic with its place.
-const LAST_WORDS_BYTES: usize = 2000;
-
 impl Process {
     /// Starts a process from the very image this one runs: whatever happens to the file in the
     /// meantime, a restart never changes the version.
     pub fn start(
         launch: &Launch,
-        id: MemberId,
         kind: ProcessKind,
         spare: bool,
         last_frame: Option<LastFrame>,
     ) -> io::Result<Self> {
-        // With the supervisor's number: a later one counts its processes anew.
-        let log = format!("{}-{}-{id}.log", kind.name(), std::process::id());
-        let log = launch.instance.directory().join(log);
-        let mut command = command(&launch.instance, kind.name(), &log)?;
+        let log = Log::new(kind.name());
+        let mut command = command(&launch.instance, kind.name(), &log);
         if spare {
             command.arg("--spare");
         }
@@ -86,24 +82,36 @@ impl Process {
             }
         }
         descriptors::keep_from_programs_run_now();
-        let child = command.spawn()?;
+        let mut child = sys::ask(Call::StartProcess, || command.spawn())?;
         let pid = child.id();
-        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
-        Ok(Self { kind, pid, pidfd, child: Some(child), log, wait: Default::default() })
+        match sys::ask(Call::HoldProcess, || hold(Pid::from_child(&child))) {
+            Ok(pidfd) => {
+                Ok(Self { kind, pid, pidfd, child: Some(child), log, wait: Default::default() })
+            }
+            Err(error) => {
+                // Its end would not be noticed.
+                let _ = child.kill().and_then(|()| child.wait());
+                Err(error)
+            }
+        }
     }
 
     /// Takes in a process that another supervisor has started.
     pub fn adopt(kind: ProcessKind, pid: u32) -> io::Result<Self> {
         let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
-        let pidfd = pidfd_open(id, PidfdFlags::empty())?;
-        let log = fs::read_link(format!("/proc/{pid}/fd/2")).unwrap_or_default();
+        let pidfd = sys::ask(Call::HoldProcess, || hold(id))?;
+        let log = Log::of_process(pid);
         Ok(Self { kind, pid, pidfd, child: None, log, wait: Default::default() })
     }
 
     /// Sends a signal. That the process has ended in the meantime is not an error: its end is
     /// noticed by itself.
-    pub fn signal(&self, signal: Signal) {
-        let _ = pidfd_send_signal(&self.pidfd, signal);
+    pub fn signal(&self, signal: Signal) -> io::Result<()> {
+        let send = || match pidfd_send_signal(&self.pidfd, signal) {
+            Err(Errno::SRCH) => Ok(()),
+            sent => Ok(sent?),
+        };
+        sys::ask(Call::SignalProcess, send)
     }
 
     /// How long it has been ready to run without getting a processor since the last call.
@@ -116,14 +124,14 @@ impl Process {
     pub fn reap(&mut self) -> Option<End> {
         let Some(child) = &mut self.child else {
             let (how, crashed) = end_of_adopted(&self.pidfd)?;
-            return Some(End { how, crashed, last_words: take_last_words(&self.log) });
+            return Some(End { how, crashed, last_words: self.log.last_words() });
         };
         end_of(child, &self.log)
     }
 }
 
 /// The command that starts a process of the group from the very image this one runs.
-pub fn command(instance: &Instance, name: &str, log: &Path) -> io::Result<Command> {
+pub fn command(instance: &Instance, name: &str, log: &Log) -> Command {
     let mut command = Command::new("/proc/self/exe");
     command
         .arg0("touchline")
@@ -136,28 +144,24 @@ pub fn command(instance: &Instance, name: &str, log: &Path) -> io::Result<Comman
         .env("RUST_BACKTRACE", "0")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(create_private(log)?)
+        .stderr(log.for_writing())
         // Ctrl-C in the terminal is for the supervisor alone, which ends the group in order.
         .process_group(0);
     for variable in notify::VARIABLES {
         command.env_remove(variable);
     }
-    Ok(command)
+    command
 }
 
-/// How a child ended, if it has; its log goes with it.
-pub fn end_of(child: &mut Child, log: &Path) -> Option<End> {
-    let status = child.try_wait().ok().flatten()?;
+/// How a child ended, if it has.
+pub fn end_of(child: &mut Child, log: &Log) -> Option<End> {
+    let status = sys::ask(Call::ReapProcess, || child.try_wait()).ok().flatten()?;
     let (how, crashed) = describe(status.code(), status.signal());
-    Some(End { how, crashed, last_words: take_last_words(log) })
+    Some(End { how, crashed, last_words: log.last_words() })
 }
 
-fn take_last_words(log: &Path) -> String {
-    let text = fs::read(log).unwrap_or_default();
-    let tail = &text[text.len().saturating_sub(LAST_WORDS_BYTES)..];
-    let last_words = String::from_utf8_lossy(tail).trim().to_string();
-    let _ = fs::remove_file(log);
-    last_words
+fn hold(pid: Pid) -> io::Result<OwnedFd> {
+    Ok(pidfd_open(pid, PidfdFlags::empty())?)
 }
 
 /// The file that a process runs, also when it has been replaced or removed since.
@@ -180,7 +184,8 @@ fn has_ended(pidfd: &OwnedFd) -> bool {
 /// its children are still ours. The exit status of others went to whoever is their parent now.
 fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
     let at_once = WaitIdOptions::EXITED | WaitIdOptions::NOHANG;
-    match waitid(WaitId::PidFd(pidfd.as_fd()), at_once) {
+    let ask = || Ok(waitid(WaitId::PidFd(pidfd.as_fd()), at_once)?);
+    match sys::ask(Call::ReapProcess, ask) {
         Ok(Some(status)) => Some(describe(status.exit_status(), status.terminating_signal())),
         Ok(None) => None,
         Err(_) => has_ended(pidfd).then(|| ("ended".into(), false)),

@@ -4,11 +4,13 @@
 //! Request and answer are one datagram each, JSON. So a supervisor never waits for anybody who has
 //! something to ask: what has arrived has arrived as a whole.
 
+use super::sys::{self, Call};
 use common::instance::Instance;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -33,6 +35,7 @@ const MAX_BYTES: usize = 8192;
 pub struct Control {
     socket: UnixDatagram,
     path: PathBuf,
+    inode: u64,
 }
 
 impl Control {
@@ -45,9 +48,15 @@ impl Control {
         {
             return Err(error);
         }
-        let socket = UnixDatagram::bind(&path)?;
+        let socket = sys::ask(Call::OpenControl, || UnixDatagram::bind(&path))?;
         socket.set_nonblocking(true)?;
-        Ok(Self { socket, path })
+        let inode = fs::symlink_metadata(&path)?.ino();
+        Ok(Self { socket, path, inode })
+    }
+
+    /// Whether it can still be found: somebody may have removed its name.
+    pub fn is_reachable(&self) -> bool {
+        fs::symlink_metadata(&self.path).is_ok_and(|data| data.ino() == self.inode)
     }
 
     /// Becomes readable when there is a request.
@@ -59,7 +68,8 @@ impl Control {
     pub fn next(&self) -> Option<(Request, SocketAddr)> {
         let mut buffer = [0; MAX_BYTES];
         loop {
-            let (length, sender) = self.socket.recv_from(&mut buffer).ok()?;
+            let receive = || self.socket.recv_from(&mut buffer);
+            let (length, sender) = sys::ask(Call::ReceiveRequest, receive).ok()?;
             match serde_json::from_slice(&buffer[..length]) {
                 Ok(request) => return Some((request, sender)),
                 Err(error) => {
@@ -72,14 +82,18 @@ impl Control {
     /// Answers. That the other one is gone or does not listen is its own affair.
     pub fn answer(&self, to: &SocketAddr, answer: &Answer) {
         if let Ok(text) = serde_json::to_vec(answer) {
-            let _ = self.socket.send_to_addr(&text, to);
+            let answer = || self.socket.send_to_addr(&text, to);
+            // Once more for a refusal that passes, as when buffers are full.
+            let _ = sys::ask(Call::AnswerRequest, answer).or_else(|_| answer());
         }
     }
 }
 
 impl Drop for Control {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.path);
+        if self.is_reachable() {
+            let _ = fs::remove_file(&self.path);
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! What is kept for a bug report when a frame has killed two processes.
 
+use super::sys::{self, Call};
 use classifier::{Picture, to_rgb};
 use common::bus::Received;
 use common::instance::Instance;
@@ -15,7 +16,7 @@ pub fn save_frame(instance: &Instance, frame: &Received<u8, FrameHeader>) -> Pat
     let path = directory().join(format!("{}-frame-{seq}.png", instance.name()));
     let picture = picture_of(frame.header(), frame.elements());
     let target = path.clone();
-    std::thread::spawn(move || {
+    let save = move || {
         let saved = picture.map_err(|fault| fault.to_string()).and_then(|picture| {
             std::fs::create_dir_all(directory()).map_err(|error| error.to_string())?;
             picture.save(&target).map_err(|error| error.to_string())
@@ -23,7 +24,11 @@ pub fn save_frame(instance: &Instance, frame: &Received<u8, FrameHeader>) -> Pat
         if let Err(error) = saved {
             common::tell!("touchline: frame {seq} cannot be kept in {}: {error}", target.display());
         }
-    });
+    };
+    let start = || std::thread::Builder::new().name("evidence".into()).spawn(save);
+    if let Err(error) = sys::ask(Call::StartThread, start) {
+        common::tell!("touchline: frame {seq} cannot be kept: {error}");
+    }
     path
 }
 

@@ -3,7 +3,9 @@
 //! started again, with growing pauses, when it has ended or gives no sign of life.
 
 use super::children::{self, End};
+use super::log::Log;
 use super::policy::Settings;
+use super::sys::{self, Call};
 use super::{GRACE, SupervisorError};
 use crate::gateway::{NAME, place};
 use crate::monitor::GatewayView;
@@ -12,7 +14,6 @@ use common::config::Config;
 use common::instance::Instance;
 use common::messages::EventKind;
 use std::fs;
-use std::path::PathBuf;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
@@ -35,7 +36,7 @@ pub struct Gateway {
 
 struct Running {
     child: Child,
-    log: PathBuf,
+    log: Log,
 }
 
 /// What has happened to it.
@@ -114,19 +115,15 @@ impl Gateway {
         }
         let _ = running.child.kill();
         let _ = running.child.wait();
-        let _ = fs::remove_file(running.log);
     }
 
     fn start(&mut self, settings: &Settings, now_ns: u64) -> Option<Happened> {
         self.starts += 1;
         self.rules.started(now_ns);
-        // With the supervisor's number, as the logs of stages.
-        let log = format!("{NAME}-{}-{}.log", std::process::id(), self.starts);
-        let log = self.instance.directory().join(log);
-        let spawned = children::command(&self.instance, NAME, &log).and_then(|mut command| {
-            common::descriptors::keep_from_programs_run_now();
-            command.spawn()
-        });
+        let log = Log::new(NAME);
+        let mut command = children::command(&self.instance, NAME, &log);
+        common::descriptors::keep_from_programs_run_now();
+        let spawned = sys::ask(Call::StartProcess, || command.spawn());
         match spawned {
             Ok(child) => {
                 self.view.pid = Some(child.id());
@@ -216,6 +213,7 @@ mod tests {
         Settings {
             stall_ns: S,
             grabber_stall_ns: S,
+            grabber_stuck_ns: S,
             ready_timeout_ns: S,
             backoff_ns: S / 10,
             backoff_max_ns: 5 * S,

@@ -1,33 +1,38 @@
 //! A living group: carries events to the rules and the rules' decisions to the processes.
 
+mod acting;
 mod adoption;
 mod ending;
+mod upkeep;
 
 use super::children::{Launch, Process};
 use super::control::{Answer, Control, Request};
 use super::drops::Drops;
-use super::evidence;
 use super::gateway::Gateway;
 use super::janitor::Janitor;
 use super::notify::Notifier;
-use super::policy::{Action, Cause, Event, MemberId, Policy, Settings};
+use super::policy::{Event, MemberId, Policy, Settings};
+use super::premises::Premises;
 use super::progress::{Beat, Output, Progress};
-use super::record::{Member, Record};
+use super::reserve::Reserve;
+use super::signals::Signals;
+use super::sys::{self, Call};
+use super::takeover::Inheritance;
+use super::troubles::Troubles;
 use super::{SupervisorError, Until};
-use crate::monitor::{Event as LogEvent, GroupView, ProcessView};
+use crate::monitor::{Event as LogEvent, GroupView};
 use common::clock::monotonic_ns;
 use common::config::Config;
-use common::handover::Handover;
 use common::messages::{EventKind, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use rustix::process::Signal;
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::os::fd::AsFd;
-use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use upkeep::PREMISES;
 
 /// How often topics and heartbeats are looked at, at least; between, when a stall is due. All that
 /// stages send says when it was sent, so it need not be seen at once.
@@ -38,11 +43,9 @@ const TICKS_PER_STALL: u32 = 2;
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// How long after the camera's last frame results are waited for.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
-/// So many failures before anything ever worked mean that it never will.
-const HOPELESS_STARTS: u32 = 3;
 
 /// A group while it lives.
-pub struct Group {
+pub struct Group<'a> {
     launch: Launch,
     policy: Policy,
     processes: HashMap<MemberId, Process>,
@@ -59,10 +62,16 @@ pub struct Group {
     tick: Duration,
     notifier: Notifier,
     view: Arc<GroupView>,
-    stop: UnixStream,
-    control: Control,
+    signals: Signals,
+    premises: &'a mut Premises,
+    /// What does not work at the moment, and is tried again.
+    troubles: Troubles,
+    reserve: Reserve,
+    /// Signals that could not be sent.
+    unsent: Vec<(MemberId, Signal)>,
     /// Something has changed that the record does not say yet.
     record_is_due: Cell<bool>,
+    record_after: Instant,
     janitor: Janitor,
     /// Lets other users in, where that is configured.
     gateway: Option<Gateway>,
@@ -85,29 +94,52 @@ struct Woken {
     ended: Vec<MemberId>,
 }
 
-impl Group {
-    /// A group without processes, with the memories of an earlier supervisor, if there was one.
+impl<'a> Group<'a> {
+    /// A group without processes, with the memories of an earlier supervisor, if there was one. One that
+    /// lives already is looked after whatever is missing for it; a new one is not begun then.
     pub fn new(
         launch: Launch,
         config: &Config,
         view: Arc<GroupView>,
-        stop: UnixStream,
-        record: Record,
+        signals: Signals,
+        premises: &'a mut Premises,
+        inheritance: &Inheritance,
         gateway: Option<Gateway>,
     ) -> Result<Self, SupervisorError> {
-        let control = Control::open(&launch.instance).map_err(|source| {
-            SupervisorError::System { action: "open the socket for requests".into(), source }
-        })?;
-        let janitor = Janitor::start(&launch.instance);
+        let (record, lives) = (&inheritance.record, inheritance.lives());
+        if lives {
+            sys::arm();
+        }
+        let mut troubles = Troubles::default();
+        let mut begin = |what: &str, error: String| {
+            if let Some(said) = troubles.note(what, Err(error), monotonic_ns()) {
+                common::tell!("touchline: {said}");
+            }
+        };
+        match premises.restore() {
+            Err(error) if lives => begin(PREMISES, error.to_string()),
+            restored => drop(restored.map_err(|source| SupervisorError::System {
+                action: "set up the runtime directory".into(),
+                source,
+            })?),
+        }
+        let progress = match Progress::new(&launch.instance, config) {
+            Err(error) if lives => {
+                begin(SIGHT, error.to_string());
+                Progress::unconnected(&launch.instance, config)
+            }
+            progress => progress?,
+        };
         let restarts = record
             .restarts
             .iter()
             .filter_map(|(stage, &count)| Some((ProcessKind::from_name(stage)?, count)))
             .collect();
-        view.remember(record.events);
+        view.remember(record.events.clone());
         let settings = settings(config);
         Ok(Self {
-            progress: Progress::new(&launch.instance, config)?,
+            progress,
+            janitor: Janitor::start(&launch.instance),
             launch,
             tick: tick(&settings),
             policy: Policy::new(settings.clone()),
@@ -123,41 +155,53 @@ impl Group {
             last_output: Instant::now(),
             notifier: Notifier::from_environment(),
             view,
-            stop,
-            control,
+            signals,
+            premises,
+            troubles,
+            reserve: Reserve::new(),
+            unsent: Vec::new(),
             record_is_due: Cell::new(true),
-            janitor,
+            record_after: Instant::now(),
             gateway,
             settings,
         })
     }
 
     /// Looks after the group until it is to end.
-    pub fn watch(&mut self, until: Until) -> Result<Ending, SupervisorError> {
+    /// `meanwhile` is called every round.
+    pub fn watch(
+        &mut self,
+        until: Until,
+        meanwhile: &mut dyn FnMut(),
+    ) -> Result<Ending, SupervisorError> {
         loop {
-            let woken = self.wait()?;
+            let woken = self.wait();
             if woken.to_stop {
                 return Ok(Ending::Over);
             }
             // In this order: what the dead have published is known when they are replaced, and which
             // input they died of.
-            self.look()?;
+            self.look();
             self.reap(&woken.ended)?;
             self.excuse_the_starved();
             // Before anything is done about it: who is asked to end at once, to be replaced, has not
             // failed to start.
-            if self.policy.is_complete() {
+            if self.policy.is_complete() && !self.ever_complete {
                 self.ever_complete = true;
                 self.notifier.ready();
+                sys::arm();
             }
             for action in self.policy.tick(monotonic_ns()) {
                 self.act(action)?;
             }
+            self.send_again();
             self.tend_gateway();
+            self.tend_itself();
             self.notifier.alive(Instant::now());
             let upgrade = self.serve_requests();
             self.publish_view();
             self.keep_record();
+            meanwhile();
             if let Some(program) = upgrade {
                 return Ok(Ending::Upgrade(program));
             }
@@ -168,40 +212,54 @@ impl Group {
     }
 
     /// Sleeps until a process ends, a signal or a request comes, or it is time to look.
-    fn wait(&self) -> Result<Woken, SupervisorError> {
-        let (stop, control) = (self.stop.as_fd(), self.control.fd());
+    fn wait(&mut self) -> Woken {
+        let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
+        let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
         let (ids, mut fds): (Vec<MemberId>, Vec<_>) = self
             .processes
             .iter()
             .map(|(&id, process)| (id, PollFd::new(&process.pidfd, PollFlags::IN)))
             .unzip();
-        fds.extend([&stop, &control].map(|fd| PollFd::new(fd, PollFlags::IN)));
-        let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
-        let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
-        let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
-        match poll(&mut fds, Some(&timeout)) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => {
-                let happened = |fd: &PollFd| !fd.revents().is_empty();
-                let to_stop = happened(&fds[ids.len()]);
-                let ended = ids.into_iter().zip(&fds).filter(|(_, fd)| happened(fd));
-                Ok(Woken { to_stop, ended: ended.map(|(id, _)| id).collect() })
+        let (signals, control) = (self.signals.fd(), self.premises.control().map(Control::fd));
+        fds.push(PollFd::new(&signals, PollFlags::IN));
+        fds.extend(control.iter().map(|fd| PollFd::new(fd, PollFlags::IN)));
+        let time = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
+        let waited = sys::ask(Call::WaitForEvents, || match poll(&mut fds, Some(&time)) {
+            Err(Errno::INTR) => Ok(0),
+            waited => Ok(waited?),
+        });
+        let happened = |fd: &PollFd| !fd.revents().is_empty();
+        let ended = match &waited {
+            Ok(_) => {
+                let ended = ids.iter().zip(&fds).filter(|(_, fd)| happened(fd));
+                ended.map(|(&id, _)| id).collect()
             }
-            Err(error) => Err(SupervisorError::System {
-                action: "wait for processes".into(),
-                source: error.into(),
-            }),
+            // Then all of them are asked.
+            Err(_) => {
+                std::thread::sleep(timeout);
+                ids
+            }
+        };
+        drop(fds);
+        self.attempted(WAITING, waited.map(drop));
+        let asked = self.signals.take();
+        if asked.hung_up {
+            self.leave_terminal();
         }
+        Woken { to_stop: asked.to_stop, ended }
     }
 
     /// Does what is asked for; returns the program that is to take over, if that is asked for.
     fn serve_requests(&mut self) -> Option<PathBuf> {
         let mut upgrade = None;
-        while let Some((request, sender)) = self.control.next() {
+        while let Some((request, sender)) = self.premises.control().and_then(Control::next) {
             let answer = match &request {
                 Request::Restart(stages) => self.restart(stages),
                 Request::Upgrade(program) => check_program(program),
             };
-            self.control.answer(&sender, &answer);
+            if let Some(control) = self.premises.control() {
+                control.answer(&sender, &answer);
+            }
             if let (Request::Upgrade(program), Ok(())) = (request, answer) {
                 upgrade = Some(program);
             }
@@ -232,29 +290,29 @@ impl Group {
             }
             *self.restarts.entry(process.kind).or_default() += 1;
             self.log(EventKind::Ended, process.kind, process.pid, &end.how, &end.last_words);
-            if !self.ever_complete {
-                self.start_failures += 1;
-                if self.start_failures >= HOPELESS_STARTS {
-                    let reason = if end.last_words.is_empty() { end.how } else { end.last_words };
-                    return Err(SupervisorError::NoStart { stage: process.kind.name(), reason });
-                }
-            }
+            let reason = if end.last_words.is_empty() { end.how } else { end.last_words };
+            self.failed_to_start(process.kind, reason)?;
         }
         Ok(())
     }
 
-    /// Takes in what topics and heartbeats say.
-    fn look(&mut self) -> Result<(), SupervisorError> {
+    /// Takes in what topics, pages and heartbeats say.
+    fn look(&mut self) {
         let now = monotonic_ns();
         let Self { progress, policy, outputs, last_output, .. } = self;
-        for &Output { kind, seq, t_sent_ns } in progress.outputs()? {
+        let (new, seen) = progress.outputs();
+        for &Output { kind, seq, t_sent_ns } in new {
             outputs[kind as usize] = outputs[kind as usize].max(Some(seq));
             *last_output = Instant::now();
             policy.note(Event::Output(kind, seq), t_sent_ns);
         }
+        for kind in ProcessKind::ALL {
+            let at_ns = progress.pages().looked_around_ns(kind);
+            policy.note(Event::LookedAround(kind, at_ns), now);
+        }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;
         let (record_is_due, gateway) = (&self.record_is_due, &mut self.gateway);
-        progress.heartbeats(|beat| {
+        let heard = progress.heartbeats(|beat| {
             let sign = match beat {
                 Beat::Stage(sign) => sign,
                 Beat::Gateway { pid } => {
@@ -284,11 +342,14 @@ impl Group {
                 policy.note(Event::Finished, now);
                 *finished = true;
             }
-        })?;
+        });
         for tale in self.drops.tell(now) {
             self.log(EventKind::Dropped, tale.kind, tale.pid, &tale.what, "");
         }
-        Ok(())
+        // Connected again, and nothing missed, is another matter than nothing new while unconnected.
+        if seen.is_err() || heard.is_err() || self.progress.is_connected() {
+            self.attempted(SIGHT, seen.and(heard).map_err(std::io::Error::other));
+        }
     }
 
     /// On a busy machine a stage may be late because it gets no processor. That is no stall: a
@@ -304,85 +365,6 @@ impl Group {
         }
     }
 
-    fn act(&mut self, action: Action) -> Result<(), SupervisorError> {
-        match action {
-            Action::Start { id, kind, spare } => {
-                if !spare {
-                    self.hand_over(kind)?;
-                }
-                let last_frame = self.progress.last_frame();
-                let process = Process::start(&self.launch, id, kind, spare, last_frame).map_err(
-                    |source| SupervisorError::System {
-                        action: format!("start the {}", kind.name()),
-                        source,
-                    },
-                )?;
-                self.processes.insert(id, process);
-            }
-            Action::Promote { id, kind } => {
-                self.hand_over(kind)?;
-                if let Some(process) = self.processes.get(&id) {
-                    process.signal(Signal::USR1);
-                    self.log(EventKind::Promoted, kind, process.pid, "promoted from spare", "");
-                }
-            }
-            Action::Kill { id, kind, cause } => {
-                if let Some(process) = self.processes.get(&id) {
-                    let (event, what) = match cause {
-                        Cause::Stalled => {
-                            (EventKind::Stalled, "killed: it has input but gives no output")
-                        }
-                        Cause::NotReady => {
-                            (EventKind::Killed, "killed: it did not get ready in time")
-                        }
-                        Cause::DoesNotEnd => {
-                            (EventKind::Killed, "killed: it did not end when asked to")
-                        }
-                    };
-                    self.log(event, kind, process.pid, what, "");
-                    process.signal(Signal::KILL);
-                }
-            }
-            Action::Retire { id, kind } => {
-                if let Some(process) = self.processes.get(&id) {
-                    let what = "asked to end: its successor is ready";
-                    self.log(EventKind::Retired, kind, process.pid, what, "");
-                    process.signal(Signal::TERM);
-                }
-            }
-            Action::Skip { kind, after } => self.skip(kind, after),
-            Action::CleanUp => self.janitor.call(),
-        }
-        Ok(())
-    }
-
-    /// Tells the process of a stage that is about to work how far the last one came. That one is
-    /// confirmed dead, and all it has published was looked at since.
-    fn hand_over(&mut self, kind: ProcessKind) -> Result<(), SupervisorError> {
-        let Some(resume_after) = self.outputs[kind as usize] else { return Ok(()) };
-        let skip_next = self.skip_after.remove(&kind) == Some(resume_after);
-        Handover { resume_after, skip_next }.write(&self.launch.instance, kind).map_err(|source| {
-            SupervisorError::System { action: "write how far a stage came".into(), source }
-        })
-    }
-
-    /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
-    fn skip(&mut self, kind: ProcessKind, after: u64) {
-        self.skip_after.insert(kind, after);
-        let what = match self.progress.first_frame_after(after) {
-            Some(frame) => {
-                let path = evidence::save_frame(&self.launch.instance, frame);
-                let seq = frame.header().seq;
-                format!(
-                    "frame {seq} has killed two processes and is skipped; kept in {}",
-                    path.display()
-                )
-            }
-            None => format!("the frame after {after} has killed two processes and is skipped"),
-        };
-        self.log(EventKind::Poisonous, kind, 0, &what, "");
-    }
-
     fn results_are_out(&self) -> bool {
         let of = |kind: ProcessKind| self.outputs[kind as usize];
         of(ProcessKind::Filter) >= of(ProcessKind::Grabber)
@@ -393,60 +375,11 @@ impl Group {
         self.record_is_due.set(true);
         self.view.log(LogEvent::new(event, kind.name(), pid, what, evidence));
     }
-
-    /// Begins when the group is complete: other users come after the match.
-    fn tend_gateway(&mut self) {
-        let Some(gateway) = self.gateway.as_mut().filter(|_| self.ever_complete) else { return };
-        if let Some(it) = gateway.tend(&self.settings, monotonic_ns()) {
-            self.record_is_due.set(true);
-            let stage = crate::gateway::NAME;
-            self.view.log(LogEvent::new(it.kind, stage, it.pid, &it.what, &it.evidence));
-        }
-    }
-
-    /// Writes down what a successor needs to know. Comes last in a round: whoever waits for a spare
-    /// does not wait for the disk.
-    fn keep_record(&self) {
-        if !self.record_is_due.replace(false) {
-            return;
-        }
-        let by_name = |(kind, &count): (&ProcessKind, &u64)| (kind.name().to_string(), count);
-        let member = |process: &Process| {
-            // One that has not said its first word is still starting.
-            let state = self.states.get(&process.pid)?;
-            Some(Member {
-                stage: process.kind.name().into(),
-                pid: process.pid,
-                spare: *state == ProcessState::Spare,
-            })
-        };
-        let record = Record {
-            members: self.processes.values().filter_map(member).collect(),
-            restarts: self.restarts.iter().map(by_name).collect(),
-            events: self.view.events(),
-            ..Record::new(&self.launch)
-        };
-        // It is a help for a successor, who can do without.
-        let _ = record.write(&self.launch.instance);
-    }
-
-    fn publish_view(&self) {
-        let mut processes: Vec<ProcessView> = self
-            .processes
-            .values()
-            .map(|process| ProcessView {
-                kind: process.kind,
-                pid: process.pid,
-                state: self.states.get(&process.pid).copied(),
-            })
-            .collect();
-        processes.sort_by_key(|process| (process.kind, process.pid));
-        self.view.update(processes, self.restarts.clone());
-        if let Some(gateway) = &self.gateway {
-            self.view.update_gateway(gateway.view());
-        }
-    }
 }
+
+// What can fail for a while, in the words in which it is told.
+const WAITING: &str = "wait for the group's processes";
+const SIGHT: &str = "see what the stages do";
 
 fn tick(settings: &Settings) -> Duration {
     let stall = Duration::from_nanos(settings.stall_ns);
@@ -461,6 +394,7 @@ fn settings(config: &Config) -> Settings {
     Settings {
         stall_ns: ns(stall_ms),
         grabber_stall_ns: ns(stall_ms.max(2000.0)),
+        grabber_stuck_ns: ns(supervisor.stall_min_ms.max(100.0)),
         ready_timeout_ns: ns(supervisor.ready_timeout_ms),
         backoff_ns: ns(supervisor.backoff_ms),
         backoff_max_ns: ns(supervisor.backoff_max_ms),

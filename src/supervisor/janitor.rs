@@ -5,9 +5,11 @@
 //! every place that a topic has for subscribers. So the janitor looks around by itself when somebody has
 //! come, who may have come again, and now and then in any case.
 
+use super::sys::{self, Call};
 use common::bus::participants;
 use common::instance::Instance;
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::io;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -20,56 +22,82 @@ const QUIET_ROUNDS: u32 = 30;
 
 /// The thread that cleans up.
 pub struct Janitor {
+    instance: Instance,
+    running: Option<Running>,
+}
+
+struct Running {
     call: Sender<()>,
     thread: JoinHandle<()>,
 }
 
 impl Janitor {
-    /// Starts looking around.
+    /// Starts looking around, now or, where no thread can be had, later.
     pub fn start(instance: &Instance) -> Self {
-        let instance = instance.clone();
-        let (call, calls) = channel();
-        let thread = std::thread::spawn(move || {
-            let mut last_error = String::new();
-            let (mut known, mut quiet_rounds) = (None, 0);
-            loop {
-                let called = match calls.recv_timeout(ROUND) {
-                    Ok(()) => true,
-                    Err(RecvTimeoutError::Timeout) => false,
-                    Err(RecvTimeoutError::Disconnected) => break,
-                };
-                let changed_at = participants::changed_at(&instance);
-                quiet_rounds += 1;
-                if !called && changed_at == known && quiet_rounds < QUIET_ROUNDS {
-                    continue;
-                }
-                (known, quiet_rounds) = (changed_at, 0);
-                let error = match participants::remove_dead(&instance) {
-                    Ok(_) => String::new(),
-                    Err(error) => error.to_string(),
-                };
-                // What cannot be removed is tried again and again, but told once.
-                if error != last_error && !error.is_empty() {
-                    common::tell!("touchline: clean-up after a dead process: {error}");
-                }
-                last_error = error;
-                if !last_error.is_empty() {
-                    known = None;
-                }
-            }
-        });
-        Self { call, thread }
+        let mut janitor = Self { instance: instance.clone(), running: None };
+        let _ = janitor.keep_running();
+        janitor
+    }
+
+    /// Starts the thread if there is none.
+    pub fn keep_running(&mut self) -> io::Result<()> {
+        if self.running.is_none() {
+            let instance = self.instance.clone();
+            let (call, calls) = channel();
+            let start = || {
+                let thread = std::thread::Builder::new().name("janitor".into());
+                thread.spawn(move || clean_up(&instance, &calls))
+            };
+            let thread = sys::ask(Call::StartThread, start)?;
+            self.running = Some(Running { call, thread });
+        }
+        Ok(())
     }
 
     /// Has it look now.
     pub fn call(&self) {
-        // It is there as long as this is.
-        let _ = self.call.send(());
+        if let Some(running) = &self.running {
+            // It is there as long as this is.
+            let _ = running.call.send(());
+        }
     }
 
     /// Ends it, after what it is doing: half a clean-up is worse than none.
     pub fn finish(self) {
-        drop(self.call);
-        let _ = self.thread.join();
+        if let Some(Running { call, thread }) = self.running {
+            drop(call);
+            let _ = thread.join();
+        }
+    }
+}
+
+fn clean_up(instance: &Instance, calls: &Receiver<()>) {
+    let mut last_error = String::new();
+    let (mut known, mut quiet_rounds) = (None, 0);
+    loop {
+        let called = match calls.recv_timeout(ROUND) {
+            Ok(()) => true,
+            Err(RecvTimeoutError::Timeout) => false,
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
+        let changed_at = participants::changed_at(instance);
+        quiet_rounds += 1;
+        if !called && changed_at == known && quiet_rounds < QUIET_ROUNDS {
+            continue;
+        }
+        (known, quiet_rounds) = (changed_at, 0);
+        let removed = match sys::fault(Call::ListProcesses) {
+            Some(error) => Err(error.to_string()),
+            None => participants::remove_dead(instance).map_err(|error| error.to_string()),
+        };
+        let error = removed.err().unwrap_or_default();
+        // What cannot be removed is tried again and again, but told once.
+        if error != last_error && !error.is_empty() {
+            common::tell!("touchline: clean-up after a dead process: {error}; it is tried again");
+        }
+        last_error = error;
+        if !last_error.is_empty() {
+            known = None;
+        }
     }
 }

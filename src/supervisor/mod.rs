@@ -1,11 +1,16 @@
 //! The supervisor: starts the group, watches it, replaces what fails, and cleans up at the end.
 //!
-//! [`policy`] decides, [`children`] does, [`progress`] looks, [`starvation`] sees who gets no
-//! processor, [`control`] listens to requests, [`takeover`] deals with what an earlier supervisor has
-//! left, of which [`record`] tells, [`evidence`] keeps what a bug report needs, [`drops`] tells which input
-//! was dropped and why, [`janitor`] removes what the dead leave, [`gateway`] lets other users in;
+//! [`policy`] decides, [`children`] does, with a [`log`] for each, [`progress`] looks, also into the
+//! [`pages`] of the stages, [`starvation`] sees who gets no
+//! processor, [`control`] listens to requests and [`signals`] to signals, [`takeover`] deals with what an
+//! earlier supervisor has left, of which [`record`] tells, [`evidence`] keeps what a bug report needs,
+//! [`drops`] tells which input was dropped and why, [`janitor`] removes what the dead leave, [`premises`]
+//! puts back what somebody removes, [`gateway`] lets other users in;
 //! [`group`] ties them together while a group lives, and this file is its beginning and
 //! its end.
+//!
+//! Nothing that the system refuses ends a match. All that can be refused is asked for through [`sys`],
+//! tried again, and said by [`troubles`]; for want of descriptors there is a [`reserve`].
 
 mod children;
 mod control;
@@ -14,12 +19,19 @@ mod evidence;
 mod gateway;
 mod group;
 mod janitor;
+mod log;
 mod notify;
+mod pages;
 mod policy;
+mod premises;
 mod progress;
 mod record;
+mod reserve;
+mod signals;
 mod starvation;
+mod sys;
 mod takeover;
+mod troubles;
 
 pub use children::{Launch, is_same_program, program_of};
 pub use control::{Request, ask};
@@ -33,10 +45,11 @@ use common::config::Config;
 use common::instance::InstanceError;
 use gateway::Gateway;
 use group::{Ending, Group};
-use std::os::unix::net::UnixStream;
+use premises::Premises;
+use signals::Signals;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use takeover::Inheritance;
 
 /// Why a group could not be run.
@@ -72,7 +85,7 @@ pub enum SupervisorError {
     #[error(
         "a match with these pictures takes about {} MB of shared memory, but {} MB are free; {}",
         needed >> 20,
-        free >> 20,
+        (free + (1 << 19)) >> 20,
         common::memory::advice(*ample)
     )]
     NoMemory {
@@ -113,27 +126,32 @@ pub enum Outcome {
     Upgrade(PathBuf),
 }
 
+/// Between two attempts to start the monitor of a group that has been taken over.
+const MONITOR_PAUSE: Duration = Duration::from_secs(5);
+
 /// Runs the group. When it has ended nothing of it is left, neither a process nor shared memory.
 pub fn run(
     launch: Launch,
     config: &Config,
     until: Until,
-    start_monitor: impl FnOnce(Arc<GroupView>) -> Result<Monitor, BusError>,
+    start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let instance = launch.instance.clone();
     instance.create_directory()?;
     let Some(lock) = instance.lock()? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
-    let stop = stop_signals()?;
-    let outcome = takeover::prepare(&launch, config)
-        .and_then(|inheritance| supervise(launch, config, until, stop, inheritance, start_monitor));
+    let signals = Signals::listen()?;
+    let mut premises = Premises::new(&instance, lock);
+    let outcome = takeover::prepare(&launch, config).and_then(|inheritance| {
+        supervise(launch, config, until, signals, &mut premises, inheritance, start_monitor)
+    });
     if matches!(outcome, Ok(Outcome::Upgrade(_))) {
         return outcome;
     }
     // Also after an error, which is of more interest than that something was left behind.
     let tidied = takeover::tidy_up(&instance);
-    drop(lock);
+    drop(premises);
     outcome.and_then(|outcome| tidied.map(|()| outcome))
 }
 
@@ -141,46 +159,52 @@ fn supervise(
     launch: Launch,
     config: &Config,
     until: Until,
-    stop: UnixStream,
+    signals: Signals,
+    premises: &mut Premises,
     inheritance: Inheritance,
-    start_monitor: impl FnOnce(Arc<GroupView>) -> Result<Monitor, BusError>,
+    start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
+    let lives = inheritance.lives();
     let gateway = match Gateway::prepare(&launch.instance, config) {
         // A match that goes on is worth more than those who cannot watch it.
-        Err(error) if !inheritance.stages.is_empty() => {
+        Err(error) if lives => {
             common::tell!("touchline: {error}; nobody but the owner can attach");
             None
         }
         prepared => prepared?,
     };
     let mut group =
-        Group::new(launch, config, Arc::clone(&view), stop, inheritance.record, gateway)?;
-    let monitor = start_monitor(view)?;
-    let ending = group.adopt(&inheritance.stages).and_then(|()| group.watch(until));
+        Group::new(launch, config, Arc::clone(&view), signals, premises, &inheritance, gateway)?;
+    let mut monitor = match start_monitor(Arc::clone(&view)) {
+        // It only counts.
+        Err(error) if lives => {
+            common::tell!("touchline: {error}; the match goes on, but is not counted for now");
+            None
+        }
+        started => Some(started?),
+    };
+    let mut try_again = Instant::now() + MONITOR_PAUSE;
+    let mut keep_counting = || {
+        if monitor.is_none() && Instant::now() >= try_again {
+            try_again = Instant::now() + MONITOR_PAUSE;
+            monitor = start_monitor(Arc::clone(&view)).ok();
+        }
+    };
+    let ending =
+        group.adopt(&inheritance.stages).and_then(|()| group.watch(until, &mut keep_counting));
+    let report = |monitor: Option<Monitor>| monitor.map(Monitor::finish).unwrap_or_default();
     match ending {
         Ok(Ending::Upgrade(program)) => {
             group.leave();
-            monitor.finish();
+            report(monitor);
             Ok(Outcome::Upgrade(program))
         }
         ended => {
             group.end_all();
             // The monitor ends last, when every counter has its final value.
-            let report = monitor.finish();
+            let report = report(monitor);
             ended.map(|_| Outcome::Ended(Box::new(report)))
         }
     }
-}
-
-fn stop_signals() -> Result<UnixStream, SupervisorError> {
-    let system = |source| SupervisorError::System { action: "handle signals".into(), source };
-    let (stop, sender) = UnixStream::pair().map_err(system)?;
-    for signal in
-        [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP]
-    {
-        let sender = sender.try_clone().map_err(system)?;
-        signal_hook::low_level::pipe::register(signal, sender).map_err(system)?;
-    }
-    Ok(stop)
 }

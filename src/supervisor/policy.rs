@@ -9,11 +9,21 @@
 //!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
 //!   first, and its successor speaks only when it is confirmed dead.
 //! * Two deaths in a row on the same input make the next process skip that input.
-//! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on.
+//! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on. So are
+//!   those of a stage whose processes die more often than any disturbance from outside explains
+//!   ([`intensity`]): each of them may have had a good start.
+//! * A camera that streams has its own rate: a grabber that gives no frame for five of its periods and
+//!   does not look around either is stuck. One that looks around waits for its camera.
+//! * While the supervisor sees only part of what happens, nobody is blamed for what it does not see.
 //! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
 //! * The camera starts last, when everybody downstream is ready to see its first frame.
 
+mod degraded;
+mod intensity;
 mod stage;
+mod stalls;
+
+pub use degraded::{Degraded, Lack};
 
 use common::messages::ProcessKind;
 use stage::{Member, Stage};
@@ -28,6 +38,9 @@ pub struct Settings {
     pub stall_ns: u64,
     /// A camera may be silent for so long.
     pub grabber_stall_ns: u64,
+    /// A grabber whose camera streams may be stuck for so long at least, and for
+    /// five of its frames.
+    pub grabber_stuck_ns: u64,
     /// From start to ready.
     pub ready_timeout_ns: u64,
     /// First pause between failed starts; doubles.
@@ -43,6 +56,10 @@ pub struct Settings {
 pub enum Event {
     /// A process is connected to all its topics.
     Ready(MemberId),
+    /// A process could not be started at all.
+    NotStarted(MemberId),
+    /// When the working process of a stage has last looked around.
+    LookedAround(ProcessKind, u64),
     /// A process is gone for certain.
     Exited {
         /// Which.
@@ -126,10 +143,6 @@ const SETTLE_NS: u64 = 100_000_000;
 /// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
 /// busy or asleep, and that time is nobody's fault.
 const OWN_LAG_NS: u64 = 40_000_000;
-/// A stage that is behind for this part of its deadline is late. Healthy ones never are.
-const LATE_PART: u64 = 4;
-/// The first output of a process may take longer than the stall deadline.
-const FIRST_OUTPUT_NS: u64 = 200_000_000;
 /// A process that was asked to end and did not within this time is killed.
 const RETIREMENT_NS: u64 = 1_000_000_000;
 /// The camera does not wait longer than this for stages that do not get ready.
@@ -139,6 +152,8 @@ const GRABBER_WAIT_NS: u64 = 5_000_000_000;
 #[derive(Debug)]
 pub struct Policy {
     settings: Settings,
+    /// Heartbeats are not seen.
+    is_blind: bool,
     stages: [Stage; ProcessKind::ALL.len()],
     next_id: MemberId,
     finished: bool,
@@ -152,6 +167,7 @@ impl Policy {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
+            is_blind: false,
             stages: Default::default(),
             next_id: 1,
             finished: false,
@@ -167,6 +183,11 @@ impl Policy {
         match event {
             Event::Ready(id) => self.ready(id, now_ns),
             Event::Exited { id, crashed } => self.exited(id, crashed, now_ns),
+            Event::NotStarted(id) => self.not_started(id, now_ns),
+            Event::LookedAround(kind, at_ns) => {
+                let stage = &mut self.stages[kind as usize];
+                stage.looked_around_ns = stage.looked_around_ns.max(at_ns.min(now_ns));
+            }
             Event::Output(kind, seq) => self.output(kind, seq, now_ns),
             Event::Dropped(kind) => {
                 let input = self.input(kind);
@@ -176,7 +197,9 @@ impl Policy {
             }
             Event::Waited(kind, waited_ns) => {
                 let stage = &mut self.stages[kind as usize];
-                stage.progress_ns = stage.progress_ns.saturating_add(waited_ns).min(now_ns);
+                let excuse = |since_ns: u64| since_ns.saturating_add(waited_ns).min(now_ns);
+                stage.progress_ns = excuse(stage.progress_ns);
+                stage.looked_around_ns = excuse(stage.looked_around_ns);
             }
             Event::Finished => self.finished = true,
         }
@@ -216,23 +239,16 @@ impl Policy {
         }
     }
 
-    /// The active process of a stage that is so far behind that it may be about to stall: from here on
-    /// its waiting for a processor matters.
-    pub fn late(&self, kind: ProcessKind, now_ns: u64) -> Option<MemberId> {
-        let stage = &self.stages[kind as usize];
-        let behind_ns = now_ns.saturating_sub(stage.progress_ns);
-        let is_late = self.has_input(kind) && behind_ns > self.stall_deadline_ns(kind) / LATE_PART;
-        stage.active.as_ref().filter(|_| is_late).map(|active| active.id)
-    }
-
-    /// When a stage that is behind will have stalled, from now on in nanoseconds; `None` while none is
-    /// behind. Looking just then, rather than some time after, makes outages shorter.
-    pub fn stall_due_in_ns(&self, now_ns: u64) -> Option<u64> {
-        let stages = ProcessKind::ALL[1..].iter().map(|&kind| (kind, &self.stages[kind as usize]));
-        let due_ns = stages
-            .filter(|&(kind, stage)| stage.is_working() && self.has_input(kind))
-            .map(|(kind, stage)| stage.progress_ns + self.stall_deadline_ns(kind) + 1);
-        due_ns.min().map(|due_ns| due_ns.saturating_sub(now_ns))
+    /// Whether heartbeats are seen. While they are not, nobody can be known to be ready.
+    pub fn set_blind(&mut self, is_blind: bool, now_ns: u64) {
+        if self.is_blind && !is_blind {
+            for stage in &mut self.stages {
+                for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
+                    member.started_ns = now_ns;
+                }
+            }
+        }
+        self.is_blind = is_blind;
     }
 
     /// Everything that is to be done now. Call after events, and every few milliseconds.
@@ -288,6 +304,7 @@ impl Policy {
         let idle = next.filter(|&next| !self.has_input(next));
         let stage = &mut self.stages[kind as usize];
         if stage.output < Some(seq) {
+            stage.note_period(seq, sent_ns);
             stage.output = Some(seq);
             stage.progress_ns = stage.progress_ns.max(sent_ns);
         }
@@ -317,8 +334,35 @@ impl Policy {
                 || was_active && stage.output > member.output_at_work;
             *failures = if good_start { 1 } else { *failures + 1 };
             *start_after_ns = now_ns + settings.backoff(*failures);
-            if was_active && (crashed || member.stalled) {
-                stage.died_on_input();
+            if was_active {
+                // Not the fault of a process that somebody kills.
+                let is_its_own_fault = crashed || member.stalled;
+                if is_its_own_fault {
+                    stage.died_on_input();
+                }
+                let had_lived = now_ns - member.started_ns >= GOOD_START_NS;
+                let level = is_its_own_fault.then(|| stage.escalate(had_lived, now_ns)).flatten();
+                if let Some(level) = level {
+                    let pause_ns = settings.backoff(level + 1);
+                    stage.start_after_ns = stage.start_after_ns.max(now_ns + pause_ns);
+                    stage.spare_after_ns = stage.spare_after_ns.max(now_ns + pause_ns);
+                }
+            }
+        }
+    }
+
+    /// As a process that ended at once, except that there is nothing to be cleaned up after it.
+    fn not_started(&mut self, id: MemberId, now_ns: u64) {
+        let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
+        for stage in &mut self.stages {
+            if is_it(&stage.active) {
+                stage.active = None;
+                stage.failures += 1;
+                stage.start_after_ns = now_ns + self.settings.backoff(stage.failures + 1);
+            } else if is_it(&stage.spare) {
+                stage.spare = None;
+                stage.spare_failures += 1;
+                stage.spare_after_ns = now_ns + self.settings.backoff(stage.spare_failures + 1);
             }
         }
     }
@@ -337,7 +381,7 @@ impl Policy {
                 actions.push(Action::Promote { id: spare.id, kind });
                 stage.active = Some(Member { output_at_work: stage.output, ..spare });
                 stage.progress_ns = now_ns;
-                stage.spare_after_ns = now_ns + SETTLE_NS;
+                stage.spare_after_ns = stage.spare_after_ns.max(now_ns + SETTLE_NS);
             }
             // Started only lately; it will be ready sooner than another one.
             Some(spare) => stage.spare = Some(spare),
@@ -365,7 +409,9 @@ impl Policy {
         let stalled = self.has_stalled(kind, now_ns);
         let stage = &mut self.stages[kind as usize];
         let late = |member: &Member| {
-            !member.ready && now_ns - member.started_ns > self.settings.ready_timeout_ns
+            !member.ready
+                && !self.is_blind
+                && now_ns - member.started_ns > self.settings.ready_timeout_ns
         };
         let candidates = [(&mut stage.active, stalled), (&mut stage.spare, false)];
         for (member, stalled) in candidates {
@@ -407,30 +453,6 @@ impl Policy {
             retiring.dying_ns = Some(now_ns);
             actions.push(Action::Retire { id: retiring.id, kind });
         }
-    }
-
-    /// Whether the active process has input it should have dealt with by now. "No input" is no
-    /// stall, and counts as progress so that the deadline starts when input comes.
-    fn has_stalled(&mut self, kind: ProcessKind, now_ns: u64) -> bool {
-        let has_input = self.has_input(kind);
-        let deadline_ns = self.stall_deadline_ns(kind);
-        let stage = &mut self.stages[kind as usize];
-        if !has_input || !stage.is_working() {
-            stage.progress_ns = now_ns;
-        }
-        now_ns.saturating_sub(stage.progress_ns) > deadline_ns
-    }
-
-    /// How long the active process of a stage may be behind.
-    fn stall_deadline_ns(&self, kind: ProcessKind) -> u64 {
-        let deadline_ns = match kind {
-            ProcessKind::Grabber => self.settings.grabber_stall_ns,
-            _ => self.settings.stall_ns,
-        };
-        // A process that has just begun has a backlog to go through, and its memory to touch.
-        let stage = &self.stages[kind as usize];
-        let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
-        if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns }
     }
 
     /// Newest number on the topic a stage reads; the grabber reads none.

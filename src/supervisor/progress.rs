@@ -1,6 +1,8 @@
 //! How far each stage has come, read off the topics themselves rather than asked of the stages.
 
 use super::drops::Dropped;
+use super::pages::Pages;
+use super::sys::{self, Call};
 use common::bus::{Bus, BusError, Received, Subscriber};
 use common::clock::monotonic_ns;
 use common::config::Config;
@@ -12,9 +14,36 @@ use common::messages::{
 use common::topics;
 use grabber::camera::LastFrame;
 use std::collections::VecDeque;
+use std::io;
+use std::time::{Duration, Instant};
+
+/// Between two attempts to connect, at first; doubles.
+const RECONNECT: Duration = Duration::from_millis(100);
+/// Longest pause between two attempts.
+const RECONNECT_MAX: Duration = Duration::from_secs(5);
+
+/// Sees how far the stages come: by the topics, as long as it is connected to them, and by the pages in
+/// which the stages write it down themselves, which takes neither descriptors nor memory.
+pub struct Progress {
+    instance: Instance,
+    frame_bytes: usize,
+    topics: Option<Topics>,
+    pages: Pages,
+    /// How far the stages had come by their pages at the last look: by now the topics must have
+    /// shown as much.
+    paged: [Option<u64>; ProcessKind::ALL.len()],
+    seen: [Option<u64>; ProcessKind::ALL.len()],
+    /// Connected since the last look: what was published before is in the pages only.
+    is_fresh: bool,
+    last_frame: Option<LastFrame>,
+    /// Reused allocation.
+    outputs: Vec<Output>,
+    connect_after: Instant,
+    pause: Duration,
+}
 
 /// Connected to the topics: always has the newest message of each, also when the writer is dead.
-pub struct Progress {
+struct Topics {
     frames: Subscriber<u8, FrameHeader>,
     runs: Subscriber<Run, RunsHeader>,
     detections: Subscriber<DetectionFrame, ()>,
@@ -26,8 +55,6 @@ pub struct Progress {
     kept_frames: usize,
     /// The frame of each stage's newest output.
     last_of: [Option<FrameHeader>; ProcessKind::ALL.len()],
-    /// Kept for its memory.
-    outputs: Vec<Output>,
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
@@ -71,8 +98,149 @@ pub struct Sign {
 impl Progress {
     /// Connects.
     pub fn new(instance: &Instance, config: &Config) -> Result<Self, BusError> {
-        let bus = Bus::join(instance, "supervisor")?;
-        let frames = topics::frames(config.camera.frame_bytes());
+        let mut progress = Self::unconnected(instance, config);
+        if let Some(error) = sys::fault(Call::ConnectToTopics) {
+            return Err(failed(error));
+        }
+        progress.topics = Some(Topics::connect(instance, progress.frame_bytes)?);
+        Ok(progress)
+    }
+
+    /// Without a connection, for a supervisor that takes over a group and has no memory left for it.
+    pub fn unconnected(instance: &Instance, config: &Config) -> Self {
+        Self {
+            instance: instance.clone(),
+            frame_bytes: config.camera.frame_bytes(),
+            topics: None,
+            pages: Pages::new(instance),
+            paged: Default::default(),
+            seen: Default::default(),
+            is_fresh: true,
+            last_frame: None,
+            outputs: Vec::new(),
+            connect_after: Instant::now() + RECONNECT,
+            pause: RECONNECT,
+        }
+    }
+
+    /// Whether it is connected to the topics. If not, it sees outputs by the pages and no heartbeats.
+    pub fn is_connected(&self) -> bool {
+        self.topics.is_some()
+    }
+
+    /// The pages it shares with the stages.
+    pub fn pages(&mut self) -> &mut Pages {
+        &mut self.pages
+    }
+
+    /// Connects if it is not connected and it is time to try; `None` if there was nothing to do.
+    pub fn connect(&mut self) -> Option<io::Result<()>> {
+        if self.topics.is_some() || Instant::now() < self.connect_after {
+            return None;
+        }
+        self.connect_after = Instant::now() + self.pause;
+        self.pause = (self.pause * 2).min(RECONNECT_MAX);
+        let connected = match sys::fault(Call::ConnectToTopics) {
+            Some(error) => Err(error),
+            None => Topics::connect(&self.instance, self.frame_bytes).map_err(io::Error::other),
+        };
+        Some(connected.map(|topics| {
+            self.topics = Some(topics);
+            self.paged = ProcessKind::ALL.map(|kind| self.pages.newest(kind));
+            self.is_fresh = true;
+        }))
+    }
+
+    /// Takes in what is new. After an error it is unconnected.
+    fn receive(&mut self) -> Result<(), BusError> {
+        self.outputs.clear();
+        let Some(topics) = &mut self.topics else { return Ok(()) };
+        let received = match sys::fault(Call::ReceiveOutputs) {
+            Some(error) => Err(failed(error)),
+            None => topics.outputs(&mut self.outputs),
+        };
+        if received.is_ok() && !topics.misses_a_writer() {
+            if let Some(frame) = topics.last_of[ProcessKind::Grabber as usize] {
+                let FrameHeader { seq, t_capture_ns, .. } = frame;
+                self.last_frame = Some(LastFrame { seq, t_capture_ns });
+            }
+            return Ok(());
+        }
+        self.disconnect();
+        received.and(Err(failed("a process's messages cannot be seen")))
+    }
+
+    fn disconnect(&mut self) {
+        if self.topics.take().is_some() {
+            self.connect_after = Instant::now() + self.pause;
+        }
+    }
+
+    /// What is new, in the order in which it was sent: each frame, and the newest output of the other
+    /// stages. What the topics should have shown, but have not, is taken from the pages; the error says
+    /// that this may be so from now on.
+    pub fn outputs(&mut self) -> (&[Output], Result<(), BusError>) {
+        let mut outcome = self.receive();
+        let now_ns = monotonic_ns();
+        for &Output { kind, seq, .. } in &self.outputs {
+            let seen = &mut self.seen[kind as usize];
+            *seen = (*seen).max(Some(seq));
+        }
+        let is_connected = self.topics.is_some();
+        for kind in ProcessKind::ALL {
+            let seen = &mut self.seen[kind as usize];
+            if let Some(seq) = self.paged[kind as usize].filter(|&seq| Some(seq) > *seen) {
+                *seen = Some(seq);
+                self.outputs.push(Output { t_sent_ns: now_ns, kind, seq });
+                if is_connected && !self.is_fresh {
+                    outcome = Err(failed("a stage's output cannot be seen"));
+                }
+            }
+            self.paged[kind as usize] = self.pages.newest(kind);
+        }
+        if outcome.is_err() {
+            self.disconnect();
+        } else if is_connected && !self.is_fresh {
+            self.pause = RECONNECT;
+        }
+        self.is_fresh = false;
+        self.outputs.sort_unstable();
+        (&self.outputs, outcome)
+    }
+
+    /// Calls `report` with each heartbeat since the last call.
+    pub fn heartbeats(&mut self, mut report: impl FnMut(Beat)) -> Result<(), BusError> {
+        let Some(topics) = &self.topics else { return Ok(()) };
+        let received = match sys::fault(Call::ReceiveHeartbeats) {
+            Some(error) => Err(failed(error)),
+            None => topics.heartbeats(&mut report),
+        };
+        if received.is_err() {
+            self.disconnect();
+        }
+        received
+    }
+
+    /// The newest frame seen, from which a new grabber continues the numbers.
+    pub fn last_frame(&self) -> Option<LastFrame> {
+        self.last_frame
+    }
+
+    /// The first frame after this number, if it is still at hand.
+    pub fn first_frame_after(&self, seq: u64) -> Option<&Received<u8, FrameHeader>> {
+        let recent_frames = &self.topics.as_ref()?.recent_frames;
+        let oldest = recent_frames.front()?.header().seq;
+        if oldest > seq + 1 {
+            return None;
+        }
+        recent_frames.iter().find(|frame| frame.header().seq > seq)
+    }
+}
+
+impl Topics {
+    fn connect(instance: &Instance, frame_bytes: usize) -> Result<Self, BusError> {
+        let bus = Bus::join_as_reader(instance, "supervisor")?;
+        let frames = topics::frames(frame_bytes);
         let kept_frames = topics::frames_of_evidence(frames.buffer);
         Ok(Self {
             frames: bus.subscriber(&frames)?,
@@ -83,39 +251,41 @@ impl Progress {
             recent_frames: VecDeque::with_capacity(kept_frames),
             kept_frames,
             last_of: [None; ProcessKind::ALL.len()],
-            outputs: Vec::new(),
             _bus: bus,
         })
     }
 
-    /// What is new on the stages' topics, in the order in which it was sent: each frame, and the newest
-    /// output of the other stages.
-    pub fn outputs(&mut self) -> Result<&[Output], BusError> {
-        self.outputs.clear();
+    fn misses_a_writer(&self) -> bool {
+        self.frames.misses_a_writer()
+            || self.runs.misses_a_writer()
+            || self.detections.misses_a_writer()
+            || self.world.misses_a_writer()
+            || self.health.misses_a_writer()
+    }
+
+    fn outputs(&mut self, outputs: &mut Vec<Output>) -> Result<(), BusError> {
         let now_ns = monotonic_ns();
-        while let Some(frame) = self.frames.receive()? {
-            let &FrameHeader { seq, t_sent_ns, .. } = frame.header();
-            let last = self.recent_frames.back().map(|last| last.header());
-            if !frame.header().follows(last, now_ns) {
-                continue;
-            }
-            if self.recent_frames.len() == self.kept_frames {
-                self.recent_frames.pop_front();
-            }
-            self.recent_frames.push_back(frame);
-            let t_sent_ns = t_sent_ns.min(now_ns);
-            self.outputs.push(Output { t_sent_ns, kind: ProcessKind::Grabber, seq });
-        }
-        let Self { runs, detections, world, last_of, outputs, .. } = self;
+        let Self { frames, runs, detections, world, last_of, recent_frames, .. } = self;
         let mut output = |kind: ProcessKind, frame: &FrameHeader, t_sent_ns: u64| {
             let last = &mut last_of[kind as usize];
             // Other programs can publish on these topics too, rubbish included.
-            if frame.follows(last.as_ref(), now_ns) {
+            let follows = frame.follows(last.as_ref(), now_ns);
+            if follows {
                 *last = Some(*frame);
                 let t_sent_ns = t_sent_ns.min(now_ns);
                 outputs.push(Output { t_sent_ns, kind, seq: frame.seq });
             }
+            follows
         };
+        while let Some(frame) = frames.receive()? {
+            let header = frame.header();
+            if output(ProcessKind::Grabber, header, header.t_sent_ns) {
+                if recent_frames.len() == self.kept_frames {
+                    recent_frames.pop_front();
+                }
+                recent_frames.push_back(frame);
+            }
+        }
         while let Some(runs) = runs.receive()? {
             output(ProcessKind::Classifier, &runs.header().frame, runs.header().t_sent_ns);
         }
@@ -129,12 +299,10 @@ impl Progress {
                 output(ProcessKind::Filter, &world.frame, world.t_sent_ns);
             }
         }
-        outputs.sort_unstable();
-        Ok(outputs)
+        Ok(())
     }
 
-    /// Calls `report` with each heartbeat since the last call.
-    pub fn heartbeats(&self, mut report: impl FnMut(Beat)) -> Result<(), BusError> {
+    fn heartbeats(&self, report: &mut impl FnMut(Beat)) -> Result<(), BusError> {
         while let Some(received) = self.health.receive()? {
             let Some(beat) = received.message() else { continue };
             let kind = ProcessKind::from_number(beat.process);
@@ -147,19 +315,8 @@ impl Progress {
         }
         Ok(())
     }
+}
 
-    /// The newest frame seen, from which a new grabber continues the numbers.
-    pub fn last_frame(&self) -> Option<LastFrame> {
-        let &FrameHeader { seq, t_capture_ns, .. } = self.recent_frames.back()?.header();
-        Some(LastFrame { seq, t_capture_ns })
-    }
-
-    /// The first frame after this number, if it is still at hand.
-    pub fn first_frame_after(&self, seq: u64) -> Option<&Received<u8, FrameHeader>> {
-        let oldest = self.recent_frames.front()?.header().seq;
-        if oldest > seq + 1 {
-            return None;
-        }
-        self.recent_frames.iter().find(|frame| frame.header().seq > seq)
-    }
+fn failed(reason: impl ToString) -> BusError {
+    BusError::Ipc { topic: "all", action: "look at the stages", reason: reason.to_string() }
 }

@@ -5,6 +5,7 @@
 //! supervisor died. What a process says itself, and whether it lives, therefore counts for more.
 
 use super::Launch;
+use super::sys::{self, Call};
 use crate::monitor::Event;
 use common::instance::{Instance, create_private};
 use common::messages::ProcessKind;
@@ -60,8 +61,9 @@ impl Record {
     pub fn write(&self, instance: &Instance) -> io::Result<()> {
         let path = instance.record_path();
         let new = path.with_extension("new");
-        create_private(&new)?.write_all(&serde_json::to_vec_pretty(self)?)?;
-        fs::rename(&new, &path)
+        let text = serde_json::to_vec_pretty(self)?;
+        sys::ask(Call::WriteRecord, || create_private(&new)?.write_all(&text))?;
+        sys::ask(Call::ReplaceRecord, || fs::rename(&new, &path))
     }
 
     /// The record an earlier supervisor has left; `None` if there is none that can be understood.

@@ -5,6 +5,7 @@
 //! goes on has to be noticed too: a process that is ready and has not run since the last look has
 //! waited. Stages have one thread.
 
+use super::sys::{self, Call};
 use std::fs;
 
 /// What the system says of a process.
@@ -21,8 +22,11 @@ pub struct SchedulerTimes {
 impl SchedulerTimes {
     /// Those of a living process.
     pub fn of(pid: u32) -> Option<Self> {
-        let times = fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
-        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+        let read = |file: &str| {
+            let path = format!("/proc/{pid}/{file}");
+            sys::ask(Call::ReadProcessorTimes, || fs::read_to_string(path)).ok()
+        };
+        let (times, stat) = (read("schedstat")?, read("stat")?);
         Self::parse(&times, &stat)
     }
 

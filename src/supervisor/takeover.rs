@@ -8,9 +8,8 @@ use common::instance::{Instance, create_private};
 use common::memory::{self, GroupMemory};
 use common::messages::ProcessKind;
 use rustix::process::{Pid, Signal, kill_process};
-use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// A living stage process that another supervisor has started.
@@ -33,6 +32,13 @@ pub struct Inheritance {
     pub record: Record,
 }
 
+impl Inheritance {
+    /// Whether there is a group to be taken over, rather than begun.
+    pub fn lives(&self) -> bool {
+        !self.stages.is_empty()
+    }
+}
+
 /// Makes the instance ready for a supervisor that holds its lock. Living stages that were started
 /// for the same run are returned, to be taken over; others are ended, and it is said why. Programs of
 /// others that have attached to the group are left alone.
@@ -52,7 +58,6 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             let is_ours =
                 |name: &str| OWN_NAMES.contains(&name) || ProcessKind::from_name(name).is_some();
             warn(participants::remove_dead_named(instance, is_ours));
-            remove_logs_of_others(instance, &stages);
             let recorded = |stage: Inherited| Inherited {
                 spare: record.is_spare(stage.kind, stage.pid),
                 ..stage
@@ -117,6 +122,10 @@ fn warn(cleaned: Result<usize, BusError>) {
 /// Leaves nothing of a group that has ended. What programs of others that are still attached need
 /// stays; the next start, or the end of the next group, removes it.
 pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
+    // One that could not be taken over lives, and waits for the next who tries.
+    if !living_stages(instance)?.is_empty() {
+        return Ok(());
+    }
     clean_slate(instance)?;
     instance.remove_gateway_directory()?;
     if participants::living(instance)?.is_empty() {
@@ -127,21 +136,6 @@ pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
         instance.forget_progress()?;
     }
     Ok(())
-}
-
-/// Logs of stages that died while there was no supervisor. That one cannot be removed is no reason
-/// not to take over.
-fn remove_logs_of_others(instance: &Instance, living: &[Inherited]) {
-    let in_use: Vec<PathBuf> = living
-        .iter()
-        .filter_map(|stage| fs::read_link(format!("/proc/{}/fd/2", stage.pid)).ok())
-        .collect();
-    for entry in fs::read_dir(instance.directory()).into_iter().flatten().flatten() {
-        let path = entry.path();
-        if path.extension().is_some_and(|extension| extension == "log") && !in_use.contains(&path) {
-            let _ = fs::remove_file(path);
-        }
-    }
 }
 
 /// Kills a process that is not our child. That it has ended in the meantime is no error.

@@ -92,6 +92,13 @@ impl Group {
         })
     }
 
+    /// As [`start`](Self::start), but all it says goes into this pipe.
+    pub fn start_speaking_to(name: &str, writer: std::io::PipeWriter) -> Self {
+        Self::start_changed(name, "", &[], |supervisor| {
+            supervisor.stdout(writer.try_clone().unwrap()).stderr(writer);
+        })
+    }
+
     fn start_changed(
         name: &str,
         config: &str,
@@ -143,6 +150,13 @@ impl Group {
         let arguments = self.arguments.clone();
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         self.replace_supervisor_by(&arguments);
+    }
+
+    /// As [`replace_supervisor`](Self::replace_supervisor), with variables in its environment.
+    pub fn replace_supervisor_with(&mut self, variables: &[(&str, &str)]) {
+        self.kill_supervisor();
+        let mut command = Self::command(&self.scratch, &self.arguments);
+        self.supervisor = command.envs(variables.iter().copied()).spawn().unwrap();
     }
 
     /// Kills the supervisor if it lives, and nobody else.
@@ -227,6 +241,18 @@ impl Group {
 
     pub fn signal(&self, pid: u32, signal: Signal) {
         kill_process(Pid::from_raw(pid as i32).unwrap(), signal).unwrap();
+    }
+
+    /// The supervisor's number.
+    pub fn supervisor_pid(&self) -> u32 {
+        self.supervisor.id()
+    }
+
+    /// Asserts that the supervisor has not ended.
+    pub fn assert_running(&mut self) {
+        if let Ok(Some(end)) = self.supervisor.try_wait() {
+            panic!("the supervisor ended: {end}\n{}", self.stderr());
+        }
     }
 
     pub fn signal_supervisor(&self, signal: Signal) {

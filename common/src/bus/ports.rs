@@ -13,6 +13,8 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Writes messages into shared memory and wakes who sleeps on the topic.
 pub struct Publisher<E: Message, H: Header> {
@@ -124,17 +126,26 @@ pub struct Subscriber<E: Message, H: Header> {
     /// How many messages the queue may hold.
     capacity: usize,
     queue: RefCell<VecDeque<Received<E, H>>>,
+    misses_a_writer: Arc<AtomicBool>,
 }
 
 impl<E: Message, H: Header> Subscriber<E, H> {
     /// A reader that holds up to `capacity` messages besides those its caller holds.
+    /// `misses_a_writer` becomes true when a writer could not be connected to.
     pub(super) fn new(
         port: IpcSubscriber<ipc::Service, [E], H>,
         topic: &Topic<E, H>,
         capacity: usize,
+        misses_a_writer: Arc<AtomicBool>,
     ) -> Self {
         let queue = RefCell::new(VecDeque::with_capacity(capacity));
-        Self { port, topic: topic.name, seq: topic.seq, capacity, queue }
+        Self { port, topic: topic.name, seq: topic.seq, capacity, queue, misses_a_writer }
+    }
+
+    /// Whether there is, or was, a writer whose messages it does not see, because descriptors or memory
+    /// were not enough to connect to it. That is not tried again; only a new subscriber helps.
+    pub fn misses_a_writer(&self) -> bool {
+        self.misses_a_writer.load(Ordering::Relaxed)
     }
 
     /// The oldest unread message, if there is one.

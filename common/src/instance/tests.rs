@@ -137,21 +137,3 @@ fn names_that_do_not_fit_into_file_names_are_refused() {
     }
     assert!(Instance::new("match-2").is_ok());
 }
-
-#[test]
-fn who_only_asks_for_a_supervisor_keeps_none_from_starting() {
-    let scratch = Scratch::new("lock");
-    let instance = Instance::below(&scratch.0, "lock").unwrap();
-    instance.create_directory().unwrap();
-    drop(instance.lock().unwrap());
-    let (_, asking) = instance.open_lock(false).unwrap();
-    flock(&asking, FlockOperation::NonBlockingLockShared).unwrap();
-    let asks = std::thread::spawn(move || {
-        std::thread::sleep(LOCK_PATIENCE / 10);
-        drop(asking);
-    });
-    let lock = instance.lock().unwrap();
-    assert!(lock.is_some());
-    asks.join().unwrap();
-    assert!(instance.lock().unwrap().is_none(), "held by a supervisor");
-}

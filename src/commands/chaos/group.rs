@@ -144,7 +144,8 @@ impl Group {
         String::from_utf8_lossy(tail).trim().into()
     }
 
-    fn signal_supervisor(&self, signal: Signal) {
+    /// Sends the supervisor a signal.
+    pub fn signal_supervisor(&self, signal: Signal) {
         // Never reaped before it is waited for, so the number is still its own.
         if let Some(pid) = Pid::from_raw(self.supervisor.id() as i32) {
             let _ = kill_process(pid, signal);

@@ -3,6 +3,7 @@
 //! * [`plan`]: what is done to whom and when, repeatable by its seed.
 //! * [`group`]: the match, which is the real program in processes of its own.
 //! * [`bystanders`]: programs that attach to it and behave badly.
+//! * [`shortage`]: leaving it without descriptors or memory for a while.
 //! * [`population`]: who is alive, and sending signals to them and nobody else.
 //! * [`observer`]: subscribers of our own; [`tally`] counts what they see.
 //! * [`leaks`]: what the group uses before and after, and leaves at the end.
@@ -15,6 +16,7 @@ mod observer;
 mod plan;
 mod population;
 mod report;
+mod shortage;
 mod tally;
 mod verdict;
 
@@ -34,6 +36,8 @@ use observer::Observer;
 use plan::{Plan, Step};
 use population::{Population, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
+use rustix::process::Signal;
+use shortage::Shortage;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::process::ExitCode;
@@ -62,6 +66,9 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
     let mut config = super::load_config(args.config.as_deref())?;
     if let Some(fps) = args.fps {
         config.camera.fps = fps;
+    }
+    if args.signals.contains(&Disturbance::Enospc) {
+        shortage::enter_own_place(&config, &args.source)?;
     }
     let report_file = match &args.report {
         None => None,
@@ -151,6 +158,7 @@ struct Session {
     supervisor_failure: Option<String>,
     ended_by_themselves: Vec<Ended>,
     deaths: u64,
+    shortages: Vec<Shortage>,
     line_at: Instant,
 }
 
@@ -175,6 +183,7 @@ impl Session {
             supervisor_failure: None,
             ended_by_themselves: Vec::new(),
             deaths: 0,
+            shortages: Vec::new(),
             line_at: Instant::now(),
         })
     }
@@ -258,6 +267,7 @@ impl Session {
                 break;
             }
         }
+        self.shortages.clear();
         self.fate = self.bystanders.take().map(|bystanders| bystanders.fate);
         Ok(())
     }
@@ -276,7 +286,19 @@ impl Session {
                 }
                 t_ns = monotonic_ns();
                 pid = self.group.supervisor_pid();
-                self.group.replace_supervisor()?;
+                let until = Instant::now() + step.pause;
+                match step.what {
+                    Disturbance::Hup => self.group.signal_supervisor(Signal::HUP),
+                    Disturbance::Emfile => {
+                        self.shortages.push(Shortage::of_descriptors(pid, until)?);
+                    }
+                    Disturbance::Enospc => self.shortages.push(Shortage::of_shared_memory(until)?),
+                    _ => {
+                        // A new one would have to begin without.
+                        self.shortages.clear();
+                        self.group.replace_supervisor()?;
+                    }
+                }
             }
             Some(stage) => {
                 let Some(active) = self.population.active(stage) else { return Ok(false) };
@@ -294,7 +316,7 @@ impl Session {
                         }
                         people.expect_end(active);
                     }
-                    Disturbance::Kill | Disturbance::Supervisor => people.kill(active),
+                    Disturbance::Kill => people.kill(active),
                     Disturbance::Stop => people.stop(active),
                     Disturbance::Pause => people.pause(active, Instant::now() + step.pause),
                     Disturbance::Panic => people.panic(active),
@@ -302,6 +324,10 @@ impl Session {
                         spare.into_iter().for_each(|spare| people.kill(spare));
                         people.kill(active);
                     }
+                    Disturbance::Supervisor
+                    | Disturbance::Hup
+                    | Disturbance::Emfile
+                    | Disturbance::Enospc => unreachable!("these have no stage"),
                 }
             }
         }
@@ -311,7 +337,7 @@ impl Session {
             what: step.what,
             stage: step.stage,
             pid,
-            pause_ms: (step.what == Disturbance::Pause).then(|| ms(step.pause.as_nanos() as u64)),
+            pause_ms: step.what.lasts().then(|| ms(step.pause.as_nanos() as u64)),
             waited_ms,
             lossless: has_spare && step.what != Disturbance::Double,
             next_world_ms: None,
@@ -360,7 +386,12 @@ impl Session {
         }
         let ended = |group: &Report| group.stages.values().map(|stage| stage.restarts).sum::<u64>();
         let started_in_vain = match &group_says {
-            Some(group) if done.iter().all(|done| done.what != Disturbance::Supervisor) => {
+            // A new supervisor counts anew, and without memory nobody starts.
+            Some(group)
+                if done.iter().all(|done| {
+                    !matches!(done.what, Disturbance::Supervisor | Disturbance::Enospc)
+                }) =>
+            {
                 ended(group).saturating_sub(self.deaths)
             }
             _ => 0,
@@ -415,6 +446,7 @@ impl Session {
             self.population.note(&beat);
         }
         self.population.resume(Instant::now());
+        self.shortages.retain(|shortage| !shortage.is_over(Instant::now()));
         if let Some(bystanders) = &mut self.bystanders {
             bystanders.look()?;
         }
@@ -427,7 +459,7 @@ impl Session {
             }
         }
         for done in self.done.iter_mut().filter(|done| done.protected_ms.is_none()) {
-            let replaced = !matches!(done.what, Disturbance::Pause | Disturbance::Supervisor);
+            let replaced = done.what.concerns_a_stage() && done.what != Disturbance::Pause;
             let Some(stage) = done.stage.filter(|stage| self.settings.spares.contains(stage))
             else {
                 continue;

@@ -23,6 +23,12 @@ pub enum Disturbance {
     Double,
     /// Kill the supervisor and start a new one
     Supervisor,
+    /// Tell the supervisor that its terminal is gone (SIGHUP)
+    Hup,
+    /// Leave the supervisor no descriptor to open for 20 ms to 2 s
+    Emfile,
+    /// Leave no byte of shared memory for 20 ms to 2 s, in a /dev/shm of the match's own
+    Enospc,
 }
 
 impl Disturbance {
@@ -36,7 +42,20 @@ impl Disturbance {
             Self::Restart => "restart",
             Self::Double => "double",
             Self::Supervisor => "supervisor",
+            Self::Hup => "hup",
+            Self::Emfile => "emfile",
+            Self::Enospc => "enospc",
         }
+    }
+
+    /// Whether it is done to a process of a stage.
+    pub fn concerns_a_stage(self) -> bool {
+        !matches!(self, Self::Supervisor | Self::Hup | Self::Emfile | Self::Enospc)
+    }
+
+    /// Whether it lasts for a while.
+    pub fn lasts(self) -> bool {
+        matches!(self, Self::Pause | Self::Emfile | Self::Enospc)
     }
 }
 
@@ -49,7 +68,7 @@ pub struct Step {
     pub what: Disturbance,
     /// To which stage; `None` for the supervisor.
     pub stage: Option<ProcessKind>,
-    /// For a pause: how long.
+    /// For what lasts: how long.
     pub pause: Duration,
 }
 
@@ -69,6 +88,8 @@ pub struct Plan {
 const JITTER: f64 = 0.25;
 /// Length of a pause: from unnoticeable to far beyond the stall deadline.
 const PAUSE_MS: (f64, f64) = (5.0, 500.0);
+/// A shortage lasts so much longer: some disturbances are to fall into it.
+const SHORTAGE: u32 = 4;
 
 impl Plan {
     /// Disturbances of these kinds to these stages, `every` so often. Neither list may be empty.
@@ -93,11 +114,13 @@ impl Iterator for Plan {
         self.count = self.count.saturating_add(1);
         let what = pick(&self.kinds, kind);
         let (shortest, longest) = PAUSE_MS;
+        let pause = Duration::from_secs_f64((shortest + (longest - shortest) * pause) / 1000.0);
+        let is_shortage = matches!(what, Disturbance::Emfile | Disturbance::Enospc);
         Some(Step {
             at: self.every.mul_f64(f64::from(self.count) + JITTER * late),
             what,
-            stage: (what != Disturbance::Supervisor).then(|| pick(&self.stages, stage)),
-            pause: Duration::from_secs_f64((shortest + (longest - shortest) * pause) / 1000.0),
+            stage: what.concerns_a_stage().then(|| pick(&self.stages, stage)),
+            pause: if is_shortage { pause * SHORTAGE } else { pause },
         })
     }
 }
@@ -159,7 +182,12 @@ mod tests {
 
     #[test]
     fn the_supervisor_is_no_stage() {
-        let steps = steps(1, &[Disturbance::Supervisor]);
+        let kinds = [Disturbance::Supervisor, Disturbance::Hup, Disturbance::Emfile];
+        let steps = steps(1, &kinds);
         assert!(steps.iter().all(|step| step.stage.is_none()));
+        let shortages = steps.iter().filter(|step| step.what == Disturbance::Emfile);
+        assert!(
+            shortages.map(|step| step.pause).all(|pause| (20..=2000).contains(&pause.as_millis()))
+        );
     }
 }

@@ -93,12 +93,12 @@ pub struct Done {
     pub t_s: f64,
     /// What was done.
     pub what: Disturbance,
-    /// To which stage; absent for the supervisor.
+    /// To which stage; absent for the supervisor and the machine.
     #[serde(serialize_with = "name", skip_serializing_if = "Option::is_none")]
     pub stage: Option<ProcessKind>,
     /// To which process.
     pub pid: u32,
-    /// For a pause: how long.
+    /// For what lasts: how long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause_ms: Option<f64>,
     /// How long it came late because the stage had no spare yet.

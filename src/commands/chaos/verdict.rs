@@ -198,9 +198,13 @@ fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
         .iter()
         .map(|(what, ours, theirs)| format!("{what} {theirs} (seen: {ours})"))
         .collect();
-    // Where the observer itself was too slow it cannot contradict.
-    let agrees = ours.overlooked > 0 || pairs.iter().all(|(_, ours, theirs)| ours == theirs);
-    Some((agrees, words.join(", ")))
+    // Where the observer itself was too slow it cannot contradict, and where the group says that it has
+    // not seen everything, it has not miscounted.
+    let not_seen = theirs.not_seen + theirs.not_seen_in_world;
+    let agrees =
+        ours.overlooked > 0 || not_seen > 0 || pairs.iter().all(|(_, ours, theirs)| ours == theirs);
+    let besides = if not_seen > 0 { format!(", {not_seen} not seen") } else { String::new() };
+    Some((agrees, words.join(", ") + &besides))
 }
 
 /// What times are aimed at, and whether they were: `median` and `p99` or the longest, in
@@ -217,7 +221,8 @@ fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(Stri
             let median = settings.stall_deadline_ms + 15.0;
             Some((format!("median ≤ {median:.1}"), times.median <= median))
         }
-        Disturbance::Pause => None,
+        Disturbance::Pause | Disturbance::Emfile | Disturbance::Enospc => None,
+        Disturbance::Hup => Some(("max ≤ 100".into(), times.max <= 100.0)),
         Disturbance::Double => Some(("max ≤ 500".into(), times.max <= 500.0)),
         Disturbance::Supervisor => Some(("max ≤ 1000".into(), times.max <= 1000.0)),
     }

@@ -6,7 +6,7 @@
 
 use super::{Finding, bytes};
 use common::bus::participants;
-use common::instance::{Instance, InstanceError};
+use common::instance::{Instance, InstanceError, lock};
 use common::memory::SHARED_MEMORY;
 use rustix::process::getuid;
 use std::collections::BTreeMap;
@@ -70,11 +70,15 @@ impl Leftover {
     }
 
     fn remove_memory(&self) -> Result<(), String> {
-        if self.memory.iter().any(|path| is_in_use(path)) {
+        // The lock may be held by ourselves.
+        let is_lock = |path: &Path| path.to_string_lossy().ends_with(lock::NAME);
+        if self.memory.iter().any(|path| !is_lock(path) && is_in_use(path)) {
             return Err("somebody has just opened it".into());
         }
         for path in &self.memory {
-            fs::remove_file(path).map_err(|error| format!("{}: {error}", path.display()))?;
+            let removed =
+                if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+            removed.map_err(|error| format!("{}: {error}", path.display()))?;
         }
         Ok(())
     }
@@ -146,7 +150,7 @@ fn shared_memory() -> Result<BTreeMap<String, Vec<PathBuf>>, std::io::Error> {
         let name = entry.file_name().to_string_lossy().into_owned();
         let Some(prefix) = prefix(&name) else { continue };
         let is_ours = fs::symlink_metadata(entry.path())
-            .is_ok_and(|data| data.is_file() && data.uid() == getuid().as_raw());
+            .is_ok_and(|data| !data.is_symlink() && data.uid() == getuid().as_raw());
         if is_ours {
             groups.entry(prefix.into()).or_default().push(entry.path());
         }
@@ -172,8 +176,17 @@ fn has_processes(instance: &Instance) -> bool {
 }
 
 /// Whether any process, of whatever container, has the file open or mapped; also when that cannot
-/// be found out.
+/// be found out. A directory, in which iceoryx2 keeps files, is when one of those is.
 fn is_in_use(path: &Path) -> bool {
+    if fs::symlink_metadata(path).is_ok_and(|data| data.is_dir()) {
+        let entries = fs::read_dir(path).into_iter().flatten().flatten();
+        // What can be opened; sockets cannot, and do not last without the files beside them.
+        let is_kept = |kind: fs::FileType| kind.is_dir() || kind.is_file();
+        return entries
+            .into_iter()
+            .filter(|entry| entry.file_type().is_ok_and(is_kept))
+            .any(|entry| is_in_use(&entry.path()));
+    }
     match OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW).open(path) {
         Ok(file) => !can_lease(&file),
         Err(error) => error.kind() != std::io::ErrorKind::NotFound,

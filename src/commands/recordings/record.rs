@@ -5,6 +5,7 @@ use crate::cli::RecordArgs;
 use crate::commands::CommandError;
 use crate::recorder::{self, End, Options, Progress};
 use common::instance::Instance;
+use common::memory_rank::MemoryRank;
 use recording::Channel;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
@@ -19,6 +20,8 @@ const LINE_PERIOD: Duration = Duration::from_secs(10);
 
 /// Records a group.
 pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
+    // The match can do without it; that it cannot be said is no reason not to work.
+    let _ = common::memory_rank::set(MemoryRank::Recorder);
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;

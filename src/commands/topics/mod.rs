@@ -89,7 +89,7 @@ pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
 fn document(instance: &Instance, seconds: f64) -> Result<Document, CommandError> {
     let is_running = instance.is_supervised();
     let topics = if is_running { measure(instance, seconds)? } else { rows() };
-    let root_path = instance.directory().join("ipc").display().to_string();
+    let root_path = instance.ipc_directory().display().to_string();
     Ok(Document {
         instance: instance.name().into(),
         is_running,

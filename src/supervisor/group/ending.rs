@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// How long the last results may take when the group is told to end.
 const DRAIN: Duration = Duration::from_millis(100);
 
-impl Group {
+impl Group<'_> {
     /// Leaves the group to whoever comes next, in a state that can be taken over.
     pub fn leave(mut self) {
         // A process of the other program is to serve the clients, who come again.
@@ -28,7 +28,7 @@ impl Group {
         for process in
             self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
         {
-            process.signal(Signal::TERM);
+            let _ = process.signal(Signal::TERM);
         }
         let deadline = Instant::now() + DRAIN;
         let is_capturing = |processes: &HashMap<MemberId, Process>| {
@@ -38,23 +38,23 @@ impl Group {
             && (is_capturing(&self.processes) || !self.results_are_out())
         {
             std::thread::sleep(TICK);
-            let _ = self.look();
+            self.look();
             self.processes.retain(|_, process| process.reap().is_none());
         }
         let deadline = Instant::now() + GRACE;
         for process in self.processes.values() {
             // A stopped process cannot hear; a continued one that was not stopped does not care.
-            process.signal(Signal::TERM);
-            process.signal(Signal::CONT);
+            let _ = process.signal(Signal::TERM);
+            let _ = process.signal(Signal::CONT);
         }
         while !self.processes.is_empty() {
             if Instant::now() > deadline {
                 for process in self.processes.values() {
-                    process.signal(Signal::KILL);
+                    let _ = process.signal(Signal::KILL);
                 }
             }
-            let _ = self.wait();
-            let _ = self.look();
+            self.wait();
+            self.look();
             self.processes.retain(|_, process| process.reap().is_none());
         }
         // Last: whatever has come out has been given to its clients.

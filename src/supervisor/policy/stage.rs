@@ -1,6 +1,7 @@
 //! What the rules know of a stage and of its processes.
 
 use super::MemberId;
+use super::intensity::Intensity;
 
 /// So many deaths in a row on the same input are not chance.
 const POISONOUS: u32 = 2;
@@ -49,12 +50,50 @@ pub struct Stage {
     pub skip_after: Option<u64>,
     /// Last time at which the stage did something, or had nothing to do.
     pub progress_ns: u64,
+    /// Last time at which its active process looked around.
+    pub looked_around_ns: u64,
+    /// From one output to the next, smoothed; `None` before the second output of a process.
+    pub period_ns: Option<u64>,
+    /// When the newest output was sent.
+    sent_ns: Option<u64>,
+    /// The deaths of its active processes.
+    pub intensity: Intensity,
+    /// How often in a row there were too many of them; 0 when all is well.
+    pub escalation: u32,
 }
+
+/// Outputs over which the period is smoothed.
+const SMOOTHED: u64 = 8;
 
 impl Stage {
     /// Whether its active process can be expected to work.
     pub fn is_working(&self) -> bool {
         self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
+    }
+
+    /// Takes an output into the period. To be called before it becomes the newest.
+    pub fn note_period(&mut self, seq: u64, sent_ns: u64) {
+        let before = self.sent_ns.replace(sent_ns);
+        let has_worked = self.active.as_ref().is_some_and(|active| active.has_worked(self.output));
+        // Between two processes there is a gap that says nothing of the camera.
+        let (Some(before_ns), Some(last), true) = (before, self.output, has_worked) else {
+            self.period_ns = None;
+            return;
+        };
+        let period_ns = sent_ns.saturating_sub(before_ns) / (seq - last);
+        let smoothed = |old_ns: u64| (old_ns * (SMOOTHED - 1) + period_ns) / SMOOTHED;
+        self.period_ns = Some(self.period_ns.map_or(period_ns, smoothed));
+    }
+
+    /// A process that worked has died. When there were more deaths than even a disturbed match has, and
+    /// from then on until one has lived well, returns how many that were.
+    pub fn escalate(&mut self, had_lived: bool, now_ns: u64) -> Option<u32> {
+        self.intensity.note(now_ns);
+        let is_too_high = self.intensity.is_too_high(now_ns);
+        let goes_on = self.escalation > 0 && !had_lived;
+        self.escalation =
+            if is_too_high || goes_on { self.escalation.saturating_add(1) } else { 0 };
+        (self.escalation > 0).then_some(self.escalation)
     }
 
     /// A process of this stage has died by the fault of its input, as far as one can tell.

@@ -8,6 +8,7 @@ fn settings(spares: &[ProcessKind]) -> Settings {
     Settings {
         stall_ns: 40 * MS,
         grabber_stall_ns: 1000 * MS,
+        grabber_stuck_ns: 100 * MS,
         ready_timeout_ns: 10_000 * MS,
         backoff_ns: 100 * MS,
         backoff_max_ns: 5000 * MS,
@@ -367,4 +368,153 @@ fn it_is_known_when_a_stage_will_have_stalled() {
         assert!(!play.run(5).iter().any(is_kill));
     }
     assert!(play.policy.tick(at_ns).iter().any(is_kill));
+}
+
+/// A camera that streams 80 frames a second for so long, and everything behind it.
+fn stream(play: &mut Play, frames: std::ops::Range<u64>) {
+    for seq in frames {
+        let sent_ns = play.now_ns;
+        for kind in ProcessKind::ALL {
+            play.policy.note(Event::Output(kind, seq), sent_ns);
+        }
+        play.now_ns += 5 * MS / 2;
+        play.run(10);
+    }
+}
+
+fn kills(actions: &[Action]) -> Vec<(ProcessKind, Cause)> {
+    let kill = |action: &Action| match *action {
+        Action::Kill { kind, cause, .. } => Some((kind, cause)),
+        _ => None,
+    };
+    actions.iter().filter_map(kill).collect()
+}
+
+#[test]
+fn a_grabber_that_is_stuck_is_noticed_by_the_rate_of_its_camera() {
+    let mut play = Play::new(&[]);
+    stream(&mut play, 0..40);
+    let frozen_ns = play.now_ns;
+    assert_eq!(kills(&play.run(80)), [], "a hiccup");
+    let killed = kills(&play.run(30));
+    assert_eq!(killed, [(ProcessKind::Grabber, Cause::Stalled)]);
+    assert!(play.now_ns - frozen_ns <= 115 * MS, "five periods, at least 100 ms");
+
+    // Ten frames a second: five periods are half a second.
+    let mut play = Play::new(&[]);
+    for seq in 0..40 {
+        for kind in ProcessKind::ALL {
+            play.output(kind, seq);
+        }
+        play.run(100);
+    }
+    assert_eq!(kills(&play.run(380)), []);
+    assert_eq!(kills(&play.run(40)), [(ProcessKind::Grabber, Cause::Stalled)]);
+}
+
+#[test]
+fn a_grabber_that_waits_for_its_camera_is_not_stuck() {
+    let mut play = Play::new(&[]);
+    stream(&mut play, 0..40);
+    for _ in 0..18 {
+        play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+        assert_eq!(kills(&play.run(50)), [], "it looks around");
+    }
+    for _ in 0..4 {
+        play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+        play.run(50);
+    }
+    let killed = kills(&play.actions);
+    assert_eq!(killed, [(ProcessKind::Grabber, Cause::Stalled)], "but not for ever");
+}
+
+#[test]
+fn the_first_frame_of_a_grabber_may_take_its_time() {
+    let mut play = Play::new(&[]);
+    stream(&mut play, 0..40);
+    play.exit(ProcessKind::Grabber);
+    assert_eq!(started(&play.run(5)), [(ProcessKind::Grabber, false)]);
+    assert_eq!(kills(&play.run(900)), [], "its camera has to be opened");
+}
+
+#[test]
+fn what_cannot_be_started_is_tried_again_with_pauses_and_named() {
+    let mut play = Play::new(&[ProcessKind::Tracker]);
+    play.policy.note(Event::Finished, play.now_ns);
+    play.exit(ProcessKind::Tracker);
+    let mut attempts = vec![];
+    while attempts.len() < 6 {
+        play.now_ns += 5 * MS;
+        for action in play.policy.tick(play.now_ns) {
+            match action {
+                Action::Start { id, kind: ProcessKind::Tracker, .. } => {
+                    attempts.push(play.now_ns);
+                    play.policy.note(Event::NotStarted(id), play.now_ns);
+                }
+                Action::Start { .. } | Action::Kill { .. } => panic!("{action:?}"),
+                _ => {}
+            }
+        }
+    }
+    let pauses: Vec<_> = attempts.windows(2).map(|pair| (pair[1] - pair[0]) / MS).collect();
+    assert_eq!(pauses, [100, 200, 400, 800, 1600]);
+    let degraded = play.policy.degraded(play.now_ns);
+    assert_eq!(degraded.len(), 1, "{degraded:?}");
+    assert_eq!((degraded[0].kind, degraded[0].what), (ProcessKind::Tracker, Lack::Spare(6)));
+    assert!(play.policy.is_complete(), "the spare has taken over");
+    assert_eq!(started(&play.run(4000)), [(ProcessKind::Tracker, true)]);
+    assert_eq!(play.policy.degraded(play.now_ns), []);
+}
+
+#[test]
+fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_not() {
+    let die = |every_ms: u64, deaths: u64| {
+        let mut play = Play::new(&[ProcessKind::Tracker]);
+        let mut seq = 0;
+        for _ in 0..deaths {
+            for _ in 0..every_ms / 10 {
+                seq += 1;
+                for kind in ProcessKind::ALL {
+                    play.output(kind, seq);
+                }
+                play.run(10);
+            }
+            if play.policy.stages[ProcessKind::Tracker as usize].active.is_some() {
+                play.end(ProcessKind::Tracker, true);
+            }
+        }
+        play
+    };
+    let mut disturbed = die(500, 60);
+    assert_eq!(disturbed.policy.degraded(disturbed.now_ns), []);
+    disturbed.run(200);
+    assert!(disturbed.policy.is_complete());
+    let mut storm = die(20, 1000);
+    let starts = started(&storm.actions).len();
+    assert!(starts < 60, "{starts} starts in 20 seconds");
+    assert!(!storm.policy.degraded(storm.now_ns).is_empty());
+    storm.policy.note(Event::Finished, storm.now_ns);
+    storm.run(12_000);
+    assert!(storm.policy.is_complete(), "it is not given up");
+    assert_eq!(storm.policy.degraded(storm.now_ns), []);
+}
+
+#[test]
+fn while_nothing_is_heard_nobody_is_killed_for_not_being_ready() {
+    let mut play = Play::new(&[]);
+    play.policy.note(Event::Finished, play.now_ns);
+    play.exit(ProcessKind::Tracker);
+    let start = |play: &mut Play, ms: u64| {
+        for _ in 0..ms / 5 {
+            play.now_ns += 5 * MS;
+            let actions = play.policy.tick(play.now_ns);
+            play.actions.extend(&actions);
+        }
+        kills(&play.actions)
+    };
+    play.policy.set_blind(true, play.now_ns);
+    assert_eq!(start(&mut play, 15_000), []);
+    play.policy.set_blind(false, play.now_ns);
+    assert_eq!(start(&mut play, 9000), [], "its time begins now");
+    assert_eq!(start(&mut play, 2000), [(ProcessKind::Tracker, Cause::NotReady)]);
 }

@@ -1,9 +1,8 @@
-//! Whatever is read as text: configurations, labels, handover notes, sources of frames. Nothing in a text
+//! Whatever is read as text: configurations, labels, sources of frames. Nothing in a text
 //! makes a program fall; and what is accepted as a configuration can be used, written and read again.
 #![no_main]
 
 use common::config::{Config, check, commented_toml};
-use common::handover::Handover;
 use grabber::source::Source;
 use learning::labels::Labels;
 use libfuzzer_sys::fuzz_target;
@@ -47,7 +46,6 @@ fn check_config(text: &str) {
 }
 
 fuzz_target!(|text: &str| {
-    let _ = Handover::parse(text);
     let _ = Labels::parse(text, Path::new("fuzz.json"));
     if let Ok(source) = text.parse::<Source>() {
         assert_eq!(source.to_string().parse::<Source>().ok(), Some(source));

@@ -1,0 +1,210 @@
+//! The supervisor's lock: whoever holds it looks after the group, and nobody else does.
+//!
+//! The kernel gives a lock up when its holder dies, however that happens. But it belongs to a file, and
+//! files get removed: a program that tidies up `/tmp` knows nothing of a match that has run for days.
+//! Whoever looks then finds no lock, or makes and takes a new one. So the lock is two files, one in the
+//! runtime directory and one in shared memory; a supervisor lives when either is held, becomes one who
+//! gets both, and puts back what has gone.
+
+use super::{Instance, InstanceError, io_error};
+use crate::memory::SHARED_MEMORY;
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A lock that is held for longer than this is held by a supervisor. Who only asks has it for an
+/// instant, and so has the process that a dying supervisor was just starting.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Time between two attempts to get it.
+const RETRY: Duration = Duration::from_millis(2);
+/// Its name, in both places.
+pub const NAME: &str = "supervisor.lock";
+
+/// The lock of a group, held.
+#[derive(Debug)]
+pub struct SupervisorLock {
+    held: Vec<Held>,
+}
+
+#[derive(Debug)]
+struct Held {
+    path: PathBuf,
+    file: File,
+}
+
+impl SupervisorLock {
+    /// Takes again what has been removed; returns whether there was anything. Call now and then. The
+    /// runtime directory must be there.
+    pub fn restore(&mut self) -> io::Result<bool> {
+        let mut restored = false;
+        for held in &mut self.held {
+            if !is_at(&held.file, &held.path) {
+                let taken = take(&held.path, Duration::ZERO)?;
+                held.file = taken.ok_or(io::ErrorKind::WouldBlock)?;
+                restored = true;
+            }
+        }
+        Ok(restored)
+    }
+}
+
+impl Instance {
+    /// Takes the supervisor's lock; `None` when a living supervisor holds it.
+    pub fn lock(&self) -> Result<Option<SupervisorLock>, InstanceError> {
+        let mut held = Vec::new();
+        for path in places(self) {
+            match take(&path, PATIENCE).map_err(io_error(&path))? {
+                Some(file) => held.push(Held { path, file }),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(SupervisorLock { held }))
+    }
+
+    /// Whether a supervisor is alive.
+    pub fn is_supervised(&self) -> bool {
+        places(self).iter().any(|path| {
+            open(path, false).is_ok_and(|file| {
+                flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
+            })
+        })
+    }
+
+    /// Number of the process that holds the lock, if one does.
+    pub fn supervisor_pid(&self) -> Option<u32> {
+        if !self.is_supervised() {
+            return None;
+        }
+        let read = |path: &PathBuf| fs::read_to_string(path).ok()?.trim().parse().ok();
+        places(self).iter().find_map(read)
+    }
+}
+
+/// The lock's file in shared memory.
+pub(super) fn in_memory(instance: &Instance) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(instance.shared_memory_prefix() + NAME)
+}
+
+/// Both, unless another user has made the second: that one says nothing, and keeps nobody out.
+fn places(instance: &Instance) -> Vec<PathBuf> {
+    let in_memory = in_memory(instance);
+    let own = rustix::process::getuid().as_raw();
+    let is_foreign = fs::symlink_metadata(&in_memory).is_ok_and(|data| data.uid() != own);
+    let mut places = vec![instance.directory().join(NAME)];
+    places.extend((!is_foreign).then_some(in_memory));
+    places
+}
+
+fn open(path: &Path, for_holder: bool) -> io::Result<File> {
+    OpenOptions::new()
+        .create(for_holder)
+        .truncate(false)
+        .read(true)
+        .write(for_holder)
+        .mode(0o600)
+        .custom_flags(libc::O_NOFOLLOW)
+        .open(path)
+}
+
+/// `None` when somebody has it for longer than `patience`.
+fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
+    let deadline = Instant::now() + patience;
+    loop {
+        let mut file = open(path, true)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            // Its last holder may have removed it between the two calls.
+            Ok(()) if is_at(&file, path) => {
+                // Whoever asks finds the number in the other file, or does without: a full disk is no
+                // reason to have no supervisor.
+                let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
+                return Ok(Some(file));
+            }
+            Ok(()) => continue,
+            Err(Errno::WOULDBLOCK) if Instant::now() >= deadline => return Ok(None),
+            Err(Errno::WOULDBLOCK) => std::thread::sleep(RETRY),
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// Whether an open file is the one that has this name.
+fn is_at(file: &File, path: &Path) -> bool {
+    let identity = |data: fs::Metadata| (data.dev(), data.ino());
+    match (file.metadata(), fs::symlink_metadata(path)) {
+        (Ok(file), Ok(named)) => identity(file) == identity(named),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An instance of its own for each test, removed at the end.
+    struct Scratch(Instance);
+
+    impl Scratch {
+        fn new(name: &str) -> Self {
+            let base = std::env::temp_dir().join(format!("tl-{name}-{}", std::process::id()));
+            let instance = Instance::below(&base, "lock").unwrap();
+            instance.create_directory().unwrap();
+            Self(instance)
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = self.0.remove_directory();
+        }
+    }
+
+    #[test]
+    fn who_only_asks_for_a_supervisor_keeps_none_from_starting() {
+        let scratch = Scratch::new("lock-asked");
+        let instance = &scratch.0;
+        drop(instance.lock().unwrap());
+        let asking: Vec<File> =
+            places(instance).iter().map(|path| open(path, false).unwrap()).collect();
+        for file in &asking {
+            flock(file, FlockOperation::NonBlockingLockShared).unwrap();
+        }
+        let asks = std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE / 10);
+            drop(asking);
+        });
+        let lock = instance.lock().unwrap();
+        assert!(lock.is_some());
+        asks.join().unwrap();
+        assert!(instance.lock().unwrap().is_none(), "held by a supervisor");
+        assert_eq!(instance.supervisor_pid(), Some(std::process::id()));
+        drop(lock);
+        assert_eq!(instance.supervisor_pid(), None, "the number is still in the files");
+    }
+
+    #[test]
+    fn a_lock_that_somebody_removes_is_held_all_the_same_and_put_back() {
+        let scratch = Scratch::new("lock-removed");
+        let instance = &scratch.0;
+        let mut lock = instance.lock().unwrap().unwrap();
+        assert!(!lock.restore().unwrap(), "nothing is missing");
+        for path in places(instance) {
+            fs::remove_file(&path).unwrap();
+            assert!(instance.is_supervised(), "without {}", path.display());
+            assert!(instance.lock().unwrap().is_none(), "a second one, without {}", path.display());
+            assert!(lock.restore().unwrap());
+            assert!(is_at(&lock.held[0].file, &places(instance)[0]));
+            assert!(is_at(&lock.held[1].file, &places(instance)[1]));
+        }
+        fs::remove_dir_all(instance.directory()).unwrap();
+        assert!(instance.is_supervised());
+        assert!(lock.restore().is_err(), "its directory is gone");
+        instance.create_directory().unwrap();
+        assert!(lock.restore().unwrap());
+        drop(lock);
+        assert!(!instance.is_supervised());
+    }
+}

@@ -1,0 +1,106 @@
+//! A page of numbers in a file that processes share by mapping it.
+//!
+//! The memory of the page is taken when it is opened, and an error says so when there is none. A page
+//! that was only given its size would be taken when it is first touched, and a process that touches
+//! memory which the system cannot provide is killed by a SIGBUS.
+
+use crate::memory;
+use rustix::fd::OwnedFd;
+use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate, ftruncate};
+use rustix::io::Errno;
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use std::io;
+use std::path::Path;
+use std::ptr::NonNull;
+use std::sync::atomic::AtomicU32;
+
+/// The smallest piece of memory the system maps.
+const MAPPED_BYTES: usize = 4096;
+
+/// Numbers that may be shared.
+///
+/// # Safety
+///
+/// Valid when all their bytes are zero, not larger than a page, and meant to be touched by several
+/// processes at once.
+#[allow(unsafe_code)]
+pub(crate) unsafe trait Shareable {}
+
+// SAFETY: atomic numbers are.
+#[allow(unsafe_code)]
+unsafe impl Shareable for AtomicU32 {}
+
+/// Mapped numbers. They begin with 0 and outlive the processes that map them, as long as their file
+/// does.
+pub(crate) struct SharedPage<T: Shareable> {
+    page: NonNull<T>,
+}
+
+impl<T: Shareable> SharedPage<T> {
+    /// Maps the page in this file, which is made, for nobody else to read, if there is none.
+    #[allow(unsafe_code)]
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOFOLLOW;
+        let file = rustix::fs::open(path, flags, Mode::RUSR | Mode::WUSR)?;
+        take_memory(&file)?;
+        // SAFETY: a new map of our own at a place the system chooses. It is unmapped in `drop`.
+        let page = unsafe {
+            let protection = ProtFlags::READ | ProtFlags::WRITE;
+            mmap(std::ptr::null_mut(), MAPPED_BYTES, protection, MapFlags::SHARED, &file, 0)?
+        };
+        let page = Self { page: NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)? };
+        // On a file system that takes no memory in advance.
+        if !memory::fill_in(page.page.as_ptr().cast(), MAPPED_BYTES) {
+            return Err(Errno::NOSPC.into());
+        }
+        Ok(page)
+    }
+
+    /// The numbers.
+    #[allow(unsafe_code)]
+    pub fn get(&self) -> &T {
+        // SAFETY: mapped as long as `self` lives, aligned as a page is, and filled with zeros at
+        // first, which are valid numbers; other processes touch them as atomic ones too.
+        unsafe { self.page.as_ref() }
+    }
+}
+
+impl<T: Shareable> Drop for SharedPage<T> {
+    #[allow(unsafe_code)]
+    fn drop(&mut self) {
+        // SAFETY: mapped by `open`; no reference to it outlives `self`.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), MAPPED_BYTES) };
+    }
+}
+
+/// Gives the file the size of the page and has the system provide its memory. Bytes that are there
+/// stay. Every process asks for the same size, so no map loses its memory.
+fn take_memory(file: &OwnedFd) -> io::Result<()> {
+    loop {
+        match fallocate(file, FallocateFlags::empty(), 0, MAPPED_BYTES as u64) {
+            Err(Errno::INTR) => {}
+            Err(Errno::OPNOTSUPP | Errno::NOSYS) => {
+                return Ok(ftruncate(file, MAPPED_BYTES as u64)?);
+            }
+            taken => return Ok(taken?),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::MetadataExt;
+    use std::sync::atomic::Ordering;
+
+    #[test]
+    fn its_memory_is_there_before_it_is_touched() {
+        let path = Path::new("/dev/shm").join(format!("tl-test-page-{}", std::process::id()));
+        let page = SharedPage::<AtomicU32>::open(&path).unwrap();
+        let data = std::fs::metadata(&path).unwrap();
+        assert_eq!((data.len(), data.blocks() * 512), (MAPPED_BYTES as u64, MAPPED_BYTES as u64));
+        page.get().store(7, Ordering::Relaxed);
+        assert_eq!(SharedPage::<AtomicU32>::open(&path).unwrap().get().load(Ordering::Relaxed), 7);
+        std::fs::remove_file(&path).unwrap();
+    }
+}

@@ -1,0 +1,103 @@
+//! A page of shared memory for each stage that outlives its processes and the supervisor: how far the
+//! stage has come, what the supervisor tells its next process, and when its process last looked around.
+//!
+//! A supervisor watches what the stages publish and tells the next process of a stage where to go on
+//! ([`Handover`]). But a supervisor can die too, and a stage's process after it, before the next
+//! supervisor has seen anything of it: what a dead process has published is not shown to those who
+//! come later. And a supervisor may be short of descriptors or memory, and not be able to connect to
+//! what a new process publishes. So each stage also writes down itself how far it has come. The page is mapped once; after that
+//! nothing done with it can fail.
+
+use crate::handover::Handover;
+use crate::instance::Instance;
+use crate::messages::ProcessKind;
+use crate::shared_page::{Shareable, SharedPage};
+use std::io;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What is in the page.
+#[repr(C)]
+struct Numbers {
+    /// One more than the number of the newest output; 0 when there is none.
+    next: AtomicU64,
+    /// The supervisor's note, [`Handover::to_bits`].
+    note: AtomicU64,
+    /// When the process that works last looked around; 0 before.
+    looked_around_ns: AtomicU64,
+}
+
+// SAFETY: atomic numbers, three of them.
+#[allow(unsafe_code)]
+unsafe impl Shareable for Numbers {}
+
+/// The page of a stage.
+pub struct StagePage {
+    page: SharedPage<Numbers>,
+}
+
+impl StagePage {
+    /// That of a stage in an instance, made if there is none.
+    pub fn open(instance: &Instance, kind: ProcessKind) -> io::Result<Self> {
+        Ok(Self { page: SharedPage::open(&instance.stage_page_path(kind.name()))? })
+    }
+
+    /// The newest output of all the stage's processes so far; `None` when there is none.
+    pub fn newest(&self) -> Option<u64> {
+        self.page.get().next.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// Notes an output that has just been published.
+    pub fn set_newest(&self, seq: u64) {
+        self.page.get().next.store(seq.saturating_add(1), Ordering::Release);
+    }
+
+    /// Leaves the note for the next process of the stage, in the place of the last one.
+    pub fn leave_note(&self, note: Handover) {
+        self.page.get().note.store(note.to_bits(), Ordering::Release);
+    }
+
+    /// The note for a process that is about to work; `None` when the stage has not worked yet.
+    pub fn note(&self) -> Option<Handover> {
+        Handover::from_bits(self.page.get().note.load(Ordering::Acquire))
+    }
+
+    /// Notes that the process which works has looked around.
+    pub fn look_around(&self, now_ns: u64) {
+        self.page.get().looked_around_ns.store(now_ns, Ordering::Relaxed);
+    }
+
+    /// When the process that works last looked around; 0 before.
+    pub fn looked_around_ns(&self) -> u64 {
+        self.page.get().looked_around_ns.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_outlives_who_has_set_it_and_goes_with_the_group() {
+        let base = std::env::temp_dir().join(format!("tl-page-{}", std::process::id()));
+        let instance = Instance::below(&base, "test").unwrap();
+        instance.create_directory().unwrap();
+        let kind = ProcessKind::Filter;
+        let page = StagePage::open(&instance, kind).unwrap();
+        assert_eq!((page.newest(), page.note(), page.looked_around_ns()), (None, None, 0));
+        page.set_newest(0);
+        assert_eq!(page.newest(), Some(0));
+        page.set_newest(4711);
+        let note = Handover { resume_after: 4711, skip_next: true };
+        page.leave_note(note);
+        page.look_around(5);
+        drop(page);
+        let page = StagePage::open(&instance, kind).unwrap();
+        assert_eq!((page.newest(), page.note()), (Some(4711), Some(note)));
+        assert_eq!(page.looked_around_ns(), 5);
+        assert_eq!(StagePage::open(&instance, ProcessKind::Tracker).unwrap().newest(), None);
+        instance.forget_progress().unwrap();
+        assert_eq!(StagePage::open(&instance, kind).unwrap().newest(), None);
+        instance.forget_progress().unwrap();
+        instance.remove_directory().unwrap();
+    }
+}

@@ -1,0 +1,101 @@
+//! Leaving a match without descriptors or without shared memory for a while.
+//!
+//! A full `/dev/shm` would be felt by every program of the machine, so a match that is to have one gets
+//! its own: the whole of `chaos` runs in a mount namespace, in which another file system is in that place.
+
+use crate::commands::CommandError;
+use common::config::Config;
+use common::memory::{GroupMemory, SHARED_MEMORY};
+use grabber::source::Source;
+use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
+use std::fs::{self, File};
+use std::io::Write;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+/// Tells the program that its shared memory is its own.
+const OWN_PLACE_VARIABLE: &str = "TOUCHLINE_CHAOS_OWN_SHM";
+/// Standard input, output and error are all that a process without descriptors may have.
+const NO_DESCRIPTORS: u64 = 3;
+
+/// Something that is short until then. Ends with this.
+pub struct Shortage {
+    until: Instant,
+    _undo: Undo,
+}
+
+enum Undo {
+    Limit { pid: Pid, before: Rlimit },
+    File(PathBuf),
+}
+
+impl Shortage {
+    /// Takes all descriptors from a process that it has not opened yet. What it may allow itself again
+    /// is left to it, unless it may not.
+    pub fn of_descriptors(pid: u32, until: Instant) -> Result<Self, CommandError> {
+        let pid = Pid::from_raw(pid as i32).ok_or("no process")?;
+        // The same for this process, which has started it.
+        let maximum = getrlimit(Resource::Nofile).maximum;
+        let none = Rlimit { current: Some(NO_DESCRIPTORS), maximum };
+        let before = prlimit(Some(pid), Resource::Nofile, none)?;
+        Ok(Self { until, _undo: Undo::Limit { pid, before } })
+    }
+
+    /// Fills the shared memory.
+    pub fn of_shared_memory(until: Instant) -> Result<Self, CommandError> {
+        let path = Path::new(SHARED_MEMORY).join(format!("chaos-{}-fill", std::process::id()));
+        let mut file = File::create(&path)?;
+        for bytes in [1 << 20, 4096] {
+            while file.write_all(&vec![1; bytes]).is_ok() {}
+        }
+        Ok(Self { until, _undo: Undo::File(path) })
+    }
+
+    /// Whether it is to end.
+    pub fn is_over(&self, now: Instant) -> bool {
+        now >= self.until
+    }
+}
+
+impl Drop for Undo {
+    fn drop(&mut self) {
+        match self {
+            // It may have died since.
+            Self::Limit { pid, before } => {
+                let _ = prlimit(Some(*pid), Resource::Nofile, *before);
+            }
+            Self::File(path) => {
+                let _ = fs::remove_file(path);
+            }
+        }
+    }
+}
+
+/// Becomes the same program in a place with a shared memory of its own; returns at once where this is
+/// that program already.
+pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), CommandError> {
+    if std::env::var_os(OWN_PLACE_VARIABLE).is_some() {
+        return Ok(());
+    }
+    // All that a match can need, for the old and the new processes of every stage.
+    let frame_bytes = source.frame_capacity(&config.camera);
+    let bytes = GroupMemory::with_frames_of(config, frame_bytes).ample_bytes() * 2;
+    let megabytes = (bytes >> 20) + 64;
+    let script =
+        format!("mount -t tmpfs -o size={megabytes}m tmpfs {SHARED_MEMORY} && exec \"$@\"");
+    let mut command = Command::new("unshare");
+    command.arg("--mount");
+    if !rustix::process::getuid().is_root() {
+        command.arg("--map-root-user");
+    }
+    command.args(["sh", "-c", &script, "sh"]);
+    command.arg(std::env::current_exe()?).args(std::env::args_os().skip(1));
+    let error = command.env(OWN_PLACE_VARIABLE, "1").exec();
+    Err(format!(
+        "enospc fills a /dev/shm of the match's own, which takes the programs unshare and mount: {error}; \
+         leave it out with --signals"
+    )
+    .into())
+}

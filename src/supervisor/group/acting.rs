@@ -1,0 +1,140 @@
+//! Doing what the rules decide.
+
+use super::Group;
+use crate::supervisor::SupervisorError;
+use crate::supervisor::children::Process;
+use crate::supervisor::evidence;
+use crate::supervisor::policy::{Action, Cause, Event, MemberId};
+use common::clock::monotonic_ns;
+use common::handover::Handover;
+use common::messages::{EventKind, ProcessKind};
+use rustix::process::Signal;
+
+/// So many failures before anything ever worked mean that it never will.
+const HOPELESS_STARTS: u32 = 3;
+/// What cannot be done for a while, in the words in which it is told.
+const SIGNALS: &str = "signal a process";
+
+impl Group<'_> {
+    pub(super) fn act(&mut self, action: Action) -> Result<(), SupervisorError> {
+        match action {
+            Action::Start { id, kind, spare } => self.start(id, kind, spare)?,
+            Action::Promote { id, kind } => {
+                self.hand_over(kind);
+                if let Some(process) = self.processes.get(&id) {
+                    let pid = process.pid;
+                    self.signal(id, Signal::USR1);
+                    self.log(EventKind::Promoted, kind, pid, "promoted from spare", "");
+                }
+            }
+            Action::Kill { id, kind, cause } => {
+                if let Some(process) = self.processes.get(&id) {
+                    let (event, what) = match cause {
+                        Cause::Stalled => {
+                            (EventKind::Stalled, "killed: it has input but gives no output")
+                        }
+                        Cause::NotReady => {
+                            (EventKind::Killed, "killed: it did not get ready in time")
+                        }
+                        Cause::DoesNotEnd => {
+                            (EventKind::Killed, "killed: it did not end when asked to")
+                        }
+                    };
+                    self.log(event, kind, process.pid, what, "");
+                    self.signal(id, Signal::KILL);
+                }
+            }
+            Action::Retire { id, kind } => {
+                if let Some(process) = self.processes.get(&id) {
+                    let what = "asked to end: its successor is ready";
+                    self.log(EventKind::Retired, kind, process.pid, what, "");
+                    self.signal(id, Signal::TERM);
+                }
+            }
+            Action::Skip { kind, after } => self.skip(kind, after),
+            Action::CleanUp => self.janitor.call(),
+        }
+        Ok(())
+    }
+
+    /// Starts a process. One that cannot be started is one that failed to start: the rules say when it
+    /// is tried again.
+    pub(super) fn start(
+        &mut self,
+        id: MemberId,
+        kind: ProcessKind,
+        spare: bool,
+    ) -> Result<(), SupervisorError> {
+        if !spare {
+            self.hand_over(kind);
+        }
+        let Self { launch, progress, reserve, .. } = self;
+        let last_frame = progress.last_frame();
+        let started = reserve.lend(|| Process::start(launch, kind, spare, last_frame));
+        let failure = started.as_ref().err().map(ToString::to_string);
+        let outcome = started.map(|process| drop(self.processes.insert(id, process)));
+        self.attempted(&format!("start the {}", kind.name()), outcome);
+        match failure {
+            Some(reason) => {
+                self.policy.note(Event::NotStarted(id), monotonic_ns());
+                self.failed_to_start(kind, reason)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Before anything ever worked, somebody is waiting to be told what is wrong.
+    pub(super) fn failed_to_start(
+        &mut self,
+        kind: ProcessKind,
+        reason: String,
+    ) -> Result<(), SupervisorError> {
+        self.start_failures += u32::from(!self.ever_complete);
+        match self.ever_complete || self.start_failures < HOPELESS_STARTS {
+            true => Ok(()),
+            false => Err(SupervisorError::NoStart { stage: kind.name(), reason }),
+        }
+    }
+
+    /// Sends a signal, and if it cannot be sent, sends it again.
+    pub(super) fn signal(&mut self, id: MemberId, signal: Signal) {
+        let Some(process) = self.processes.get(&id) else { return };
+        let sent = process.signal(signal);
+        if sent.is_err() {
+            self.unsent.push((id, signal));
+        }
+        self.attempted(SIGNALS, sent);
+    }
+
+    pub(super) fn send_again(&mut self) {
+        for (id, signal) in std::mem::take(&mut self.unsent) {
+            self.signal(id, signal);
+        }
+    }
+
+    /// Tells the process of a stage that is about to work how far the last one came. That one is
+    /// confirmed dead, and all it has published was looked at since.
+    pub(super) fn hand_over(&mut self, kind: ProcessKind) {
+        let Some(resume_after) = self.outputs[kind as usize] else { return };
+        // Stays until there is a later output: this process may die, or not even start.
+        let skip_next = self.skip_after.get(&kind) == Some(&resume_after);
+        self.progress.pages().leave_note(kind, Handover { resume_after, skip_next });
+    }
+
+    /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
+    pub(super) fn skip(&mut self, kind: ProcessKind, after: u64) {
+        self.skip_after.insert(kind, after);
+        let what = match self.progress.first_frame_after(after) {
+            Some(frame) => {
+                let path = evidence::save_frame(&self.launch.instance, frame);
+                let seq = frame.header().seq;
+                format!(
+                    "frame {seq} has killed two processes and is skipped; kept in {}",
+                    path.display()
+                )
+            }
+            None => format!("the frame after {after} has killed two processes and is skipped"),
+        };
+        self.log(EventKind::Poisonous, kind, 0, &what, "");
+    }
+}

@@ -1,0 +1,55 @@
+//! What a group does without for now, because starts fail again and again: it is kept alive, and says so.
+
+use super::Policy;
+use common::messages::ProcessKind;
+
+/// So many failures in a row make a stage one that does not work, rather than one that is being replaced.
+const DEGRADED: u32 = 3;
+
+/// What a stage does without for now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Degraded {
+    /// The stage.
+    pub kind: ProcessKind,
+    /// How.
+    pub what: Lack,
+    /// When the next attempt is due, from now on in nanoseconds.
+    pub next_start_in_ns: u64,
+}
+
+/// What a stage does without.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lack {
+    /// It does not work: so many starts in a row have failed.
+    Process(u32),
+    /// It works without a spare: so many starts of one have failed.
+    Spare(u32),
+    /// It works, but so many of its processes have died in a short time that there is a pause before the
+    /// next.
+    Peace(u32),
+}
+
+impl Policy {
+    /// What the group does without for now, because starts fail again and again.
+    pub fn degraded(&self, now_ns: u64) -> Vec<Degraded> {
+        let lack = |kind: ProcessKind| {
+            let stage = &self.stages[kind as usize];
+            let (what, at_ns) = if stage.failures >= DEGRADED && !stage.is_working() {
+                (Lack::Process(stage.failures), stage.start_after_ns)
+            } else if stage.spare_failures >= DEGRADED
+                && !stage.spare.as_ref().is_some_and(|spare| spare.ready)
+            {
+                (Lack::Spare(stage.spare_failures), stage.spare_after_ns)
+            } else if stage.escalation > 0
+                && (stage.intensity.count(now_ns) > 0 || now_ns < stage.spare_after_ns)
+            {
+                (Lack::Peace(stage.intensity.count(now_ns)), stage.spare_after_ns)
+            } else {
+                return None;
+            };
+            let next_start_in_ns = at_ns.saturating_sub(now_ns);
+            Some(Degraded { kind, what, next_start_in_ns })
+        };
+        ProcessKind::ALL.into_iter().filter_map(lack).collect()
+    }
+}

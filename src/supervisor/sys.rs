@@ -1,0 +1,128 @@
+//! What the supervisor asks of the system, and a way to have it refused.
+//!
+//! Any of these calls can fail in a healthy match: descriptors, processes, memory or a disk run out,
+//! somebody removes a directory. Each goes through [`ask`] with its own [`Call`], so that a test can have
+//! every one of them fail once and see the match go on. Where [`FAULTS_VARIABLE`] is not set, all that
+//! costs is one look at an atomic number.
+
+use rustix::io::Errno;
+use std::io;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// For tests: set to `once`, every call fails the first time it is made when the group is complete.
+pub const FAULTS_VARIABLE: &str = "TOUCHLINE_SYSTEM_FAULTS";
+
+macro_rules! calls {
+    ($($call:ident = $name:literal, $errno:ident;)+) => {
+        /// A place in the supervisor where it asks the system for something.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Call {
+            $(#[doc = $name] $call,)+
+        }
+
+        impl Call {
+            /// All of them, in the order of their numbers.
+            #[cfg(test)]
+            pub const ALL: &[Self] = &[$(Self::$call,)+];
+
+            /// In words.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$call => $name,)+ }
+            }
+
+            /// How it fails, when it fails.
+            fn errno(self) -> Errno {
+                match self { $(Self::$call => Errno::$errno,)+ }
+            }
+        }
+    };
+}
+
+calls! {
+    WaitForEvents = "wait for processes", NOMEM;
+    MakeLog = "make a process's log", MFILE;
+    ReadLog = "read a process's log", IO;
+    StartProcess = "start a process", AGAIN;
+    HoldProcess = "hold a process by a descriptor", MFILE;
+    SignalProcess = "signal a process", NOMEM;
+    ReapProcess = "ask how a process ended", NOMEM;
+    ReadProcessorTimes = "read a process's times", MFILE;
+    ReceiveOutputs = "receive the stages' outputs", MFILE;
+    ReceiveHeartbeats = "receive heartbeats", MFILE;
+    ConnectToTopics = "connect to the topics", NOMEM;
+    OpenPage = "map the page of a stage", NOSPC;
+    WriteRecord = "write the group's record", NOSPC;
+    ReplaceRecord = "put the group's record in its place", IO;
+    OpenControl = "open the socket for requests", NOSPC;
+    ReceiveRequest = "receive a request", NOMEM;
+    AnswerRequest = "answer a request", NOBUFS;
+    MakeDirectory = "make the runtime directory", NOSPC;
+    TakeLock = "take the lock", MFILE;
+    WriteConfig = "write the snapshot of the configuration", NOSPC;
+    StartThread = "start a thread", AGAIN;
+    ListProcesses = "list the group's processes", MFILE;
+    KeepReserve = "keep descriptors in reserve", MFILE;
+}
+
+/// A bit for each call that is still to fail; 0 in every match that is none of a test's.
+static TO_FAIL: AtomicU64 = AtomicU64::new(0);
+
+/// From now on calls fail, if that was asked for. The group is complete.
+pub fn arm() {
+    if std::env::var(FAULTS_VARIABLE).is_ok_and(|value| value == "once") {
+        TO_FAIL.store(u64::MAX, Ordering::Relaxed);
+    }
+}
+
+/// Asks the system for something.
+pub fn ask<T>(call: Call, request: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+    match fault(call) {
+        Some(error) => Err(error),
+        None => request(),
+    }
+}
+
+/// The error with which a call is to fail now. For calls that have errors of their own.
+pub fn fault(call: Call) -> Option<io::Error> {
+    if TO_FAIL.load(Ordering::Relaxed) == 0 {
+        return None;
+    }
+    let bit = 1 << call as u64;
+    if TO_FAIL.fetch_and(!bit, Ordering::Relaxed) & bit == 0 {
+        return None;
+    }
+    common::tell!("touchline: made to fail: {}", call.name());
+    Some(call.errno().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Calls of the system that are not asked for through this file are not tried by the test in
+    /// `tests/faults.rs`.
+    #[test]
+    fn every_call_is_made_somewhere_and_has_a_bit() {
+        assert!(Call::ALL.len() < 64);
+        let sources = [
+            include_str!("children.rs"),
+            include_str!("control.rs"),
+            include_str!("evidence.rs"),
+            include_str!("gateway.rs"),
+            include_str!("group.rs"),
+            include_str!("group/acting.rs"),
+            include_str!("janitor.rs"),
+            include_str!("log.rs"),
+            include_str!("pages.rs"),
+            include_str!("premises.rs"),
+            include_str!("progress.rs"),
+            include_str!("record.rs"),
+            include_str!("reserve.rs"),
+            include_str!("starvation.rs"),
+        ];
+        for call in Call::ALL {
+            let made = format!("Call::{call:?}");
+            assert!(sources.iter().any(|source| source.contains(&made)), "{made} is made nowhere");
+        }
+    }
+}
