@@ -1,5 +1,5 @@
 //! How long a frame takes, beside a copy of the same frame: `cargo bench -p touchline-classifier`,
-//! or with `-- quick` only 640×480. Memory-hungry: half a gigabyte and the same for the copies.
+//! or with `-- quick` only 640×480, with `-- hue` only colours that are bounds on hue and saturation. Memory-hungry: half a gigabyte and the same for the copies.
 //!
 //! Answers are verified first. The candidates take turns so that a change of the machine's mood
 //! meets all of them; what is printed are medians. "hot" is the same frame again and again, "cold"
@@ -14,6 +14,7 @@ use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run, RunsHeader};
 use reference::{Frame, Noise, encode};
 use std::hint::black_box;
 use std::time::Instant;
+use touchline_classifier::second_look::{hue_deg, saturation};
 use touchline_classifier::{BayerImage, Classifier, ClassifierError, SimdLevel, demosaic};
 
 /// Frames that a cold measurement rotates through, and the memory they may take.
@@ -32,6 +33,9 @@ fn main() -> Result<(), ClassifierError> {
         true => &[(640, 480)],
         false => &[(640, 480), (1280, 960), (1920, 1200), (2448, 2048)],
     };
+    if std::env::args().any(|argument| argument == "hue") {
+        return measure_looks(&levels);
+    }
     println!("\nresolutions: 13 classes, 0.5 % foreground");
     heading(&levels);
     for &(width, height) in sizes {
@@ -61,6 +65,7 @@ fn main() -> Result<(), ClassifierError> {
         color.saturation = Some([0.1, 1.0]);
     }
     measure("12 %, HSI", &second_look, Picture::Pitch(0.12), &levels)?;
+    measure_looks(&levels)?;
     println!("\nformats: 640×480, 13 classes, 0.5 % foreground");
     heading(&levels);
     for format in PixelFormat::ALL {
@@ -69,6 +74,27 @@ fn main() -> Result<(), ClassifierError> {
         if format.is_yuv() {
             let name = format!("{format}, boxes");
             measure_frame(&name, &with_yuv_boxes(&config), &[frame], &levels)?;
+        }
+    }
+    Ok(())
+}
+
+/// Boxes, and bounds on hue and saturation instead of them.
+fn measure_looks(levels: &[SimdLevel]) -> Result<(), ClassifierError> {
+    println!(
+        "\nhue and saturation instead of red, green and blue: 1224×1024, 8 classes, 0.5 % foreground"
+    );
+    heading(levels);
+    let boxes = self::config(1224, 1024, 8);
+    let looks = with_looks_only(&boxes);
+    let mut lit = looks.clone();
+    lit.light = Config::default().light;
+    lit.light.pitch_rgb = Some([20.0, 30.0, 24.0]);
+    for floor in [BLACK, GREEN] {
+        let picture = Picture::Floor(floor);
+        for (name, config) in [("boxes", &boxes), ("hue", &looks), ("hue, lamps", &lit)] {
+            let name = format!("{name}, {}", if floor == BLACK { "black" } else { "green" });
+            measure(&name, config, picture, levels)?;
         }
     }
     Ok(())
@@ -96,8 +122,27 @@ fn config(width: u32, height: u32, classes: usize) -> Config {
     config
 }
 
+/// Instead of its box each colour has bounds on hue and saturation around what it looks like.
+fn with_looks_only(config: &Config) -> Config {
+    let mut config = config.clone();
+    for color in &mut config.colors {
+        (color.red, color.green, color.blue) = ([0, 255], [0, 255], [0, 255]);
+        let hue = hue_deg(color.looks).unwrap_or(0.0);
+        color.hue_deg = Some([hue - 12.0, hue + 12.0]);
+        let saturation = saturation(color.looks);
+        color.saturation = Some([(0.7 * saturation).max(0.4), 1.0]);
+    }
+    config
+}
+
+/// Floors.
+const BLACK: [u8; 3] = [30, 38, 34];
+const GREEN: [u8; 3] = [30, 75, 35];
+
 #[derive(Clone, Copy)]
 enum Picture {
+    /// As [`Pitch`](Self::Pitch) with 0.5 % of patches, on a floor of another colour.
+    Floor([u8; 3]),
     /// A dark, noisy pitch, white lines, and colour patches that take this share of it.
     Pitch(f64),
     /// Random bytes.
@@ -114,7 +159,11 @@ impl Picture {
         let mut pixels = vec![0; width * height];
         // Patches of 9×9 pixels at 640×480, in a grid that has as many cells as patches.
         let side = 9 * height / 480;
-        let share = if let Self::Pitch(share) = self { share } else { 0.0 };
+        let (share, floor) = match self {
+            Self::Pitch(share) => (share, BLACK),
+            Self::Floor(floor) => (0.005, floor),
+            Self::Noise | Self::Checkerboard => (0.0, BLACK),
+        };
         let pitch = ((side * side) as f64 / share.max(1e-9)).sqrt() as usize;
         for (y, row) in pixels.chunks_exact_mut(width).enumerate() {
             for (x, pixel) in row.iter_mut().enumerate() {
@@ -123,14 +172,14 @@ impl Picture {
                 *pixel = match self {
                     Self::Noise => random as u8,
                     Self::Checkerboard => 255 * ((x / 2 + y / 2) % 2) as u8,
-                    Self::Pitch(_) => {
+                    Self::Pitch(_) | Self::Floor(_) => {
                         let is_patch = x % pitch < side && y % pitch < side;
                         let is_line = x == width / 2 || y == height / 10;
                         let patch = x / pitch + 7 * (y / pitch);
                         let level = match (is_patch, is_line) {
                             (true, _) => config.colors[patch % config.colors.len()].looks[channel],
                             (_, true) => 200,
-                            _ => [30, 38, 34][channel],
+                            _ => floor[channel],
                         };
                         level.saturating_add((random % 9) as u8).saturating_sub(4)
                     }

@@ -33,6 +33,7 @@ mod haze;
 pub mod kernels;
 pub mod lamp;
 pub mod lattice;
+mod look_tables;
 mod mask;
 mod picture;
 pub mod process;

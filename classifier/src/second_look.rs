@@ -57,11 +57,48 @@ impl SecondLook {
 
     /// Whether a pixel meets both bounds.
     pub fn admits(&self, rgb: [u8; 3]) -> bool {
+        self.admits_seen(&Seen::new(rgb))
+    }
+
+    /// The same.
+    #[inline(always)]
+    pub(crate) fn admits_seen(&self, seen: &Seen) -> bool {
         let [lowest, highest] = self.saturation;
-        let saturation = saturation(rgb);
-        lowest <= saturation
-            && saturation <= highest
-            && self.hue.is_none_or(|sector| hue_vector(rgb).is_some_and(|hue| sector.holds(hue)))
+        lowest <= seen.saturation
+            && seen.saturation <= highest
+            && self.hue.is_none_or(|sector| seen.hue.is_some_and(|hue| sector.holds(hue)))
+    }
+
+    /// Whether the bounds on saturation share anything with a range.
+    pub(crate) fn may_admit_saturation(&self, low: f64, high: f64) -> bool {
+        let [lowest, highest] = self.saturation;
+        lowest <= high && low <= highest
+    }
+
+    /// Whether the bounds on hue admit a pixel whose hue is between those of two pixels, which are less
+    /// than half a circle apart. May say that they do where they nearly do.
+    pub(crate) fn may_admit_hue(&self, a: [u8; 3], b: [u8; 3]) -> bool {
+        let Some(sector) = self.hue else { return true };
+        let (Some(a), Some(b)) = (hue_vector(a), hue_vector(b)) else { return true };
+        let (first, last) = if cross(a, b) >= 0.0 { (a, b) } else { (b, a) };
+        const NEARLY: f64 = -1e-6;
+        let begins_between =
+            cross(first, sector.from) >= NEARLY && cross(sector.from, last) >= NEARLY;
+        sector.holds(a) || sector.holds(b) || begins_between
+    }
+}
+
+/// What second looks see of a pixel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    saturation: f64,
+    hue: Option<[f64; 2]>,
+}
+
+impl Seen {
+    #[inline(always)]
+    pub fn new(rgb: [u8; 3]) -> Self {
+        Self { saturation: saturation(rgb), hue: hue_vector(rgb) }
     }
 }
 
@@ -69,10 +106,12 @@ impl SecondLook {
 pub fn saturation(rgb: [u8; 3]) -> f64 {
     let [red, green, blue] = rgb.map(u32::from);
     let sum = red + green + blue;
-    if sum == 0 {
-        return 0.0;
-    }
-    f64::from(sum - 3 * red.min(green).min(blue)) / f64::from(sum)
+    saturation_of(sum - 3 * red.min(green).min(blue), sum)
+}
+
+/// The same of what the channels have above the least of them, and of their sum.
+pub(crate) fn saturation_of(above: u32, sum: u32) -> f64 {
+    if sum == 0 { 0.0 } else { f64::from(above) / f64::from(sum) }
 }
 
 /// HSI hue in degrees, in [0, 360); `None` for grey.

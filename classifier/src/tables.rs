@@ -8,7 +8,8 @@
 //! The other colours look at what the pixel is in RGB.
 
 use crate::lamp::{self, Gains, NO_GAINS};
-use crate::second_look::SecondLook;
+use crate::look_tables::LookTables;
+use crate::second_look::{SecondLook, Seen};
 use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
@@ -25,10 +26,17 @@ pub struct ClassTables {
     rgb_only_bits: u32,
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
-    second_looks: Arc<[SecondLook; MAX_CLASSES]>,
+    second_looks: Arc<SecondLooks>,
     /// What the values of each channel are taken for; `None` for what they are.
     corrections: Option<[[u8; 256]; 3]>,
     version: u64,
+}
+
+/// The colours' second looks, and tables of which of them may admit what.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SecondLooks {
+    of_class: [SecondLook; MAX_CLASSES],
+    pub tables: LookTables,
 }
 
 /// Three tables: one for each channel, a bit for each colour.
@@ -86,12 +94,15 @@ impl ClassTables {
                 second_looks[class] = look;
             }
         }
+        let all = ((1u64 << colors.len()) - 1) as u32;
+        let others = all & !second_look_bits;
+        let tables = LookTables::new(&second_looks, second_look_bits, others);
         Ok(Self {
             rgb,
             yuv: Arc::new(yuv),
             rgb_only_bits,
             second_look_bits,
-            second_looks: Arc::new(second_looks),
+            second_looks: Arc::new(SecondLooks { of_class: second_looks, tables }),
             corrections: None,
             version: version(colors),
         })
@@ -190,10 +201,11 @@ impl ClassTables {
             }
             None => rgb,
         };
+        let seen = Seen::new(rgb);
         while boxes != 0 {
             let class = boxes.trailing_zeros();
             let has_second_look = self.second_look_bits >> class & 1 == 1;
-            if !has_second_look || self.second_looks[class as usize].admits(rgb) {
+            if !has_second_look || self.second_looks.of_class[class as usize].admits_seen(&seen) {
                 return class as u8;
             }
             boxes &= boxes - 1;
@@ -211,9 +223,23 @@ impl ClassTables {
         &self.yuv.0
     }
 
-    /// Whether pixels of YUV pictures have to be looked at in RGB, because there are colours without
-    /// a box in YUV.
-    pub fn needs_rgb(&self) -> bool {
+    /// Whether any colour has a second look.
+    pub(crate) fn has_second_looks(&self) -> bool {
+        self.second_look_bits != 0
+    }
+
+    /// The second looks, which are the same under any light.
+    pub(crate) fn second_looks(&self) -> &Arc<SecondLooks> {
+        &self.second_looks
+    }
+
+    /// What the values of each channel are taken for by second looks; `None` for what they are.
+    pub(crate) fn corrections(&self) -> Option<&[[u8; 256]; 3]> {
+        self.corrections.as_ref()
+    }
+
+    /// Whether some colours have no box in YUV: pixels of YUV pictures are compared with them in RGB.
+    pub(crate) fn has_colors_without_yuv(&self) -> bool {
         self.rgb_only_bits != 0
     }
 

@@ -12,6 +12,7 @@ use super::classes::Classes;
 use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
+use super::looks;
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
@@ -76,7 +77,7 @@ pub fn classify<S: Lanes>(
 ) -> Written {
     let mut runs = RunWriter::new(out);
     let (width, height) = (image.width(), image.height());
-    let Setup { zoned, prefilters, mask } = setup;
+    let Setup { zoned, prefilters, mask, .. } = setup;
     let block = 2 * S::u8s::LEN;
     scratch.fit(width);
     let Scratch { ring, noted, colors, filters } = scratch;
@@ -155,8 +156,8 @@ fn find_apart<S: Lanes, const P: usize>(
         || {
             let count = find::<S, P>(simd, pair, blocks, filters, noted);
             match filters.only_zone() {
-                Some(_) => count,
-                None => narrow::<S, P>(simd, pair, setup, &mut noted[..count]),
+                Some(zone) if !setup.zoned.tables[zone].has_second_looks() => count,
+                zone => narrow::<S, P>(simd, pair, setup, zone, &mut noted[..count]),
             }
         },
     )
@@ -213,31 +214,36 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Where the rows are in several zones: takes from the notes what only another zone's prefilter lets pass,
-/// which is half of it under lamps as uneven as one to two.
+/// Takes from the notes what only another zone's prefilter lets pass, which is half of it under lamps as
+/// uneven as one to two, and what no second look admits, which is nearly all of it where colours have
+/// bounds on hue and saturation and none on red, green and blue.
 #[inline(always)]
 fn narrow<S: Lanes, const P: usize>(
     simd: S,
     pair: &Pair,
     setup: Setup,
+    only_zone: Option<usize>,
     noted: &mut [Noted],
 ) -> usize {
     let lanes = S::u8s::LEN;
     let mut count = 0;
     for number in 0..noted.len() {
         let Noted { index, passing: before } = noted[number];
-        let colors =
-            rough_colors::<S, P>(simd, within(pair.rows, MARGIN + index * lanes - 1, lanes));
-        let start = 2 * lanes * index;
-        let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
+        let colors = exact_colors::<S, P>(simd, pair, MARGIN + index * lanes);
         let mut passing = [[0; 2]; 2];
-        for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
-            let columns = [every_other(span, start, 0), every_other(span, start, 1)];
-            let of_zone = passing_of_rows(simd, colors, pair.has_red, &setup.prefilters[zone].rgb);
-            for row in 0..2 {
-                for parity in 0..2 {
-                    passing[row][parity] |=
-                        before[row][parity] & of_zone[row][parity] & columns[parity];
+        if let Some(zone) = only_zone {
+            passing = passing_looks(simd, colors, before, zone, setup);
+        } else {
+            let start = 2 * lanes * index;
+            let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
+            for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
+                let columns = [every_other(span, start, 0), every_other(span, start, 1)];
+                let here = before.map(|[even, odd]| [even & columns[0], odd & columns[1]]);
+                let of_zone = passing_looks(simd, colors, here, zone, setup);
+                for row in 0..2 {
+                    for parity in 0..2 {
+                        passing[row][parity] |= of_zone[row][parity];
+                    }
                 }
             }
         }
@@ -245,6 +251,55 @@ fn narrow<S: Lanes, const P: usize>(
         count += usize::from(is_any(passing));
     }
     count
+}
+
+/// Red, green and blue of registers full of pixels: of two rows, in even and odd columns.
+type Block<S> = [[[<S as Simd>::u8s; 3]; 2]; 2];
+
+/// Demosaics a block of two rows exactly, from index `at` of the planes.
+#[inline(always)]
+fn exact_colors<S: Lanes, const P: usize>(simd: S, pair: &Pair, at: usize) -> Block<S> {
+    let [row0, row1, row2, row3] = pair.rows;
+    let (upper, lower) = ([row0, row1, row2], [row1, row2, row3]);
+    let upper_colored = rgb::<S>(at_colored_sites(simd, upper, P, at), pair.has_red);
+    let upper_green = rgb::<S>(at_green_sites(simd, upper, 1 - P, at), pair.has_red);
+    let lower_colored = rgb::<S>(at_colored_sites(simd, lower, 1 - P, at), !pair.has_red);
+    let lower_green = rgb::<S>(at_green_sites(simd, lower, P, at), !pair.has_red);
+    match P {
+        0 => [[upper_colored, upper_green], [lower_green, lower_colored]],
+        _ => [[upper_green, upper_colored], [lower_colored, lower_green]],
+    }
+}
+
+/// Sorts a row's own colour and the other one into red and blue.
+#[inline(always)]
+fn rgb<S: Lanes>([own, green, other]: [S::u8s; 3], has_red: bool) -> [S::u8s; 3] {
+    if has_red { [own, green, other] } else { [other, green, own] }
+}
+
+/// Those of the pixels that pass a zone's prefilter, and that its second looks may admit.
+#[inline(always)]
+fn passing_looks<S: Lanes>(
+    simd: S,
+    colors: Block<S>,
+    before: Passing,
+    zone: usize,
+    setup: Setup,
+) -> Passing {
+    let Prefilter([red, green, blue]) = &setup.prefilters[zone].rgb;
+    let boxes = [simd.table(red), simd.table(green), simd.table(blue)];
+    let (tables, looks) = (&setup.zoned.tables[zone], &setup.look_filters[zone].rgb);
+    let mut passing = before;
+    for (passing, colors) in passing.iter_mut().zip(colors) {
+        for (passing, colors) in passing.iter_mut().zip(colors) {
+            let mut buckets = simd.buckets(colors, boxes);
+            if tables.has_second_looks() {
+                buckets &= looks.admitting(simd, looks::keys(simd, colors, tables));
+            }
+            *passing &= simd.any_bucket(buckets);
+        }
+    }
+    passing
 }
 
 /// Some pixels of each plane of some rows, and one more before and behind them.

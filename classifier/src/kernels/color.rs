@@ -3,8 +3,10 @@
 use super::classes::Classes;
 use super::filters::BlockFilters;
 use super::lanes::{Lanes, MAX_LANES};
+use super::looks;
 use super::prefilter::Prefilter;
 use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
+use crate::ClassTables;
 use crate::mask::Span;
 use crate::picture::{ColorImage, ColorRow};
 use crate::yuv::rgb_from_yuv;
@@ -39,11 +41,12 @@ pub fn classify<S: Lanes>(
     scratch: &mut Scratch,
     out: &mut [Run],
 ) -> Written {
-    let Setup { zoned, prefilters, mask } = setup;
+    let Setup { zoned, prefilters, mask, .. } = setup;
     let lanes = S::u8s::LEN;
     let mut runs = RunWriter::new(out);
-    // All zones have the same colours.
-    let (is_yuv, needs_rgb) = (image.is_yuv(), zoned.tables[0].needs_rgb());
+    let is_yuv = image.is_yuv();
+    let has_rgb_boxes = is_yuv && zoned.tables.iter().any(ClassTables::has_colors_without_yuv);
+    let has_looks = is_yuv && zoned.tables.iter().any(ClassTables::has_second_looks);
     scratch.fit(image.width());
     let Scratch { channels: [a, b, c, red, green, blue], filters } = scratch;
     for row in 0..image.height() {
@@ -53,7 +56,7 @@ pub fn classify<S: Lanes>(
             image.row(row + ROWS_AHEAD).parts().into_iter().for_each(prefetch);
         }
         separate(simd, image.row(row), [a, b, c]);
-        if is_yuv && needs_rgb {
+        if has_rgb_boxes || has_looks {
             convert(simd, [a, b, c], [red, green, blue]);
         }
         let blocks = around.begin / lanes..around.end.div_ceil(lanes);
@@ -65,7 +68,7 @@ pub fn classify<S: Lanes>(
             let start = index * lanes;
             let pixels = match is_yuv {
                 false => passing_at(simd, [a, b, c], start, &filters.rgb),
-                true if needs_rgb => {
+                true if has_rgb_boxes => {
                     passing_at(simd, [a, b, c], start, &filters.yuv)
                         | passing_at(simd, [red, green, blue], start, &filters.rgb)
                 }
@@ -80,6 +83,13 @@ pub fn classify<S: Lanes>(
                 for (span, zone) in zoned.zones.divide(row, span.within(block)) {
                     let tables = &zoned.tables[zone];
                     let mut pixels = pixels & span.bits(start, lanes);
+                    if pixels != 0 && tables.has_second_looks() {
+                        let (own, rgb) = ([&*a, &*b, &*c], [&*red, &*green, &*blue]);
+                        pixels &= match is_yuv {
+                            true => passing_looks_yuv(simd, [own, rgb], start, zone, setup),
+                            false => passing_looks(simd, own, start, zone, setup),
+                        };
+                    }
                     while pixels != 0 {
                         let lane = pixels.trailing_zeros() as usize % MAX_LANES;
                         let color = [&a, &b, &c].map(|channel| channel[start + lane]);
@@ -109,15 +119,60 @@ fn passing_at<S: Lanes>(
     simd: S,
     channels: [&Vec<u8>; 3],
     start: usize,
-    Prefilter(filter): &Prefilter,
+    prefilter: &Prefilter,
 ) -> u64 {
+    simd.any_bucket(buckets(simd, load(simd, channels, start), prefilter))
+}
+
+/// The same of pixels that the zone's second looks may admit, too.
+#[inline(always)]
+fn passing_looks<S: Lanes>(
+    simd: S,
+    channels: [&Vec<u8>; 3],
+    start: usize,
+    zone: usize,
+    setup: Setup,
+) -> u64 {
+    let rgb = load(simd, channels, start);
+    let keys = looks::keys(simd, rgb, &setup.zoned.tables[zone]);
+    let boxes = buckets(simd, rgb, &setup.prefilters[zone].rgb);
+    simd.any_bucket(boxes & setup.look_filters[zone].rgb.admitting(simd, keys))
+}
+
+/// The same of a YUV picture, from the channels as they are and those in RGB.
+#[inline(always)]
+fn passing_looks_yuv<S: Lanes>(
+    simd: S,
+    [yuv, rgb]: [[&Vec<u8>; 3]; 2],
+    start: usize,
+    zone: usize,
+    setup: Setup,
+) -> u64 {
+    let (yuv, rgb) = (load(simd, yuv, start), load(simd, rgb, start));
+    let keys = looks::keys(simd, rgb, &setup.zoned.tables[zone]);
+    let (prefilters, looks) = (&setup.prefilters[zone], &setup.look_filters[zone]);
+    let in_yuv = buckets(simd, yuv, &prefilters.yuv) & looks.yuv.admitting(simd, keys);
+    let in_rgb = buckets(simd, rgb, &prefilters.rgb) & looks.rgb.admitting(simd, keys);
+    simd.any_bucket(in_yuv) | simd.any_bucket(in_rgb)
+}
+
+/// A register full of each channel, from column `start`.
+#[inline(always)]
+fn load<S: Lanes>(simd: S, channels: [&Vec<u8>; 3], start: usize) -> [S::u8s; 3] {
     let block = start..start + S::u8s::LEN;
     let [a, b, c] = channels;
-    let a = S::u8s::from_slice(simd, &a[block.clone()]);
-    let b = S::u8s::from_slice(simd, &b[block.clone()]);
-    let c = S::u8s::from_slice(simd, &c[block]);
+    [
+        S::u8s::from_slice(simd, &a[block.clone()]),
+        S::u8s::from_slice(simd, &b[block.clone()]),
+        S::u8s::from_slice(simd, &c[block]),
+    ]
+}
+
+/// The buckets that a prefilter lets pixels pass for.
+#[inline(always)]
+fn buckets<S: Lanes>(simd: S, values: [S::u8s; 3], Prefilter(filter): &Prefilter) -> S::u8s {
     let [first, second, third] = filter;
-    simd.passing([a, b, c], [simd.table(first), simd.table(second), simd.table(third)])
+    simd.buckets(values, [simd.table(first), simd.table(second), simd.table(third)])
 }
 
 /// A row of YUV pixels in RGB.

@@ -1,6 +1,7 @@
 //! What the kernels need of an instruction set beyond what the library offers for all of them.
 
 use super::prefilter::ChannelFilter;
+use crate::look_tables::LOG;
 use fearless_simd::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512, Sse4_2};
@@ -39,12 +40,28 @@ pub trait Lanes: Simd {
     /// which the library does not offer; it would be four of those that it does.
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
 
+    /// The entry for each value of a table of all bytes.
+    fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s;
+
+    /// The [logarithm](LOG) of each value.
+    fn log(self, values: Self::u8s) -> Self::u8s;
+
+    /// The buckets that the prefilter lets each pixel pass for.
+    #[inline(always)]
+    fn buckets(self, [a, b, c]: [Self::u8s; 3], filters: [Self::Table; 3]) -> Self::u8s {
+        self.look_up(filters[0], a) & self.look_up(filters[1], b) & self.look_up(filters[2], c)
+    }
+
+    /// A bit for each pixel for which there is a bucket.
+    #[inline(always)]
+    fn any_bucket(self, buckets: Self::u8s) -> u64 {
+        !buckets.simd_eq(0).to_bitmask() & (!0 >> (MAX_LANES - Self::u8s::LEN))
+    }
+
     /// A bit for each pixel that passes the prefilter.
     #[inline(always)]
-    fn passing(self, [a, b, c]: [Self::u8s; 3], filters: [Self::Table; 3]) -> u64 {
-        let buckets =
-            self.look_up(filters[0], a) & self.look_up(filters[1], b) & self.look_up(filters[2], c);
-        !buckets.simd_eq(0).to_bitmask() & (!0 >> (MAX_LANES - Self::u8s::LEN))
+    fn passing(self, values: [Self::u8s; 3], filters: [Self::Table; 3]) -> u64 {
+        self.any_bucket(self.buckets(values, filters))
     }
 }
 
@@ -62,6 +79,41 @@ macro_rules! sixteen_entries {
         fn look_up(self, table: Self::Table, values: Self::u8s) -> Self::u8s {
             table.swizzle_dyn_within_blocks(values >> 4)
         }
+
+        #[inline(always)]
+        fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s {
+            let (upper, lower) = (values >> 4, values & 15);
+            let mut mapped = Self::u8s::splat(self, 0);
+            for (index, entries) in table.as_chunks::<16>().0.iter().enumerate() {
+                let entries = Self::u8s::block_splat(u8x16::from_slice(self, entries));
+                let is_here = upper.simd_eq(index as u8);
+                mapped = is_here.select(entries.swizzle_dyn_within_blocks(lower), mapped);
+            }
+            mapped
+        }
+
+        /// By the upper four bits, and what the lower ones add to that.
+        #[inline(always)]
+        fn log(self, values: Self::u8s) -> Self::u8s {
+            const OF_UPPER: [u8; 16] = {
+                let mut table = [0; 16];
+                let mut upper = 0;
+                while upper < 16 {
+                    table[upper] = LOG[16 * upper];
+                    upper += 1;
+                }
+                table
+            };
+            let (upper, lower) = (values >> 4, values & 15);
+            let of_upper = Self::u8s::block_splat(u8x16::from_slice(self, &OF_UPPER));
+            let of_small = Self::u8s::block_splat(u8x16::from_slice(self, &LOG[..16]));
+            let added = upper
+                .simd_lt(4)
+                .select(lower >> 1, upper.simd_lt(8).select(lower >> 2, lower >> 3));
+            let added = upper.simd_lt(2).select(lower, added);
+            let large = of_upper.swizzle_dyn_within_blocks(upper) + added;
+            upper.simd_eq(0).select(of_small.swizzle_dyn_within_blocks(lower), large)
+        }
     };
 }
 
@@ -78,6 +130,38 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn look_up(self, table: Self::Table, values: Self::u8s) -> Self::u8s {
         table.swizzle_dyn(values >> 2)
+    }
+
+    /// Twice among 128 entries, by the lower seven bits.
+    #[inline(always)]
+    fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s {
+        fearless_simd::kernel!(
+            #[inline(always)]
+            fn look_up(
+                simd: Avx512,
+                table: [u8x64<Avx512>; 4],
+                values: u8x64<Avx512>,
+            ) -> u8x64<Avx512> {
+                let [a, b, c, d] = table;
+                let values = values.into();
+                let lower = _mm512_permutex2var_epi8(a.into(), values, b.into());
+                let upper = _mm512_permutex2var_epi8(c.into(), values, d.into());
+                _mm512_mask_blend_epi8(_mm512_movepi8_mask(values), lower, upper).simd_into(simd)
+            }
+        );
+        let [a, b, c, d] = table.as_chunks::<64>().0 else { unreachable!("256 is four times 64") };
+        let load = [
+            u8x64::from_slice(self, a),
+            u8x64::from_slice(self, b),
+            u8x64::from_slice(self, c),
+            u8x64::from_slice(self, d),
+        ];
+        look_up(self, load, values)
+    }
+
+    #[inline(always)]
+    fn log(self, values: Self::u8s) -> Self::u8s {
+        self.map(&LOG, values)
     }
 
     #[inline(always)]

@@ -11,6 +11,7 @@ mod demosaic;
 mod filters;
 mod lanes;
 mod level;
+mod looks;
 mod planes;
 mod prefilter;
 pub mod scalar;
@@ -18,11 +19,14 @@ mod self_test;
 
 use crate::mask::FieldMask;
 use crate::picture::Picture;
+use crate::tables::SecondLooks;
 use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use buckets::Buckets;
 use common::messages::Run;
+use looks::LookFilter;
 use prefilter::Prefilter;
+use std::sync::Arc;
 
 pub use level::{SimdChoice, SimdLevel};
 
@@ -37,6 +41,7 @@ pub struct Kernel {
     buckets: [Buckets; 2],
     /// By zone.
     prefilters: Vec<Prefilters>,
+    look_filters: Vec<LookFilters>,
     scratch: Scratch,
 }
 
@@ -46,7 +51,8 @@ impl Kernel {
     pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
         let buckets = [Buckets::new(tables.rgb(), demosaic::EXCESS), Buckets::new(tables.yuv(), 0)];
         let prefilters = vec![Prefilters::new(tables, &buckets)];
-        Self { level, buckets, prefilters, scratch: Scratch::default() }
+        let look_filters = vec![LookFilters::new(tables, &buckets)];
+        Self { level, buckets, prefilters, look_filters, scratch: Scratch::default() }
     }
 
     /// Whose instructions it uses.
@@ -54,8 +60,8 @@ impl Kernel {
         self.level
     }
 
-    /// As [`scalar::classify`]. Other tables than last time cost a microsecond each, a wider
-    /// picture or more zones an allocation.
+    /// As [`scalar::classify`]. Other tables than last time cost a microsecond each (those of other
+    /// colours with second looks ten), a wider picture or more zones an allocation.
     pub fn classify(
         &mut self,
         picture: &Picture,
@@ -72,7 +78,17 @@ impl Kernel {
                 *prefilters = new(tables);
             }
         }
-        let setup = Setup { zoned, prefilters: &self.prefilters, mask };
+        for (zone, tables) in tables.iter().enumerate() {
+            if zone == self.look_filters.len() {
+                // Mostly of the same colours.
+                self.look_filters.push(self.look_filters[0].clone());
+            }
+            if !self.look_filters[zone].are_of(tables) {
+                self.look_filters[zone] = LookFilters::new(tables, &self.buckets);
+            }
+        }
+        let (prefilters, look_filters) = (&self.prefilters, &self.look_filters);
+        let setup = Setup { zoned, prefilters, look_filters, mask };
         self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
@@ -91,6 +107,7 @@ struct Setup<'a> {
     zoned: ZonedTables<'a>,
     /// By zone.
     prefilters: &'a [Prefilters],
+    look_filters: &'a [LookFilters],
     /// The pixels to look at.
     mask: &'a FieldMask,
 }
@@ -118,6 +135,25 @@ impl Prefilters {
     fn add(&mut self, other: &Self) {
         self.rgb.add(&other.rgb);
         self.yuv.add(&other.yuv);
+    }
+}
+
+/// What belongs to the second looks of some colours.
+#[derive(Debug, Clone)]
+struct LookFilters {
+    of: Arc<SecondLooks>,
+    rgb: LookFilter,
+    yuv: LookFilter,
+}
+
+impl LookFilters {
+    fn new(tables: &ClassTables, [rgb, yuv]: &[Buckets; 2]) -> Self {
+        let of = Arc::clone(tables.second_looks());
+        Self { rgb: LookFilter::new(&of.tables, rgb), yuv: LookFilter::new(&of.tables, yuv), of }
+    }
+
+    fn are_of(&self, tables: &ClassTables) -> bool {
+        Arc::ptr_eq(&self.of, tables.second_looks())
     }
 }
 

@@ -60,6 +60,16 @@ impl ChannelFilter {
         }
         Self { coarse, fine }
     }
+
+    /// For the colours in a table by the upper six bits.
+    pub fn of_entries(entries: &[u32; 64], buckets: &Buckets) -> Self {
+        let fine = entries.map(|classes| buckets.of(classes));
+        let mut coarse = [0; 16];
+        for (bits, fine) in coarse.iter_mut().zip(fine.as_chunks::<4>().0) {
+            *bits = fine[0] | fine[1] | fine[2] | fine[3];
+        }
+        Self { coarse, fine }
+    }
 }
 
 #[cfg(test)]
