@@ -9,7 +9,7 @@
 //! * saturation depends only on the ratio of m to (R − m) + (G − m) + (B − m).
 //!
 //! Ratios are differences of logarithms, and logarithms of bytes are a table. So a pixel has four *keys*
-//! of one byte ([`keys`]): how many steps of [`LOG`] each channel stays behind the greatest, and how many
+//! below [`KEYS`]: how many steps of [`LOG`] each channel stays behind the greatest, and how many
 //! the colour in a pixel is stronger than the grey. For each key there is a table with a bit for each colour that
 //! admits some pixel with that key. What is left after the AND of the four is a superset of the colours that
 //! admit the pixel. Which of them do, [`SecondLook`] decides.
@@ -20,12 +20,12 @@
 use crate::MAX_CLASSES;
 use crate::second_look::{SecondLook, saturation_of};
 
-/// Keys with the same upper six bits share an entry.
-pub(crate) const ENTRIES: usize = 64;
+/// A key is below this.
+pub(crate) const KEYS: usize = 64;
 
 /// 0 for 0; else 128 and the logarithm to the base 2 in sixteenths, where mantissas count as they are (so
 /// 1.5 is half an octave above 1). Rises with the value.
-pub(crate) const LOG: [u8; 256] = {
+pub(crate) const LOG: Bytes = {
     let mut table = [0; 256];
     let mut value = 1;
     while value < 256 {
@@ -34,38 +34,63 @@ pub(crate) const LOG: [u8; 256] = {
         table[value] = 128 + 16 * octave as u8 + mantissa as u8;
         value += 1;
     }
-    table
+    Bytes(table)
 };
 
-/// Units of a channel's key, and of that for saturation, in a step of [`LOG`].
-pub(crate) const HUE_SCALE: u8 = 4;
-pub(crate) const SATURATION_SCALE: u8 = 2;
+/// The same in eighths, for grey.
+pub(crate) const GREY_LOG: Bytes = {
+    let mut table = [0; 256];
+    let mut value = 1;
+    while value < 256 {
+        table[value] = LOG.0[value] / 2;
+        value += 1;
+    }
+    Bytes(table)
+};
 
-/// The keys of a pixel, as [`crate::kernels`] compute them of many at once: for red, green and blue 0 where the channel is the greatest and 255 where it is the
-/// least; for saturation 0 where there is no colour, 255 where there is hardly any grey.
+/// The same for colour, so much higher that the key for saturation is in the middle where there is as much
+/// of it as of grey; but 0 for none.
+pub(crate) const COLOR_LOG: Bytes = {
+    let mut table = [0; 256];
+    let mut value = 1;
+    while value < 256 {
+        table[value] = GREY_LOG.0[value] + KEYS as u8 / 2;
+        value += 1;
+    }
+    Bytes(table)
+};
+
+/// A table of all bytes that is not spread over more cache lines than need be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(align(64))]
+pub(crate) struct Bytes(pub [u8; 256]);
+
+impl Bytes {
+    /// The entry for a value.
+    pub const fn of(&self, value: u8) -> u8 {
+        self.0[value as usize]
+    }
+}
+
+/// The keys of a pixel, as [`crate::kernels`] compute them of many at once: for red, green and blue 0 where
+/// the channel is the greatest and 63 where it is the least; for saturation 0 where there is no colour, 63
+/// where there is hardly any grey.
 #[cfg(test)]
 pub(crate) fn keys([red, green, blue]: [u8; 3]) -> [u8; 4] {
     let least = red.min(green).min(blue);
     let above = [red, green, blue].map(|value| value - least);
     let greatest = above[0].max(above[1]).max(above[2]);
     let middle = above[0] ^ above[1] ^ above[2] ^ greatest;
-    let [r, g, b] = above.map(|value| hue_key(LOG[usize::from(value)], LOG[usize::from(greatest)]));
+    let [r, g, b] = above.map(|value| key(LOG.of(greatest), LOG.of(value)));
     let color = (u16::from(greatest) + u16::from(middle)).div_ceil(2);
-    [r, g, b, saturation_key(LOG[usize::from(color)], LOG[usize::from(least)])]
+    [r, g, b, key(COLOR_LOG.of(color as u8), GREY_LOG.of(least))]
 }
 
-/// From the logarithms of a channel and of the greatest one, both without what all three share.
-const fn hue_key(channel: u8, greatest: u8) -> u8 {
-    greatest.saturating_sub(channel).saturating_mul(HUE_SCALE)
-}
-
-/// From the logarithms of half of what the channels have above the least one, rounded up, and of that.
-const fn saturation_key(color: u8, grey: u8) -> u8 {
-    let more = color.saturating_sub(grey).saturating_mul(SATURATION_SCALE);
-    let less = grey.saturating_sub(color).saturating_mul(SATURATION_SCALE);
-    // Black, which has neither, is grey.
-    let middle = if color < 128 { color } else { 128 };
-    middle.saturating_sub(less).saturating_add(more)
+/// From the logarithms of the greatest channel and of another, both without what all three share; or from
+/// those of half of what the channels have above the least one, rounded up, and of that.
+const fn key(of_more: u8, of_less: u8) -> u8 {
+    let key = of_more.saturating_sub(of_less);
+    if key < KEYS as u8 { key } else { KEYS as u8 - 1 }
 }
 
 /// A quotient of small numbers.
@@ -78,7 +103,7 @@ impl Ratio {
     }
 }
 
-/// Both ends of the ratios that the keys of an entry stand for; `None` if there are no such keys.
+/// Both ends of the ratios that a key stands for; `None` if there is none.
 type Range = Option<[Ratio; 2]>;
 
 const fn widened(range: Range, low: Ratio, high: Ratio) -> Range {
@@ -91,49 +116,34 @@ const fn widened(range: Range, low: Ratio, high: Ratio) -> Range {
     }
 }
 
-/// The least and the greatest byte that has a logarithm; where none has, the first is above the last.
-const fn bytes_with(log: usize) -> [u16; 2] {
-    let mut range = [1, 0];
+/// Where in a table that rises the value changes: the least and the greatest byte of each value, and how
+/// many values there are.
+const fn steps(table: &Bytes) -> ([[u16; 2]; 256], usize) {
+    let (mut steps, mut count) = ([[0; 2]; 256], 0);
     let mut value = 0;
     while value < 256 {
-        if LOG[value] as usize == log {
-            if range[0] > range[1] {
-                range[0] = value as u16;
-            }
-            range[1] = value as u16;
+        if value == 0 || table.0[value] != table.0[value - 1] {
+            steps[count][0] = value as u16;
+            count += 1;
         }
+        steps[count - 1][1] = value as u16;
         value += 1;
     }
-    range
+    (steps, count)
 }
 
-/// Bytes by logarithm.
-const BYTES: [[u16; 2]; 256] = {
-    let mut bytes = [[1, 0]; 256];
-    let mut log = 0;
-    while log < 256 {
-        if log == 0 || log >= 128 {
-            bytes[log] = bytes_with(log);
-        }
-        log += 1;
-    }
-    bytes
-};
-
-/// For the keys of each entry of a channel's table, what part of the greatest channel it may be.
-#[allow(long_running_const_eval)]
-const CHANNEL_PARTS: [Range; ENTRIES] = {
-    let mut parts = [None; ENTRIES];
-    let mut greatest = 128;
-    while greatest < 256 {
+/// By key of a channel: what part of the greatest channel it may be.
+const CHANNEL_PARTS: [Range; KEYS] = {
+    let mut parts = [None; KEYS];
+    let (steps, count) = steps(&LOG);
+    let mut greatest = 1;
+    while greatest < count {
         let mut channel = 0;
         while channel <= greatest {
-            let ([least, most], [low, high]) = (BYTES[channel], BYTES[greatest]);
-            if least <= most && low <= high {
-                let entry = hue_key(channel as u8, greatest as u8) as usize / 4;
-                let whole = if most < low { Ratio(most, low) } else { Ratio(1, 1) };
-                parts[entry] = widened(parts[entry], Ratio(least, high), whole);
-            }
+            let ([least, most], [low, high]) = (steps[channel], steps[greatest]);
+            let key = key(LOG.of(low as u8), LOG.of(least as u8)) as usize;
+            let whole = if most < low { Ratio(most, low) } else { Ratio(1, 1) };
+            parts[key] = widened(parts[key], Ratio(least, high), whole);
             channel += 1;
         }
         greatest += 1;
@@ -141,23 +151,21 @@ const CHANNEL_PARTS: [Range; ENTRIES] = {
     parts
 };
 
-/// For the keys of each entry of the table for saturation, the saturations.
-#[allow(long_running_const_eval)]
-const SATURATIONS: [Range; ENTRIES] = {
-    // Without any colour it is 0, of black too.
-    let mut saturations = [None; ENTRIES];
+/// By key for saturation: the saturations it stands for.
+const SATURATIONS: [Range; KEYS] = {
+    let mut saturations = [None; KEYS];
+    // Without any colour it is 0, that of black too.
     saturations[0] = Some([Ratio(0, 1), Ratio(0, 1)]);
-    let mut color = 128;
-    while color < 256 {
+    let ((colors, color_count), (greys, grey_count)) = (steps(&COLOR_LOG), steps(&GREY_LOG));
+    let mut color = 1;
+    while color < color_count {
         let mut grey = 0;
-        while grey < 256 {
-            let ([low, high], [least, most]) = (BYTES[color], BYTES[grey]);
-            if low <= high && least <= most {
-                let entry = saturation_key(color as u8, grey as u8) as usize / 4;
-                let lowest = Ratio(2 * low - 1, 3 * most + 2 * low - 1);
-                let highest = Ratio(2 * high, 3 * least + 2 * high);
-                saturations[entry] = widened(saturations[entry], lowest, highest);
-            }
+        while grey < grey_count {
+            let ([low, high], [least, most]) = (colors[color], greys[grey]);
+            let key = key(COLOR_LOG.of(low as u8), GREY_LOG.of(least as u8)) as usize;
+            let lowest = Ratio(2 * low - 1, 3 * most + 2 * low - 1);
+            let highest = Ratio(2 * high, 3 * least + 2 * high);
+            saturations[key] = widened(saturations[key], lowest, highest);
             grey += 1;
         }
         color += 1;
@@ -165,14 +173,14 @@ const SATURATIONS: [Range; ENTRIES] = {
     saturations
 };
 
-/// For each entry the colours, a bit each, that may admit a pixel with such a key.
+/// For each key the colours, a bit each, that may admit a pixel with it.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LookTables(pub [[u32; ENTRIES]; 4]);
+pub(crate) struct LookTables(pub [[u32; KEYS]; 4]);
 
 impl LookTables {
     /// For the second looks of the colours whose bits are set, and other colours, which admit everything.
     pub fn new(looks: &[SecondLook; MAX_CLASSES], bits: u32, others: u32) -> Self {
-        let mut tables = [[others; ENTRIES]; 4];
+        let mut tables = [[others; KEYS]; 4];
         let [channels @ .., saturations] = &mut tables;
         for (class, look) in looks.iter().enumerate().filter(|(class, _)| bits >> class & 1 == 1) {
             for (channel, table) in channels.iter_mut().enumerate() {
@@ -196,7 +204,7 @@ impl LookTables {
     #[cfg(test)]
     pub fn admitting(&self, rgb: [u8; 3]) -> u32 {
         let entries = self.0.iter().zip(keys(rgb));
-        entries.fold(!0, |bits, (table, key)| bits & table[usize::from(key / 4)])
+        entries.fold(!0, |bits, (table, key)| bits & table[usize::from(key)])
     }
 }
 

@@ -9,9 +9,10 @@
 //!   green, 240° blue. It is the angle of the textbook's arccos formula. Grey (R = G = B) has no
 //!   hue and meets no hue bound, except a full circle, which is no bound.
 //!
-//! The angle itself is never needed: whether it lies between two others shows in the signs of two
-//! cross products. So a pixel costs a few multiplications, and the result is the same on every
-//! machine, which an arccos from the system's mathematical library would not guarantee.
+//! Neither is computed for a pixel. Both are ratios, of which pixels of bytes have finitely many, so each bound
+//! becomes one that lies between two neighbouring ones of them and is written with small integers
+//! ([`Bound`]): the sign of a sum of two products tells on which side a pixel lies. Bounds are put there by
+//! the formulas above, so the answer is theirs, the same on every machine, and in vectors of integers.
 
 use crate::ClassifierError;
 use common::config::ColorConfig;
@@ -19,15 +20,62 @@ use common::config::ColorConfig;
 /// What a pixel must meet besides the colour's RGB box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SecondLook {
-    /// `None`: any hue, and grey.
-    hue: Option<HueSector>,
-    /// Lowest and highest, inclusive.
-    saturation: [f64; 2],
+    /// From and to; both are met, or either if they are more than half a circle apart.
+    hue: [Bound; 2],
+    is_reflex: bool,
+    /// Lowest and highest.
+    saturation: [Bound; 2],
+    /// The bounds as they were set.
+    formula: Formula,
+}
+
+/// Met by what is not negative: a·x + b·y − least, of [hue](Seen::hue) or [saturation](Seen::saturation).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Bound {
+    pub a: i16,
+    pub b: i16,
+    pub least: i32,
+}
+
+/// What bounds look at.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    /// R − B and G − B: hue is the direction of this vector, in axes that are not at right angles.
+    hue: [i32; 2],
+    /// What the channels have above the least of them, and their sum: saturation is the quotient.
+    saturation: [i32; 2],
+}
+
+impl Seen {
+    #[inline(always)]
+    pub fn new(rgb: [u8; 3]) -> Self {
+        let [red, green, blue] = rgb.map(i32::from);
+        let sum = red + green + blue;
+        Self {
+            hue: [red - blue, green - blue],
+            saturation: [sum - 3 * red.min(green).min(blue), sum],
+        }
+    }
+}
+
+impl Bound {
+    const NONE: Self = Self { a: 0, b: 0, least: 0 };
+    const IMPOSSIBLE: Self = Self { a: 0, b: 0, least: 1 };
+
+    #[inline(always)]
+    fn is_met(&self, [x, y]: [i32; 2]) -> bool {
+        i32::from(self.a) * x + i32::from(self.b) * y >= self.least
+    }
 }
 
 impl SecondLook {
     /// Admits every pixel.
-    pub const ANY: Self = Self { hue: None, saturation: [0.0, 1.0] };
+    pub const ANY: Self = Self {
+        hue: [Bound::NONE; 2],
+        is_reflex: false,
+        saturation: [Bound::NONE; 2],
+        formula: Formula { hue: None, saturation: [0.0, 1.0] },
+    };
 
     /// The second look of a configured colour, if it has one.
     pub fn new(color: &ColorConfig) -> Result<Option<Self>, ClassifierError> {
@@ -40,7 +88,7 @@ impl SecondLook {
                 let color = color.name.clone();
                 return Err(ClassifierError::NotFinite { color, channel: "hue", low, high });
             }
-            look.hue = HueSector::new(low, high);
+            look.formula.hue = HueSector::new(low, high);
         }
         if let Some([low, high]) = color.saturation {
             let (color, channel) = (color.name.clone(), "saturation");
@@ -50,8 +98,13 @@ impl SecondLook {
             if low > high {
                 return Err(ClassifierError::EmptyRange { color, channel, low, high });
             }
-            look.saturation = [low, high];
+            look.formula.saturation = [low, high];
         }
+        if let Some(sector) = look.formula.hue {
+            look.hue = sector.bounds();
+            look.is_reflex = sector.is_reflex;
+        }
+        look.saturation = saturation_bounds(look.formula.saturation);
         Ok(Some(look))
     }
 
@@ -60,26 +113,26 @@ impl SecondLook {
         self.admits_seen(&Seen::new(rgb))
     }
 
-    /// The same.
+    /// The same, without a branch: at the edges of patches and in noise it would be mispredicted.
     #[inline(always)]
     pub(crate) fn admits_seen(&self, seen: &Seen) -> bool {
-        let [lowest, highest] = self.saturation;
-        lowest <= seen.saturation
-            && seen.saturation <= highest
-            && self.hue.is_none_or(|sector| seen.hue.is_some_and(|hue| sector.holds(hue)))
+        let [lowest, highest] =
+            self.saturation.each_ref().map(|bound| bound.is_met(seen.saturation));
+        let [from, to] = self.hue.each_ref().map(|bound| bound.is_met(seen.hue));
+        lowest & highest & (from & to | self.is_reflex & (from | to))
     }
 
     /// Whether the bounds on saturation share anything with a range.
     pub(crate) fn may_admit_saturation(&self, low: f64, high: f64) -> bool {
-        let [lowest, highest] = self.saturation;
+        let [lowest, highest] = self.formula.saturation;
         lowest <= high && low <= highest
     }
 
     /// Whether the bounds on hue admit a pixel whose hue is between those of two pixels, which are less
     /// than half a circle apart. May say that they do where they nearly do.
     pub(crate) fn may_admit_hue(&self, a: [u8; 3], b: [u8; 3]) -> bool {
-        let Some(sector) = self.hue else { return true };
-        let (Some(a), Some(b)) = (hue_vector(a), hue_vector(b)) else { return true };
+        let Some(sector) = &self.formula.hue else { return true };
+        let [a, b] = [a, b].map(|rgb| hue_vector(rgb.map(i32::from)));
         let (first, last) = if cross(a, b) >= 0.0 { (a, b) } else { (b, a) };
         const NEARLY: f64 = -1e-6;
         let begins_between =
@@ -88,43 +141,101 @@ impl SecondLook {
     }
 }
 
-/// What second looks see of a pixel.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
-    saturation: f64,
-    hue: Option<[f64; 2]>,
+/// Bounds as the formulas of hue and saturation have them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Formula {
+    /// `None`: any hue, and grey.
+    hue: Option<HueSector>,
+    /// Lowest and highest, inclusive.
+    saturation: [f64; 2],
 }
 
-impl Seen {
-    #[inline(always)]
-    pub fn new(rgb: [u8; 3]) -> Self {
-        Self { saturation: saturation(rgb), hue: hue_vector(rgb) }
+impl Formula {
+    #[cfg(test)]
+    fn admits(&self, rgb: [u8; 3]) -> bool {
+        let [lowest, highest] = self.saturation;
+        let saturation = saturation(rgb);
+        let is_grey = rgb[0] == rgb[1] && rgb[1] == rgb[2];
+        let has_hue = |sector: HueSector| !is_grey && sector.holds(hue_vector(rgb.map(i32::from)));
+        lowest <= saturation && saturation <= highest && self.hue.is_none_or(has_hue)
     }
 }
 
 /// HSI saturation, 0–1.
 pub fn saturation(rgb: [u8; 3]) -> f64 {
-    let [red, green, blue] = rgb.map(u32::from);
-    let sum = red + green + blue;
-    saturation_of(sum - 3 * red.min(green).min(blue), sum)
+    let [above, sum] = Seen::new(rgb).saturation;
+    saturation_of(above, sum)
 }
 
 /// The same of what the channels have above the least of them, and of their sum.
-pub(crate) fn saturation_of(above: u32, sum: u32) -> f64 {
+pub(crate) fn saturation_of(above: i32, sum: i32) -> f64 {
     if sum == 0 { 0.0 } else { f64::from(above) / f64::from(sum) }
 }
 
 /// HSI hue in degrees, in [0, 360); `None` for grey.
 pub fn hue_deg(rgb: [u8; 3]) -> Option<f64> {
-    let degrees = hue_vector(rgb).map(|[x, y]| y.atan2(x).to_degrees())?;
-    Some(if degrees < 0.0 { degrees + 360.0 } else { degrees })
+    let [x, y] = hue_vector(rgb.map(i32::from));
+    let degrees = y.atan2(x).to_degrees();
+    let is_grey = x == 0.0 && y == 0.0;
+    (!is_grey).then_some(if degrees < 0.0 { degrees + 360.0 } else { degrees })
 }
 
-/// A vector whose angle is the hue; `None` for grey.
-fn hue_vector(rgb: [u8; 3]) -> Option<[f64; 2]> {
+/// A vector whose angle is the hue; that of grey is 0.
+fn hue_vector(rgb: [i32; 3]) -> [f64; 2] {
     let [red, green, blue] = rgb.map(f64::from);
-    let vector = [2.0 * red - green - blue, 3f64.sqrt() * (green - blue)];
-    (vector != [0.0, 0.0]).then_some(vector)
+    [2.0 * red - green - blue, 3f64.sqrt() * (green - blue)]
+}
+
+/// Greatest byte, and greatest sum of three: no ratio of pixels has a greater denominator.
+const MOST: i32 = 255;
+const MOST_SUM: i32 = 3 * MOST;
+
+/// The lower and the upper bound that pixels meet whose saturation is from the one to the other.
+fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
+    let of = |[above, sum]: [i32; 2]| saturation_of(above, sum);
+    let sum = |[_, sum]: [i32; 2]| sum;
+    let ends = [[0, 1], [1, 1]];
+    let lower = match ends.map(|end| of(end) >= lowest) {
+        [true, _] => Bound::NONE,
+        [_, false] => Bound::IMPOSSIBLE,
+        // Black has saturation 0, which is too little.
+        _ => {
+            let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) >= lowest);
+            Bound { a: q as i16, b: -p as i16, least: 1 }
+        }
+    };
+    let upper = match ends.map(|end| of(end) > highest) {
+        [true, _] => Bound::IMPOSSIBLE,
+        [_, false] => Bound::NONE,
+        // … or not too much.
+        _ => {
+            let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) > highest);
+            Bound { a: -q as i16, b: p as i16, least: 0 }
+        }
+    };
+    [lower, upper]
+}
+
+/// A ratio between those for which something is not true, and those for which it is, of all that have
+/// no greater denominator: searches the Stern–Brocot tree between two neighbours in it. A ratio
+/// is a vector; the sum of two neighbours is the simplest ratio between them.
+fn between<const N: usize>(
+    [mut without, mut with]: [[i32; N]; 2],
+    denominator: impl Fn([i32; N]) -> i32,
+    most: i32,
+    is_true: impl Fn([i32; N]) -> bool,
+) -> [i32; N] {
+    loop {
+        let middle: [i32; N] = std::array::from_fn(|i| without[i] + with[i]);
+        if denominator(middle) > most {
+            return middle;
+        }
+        if is_true(middle) {
+            with = middle;
+        } else {
+            without = middle;
+        }
+    }
 }
 
 /// All hues counter-clockwise from one direction to another, both included.
@@ -139,6 +250,9 @@ struct HueSector {
 /// Widens a sector at both ends, so that a colour exactly on a bound is inside whatever way the
 /// roundings fall. Different hues of 8-bit colours lie at least 0.0007° apart.
 const TOLERANCE_DEG: f64 = 1e-9;
+
+/// Red, yellow, green, cyan, blue, magenta: what is between two of them is a sum of multiples of both.
+const PRIMARIES: [[i32; 3]; 6] = [[1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1], [1, 0, 1]];
 
 impl HueSector {
     /// `None` for a full circle.
@@ -161,14 +275,34 @@ impl HueSector {
     }
 
     fn holds(&self, hue: [f64; 2]) -> bool {
-        let is_left_of_from = cross(self.from, hue) >= 0.0;
-        let is_right_of_to = cross(hue, self.to) >= 0.0;
-        if self.is_reflex {
-            is_left_of_from || is_right_of_to
-        } else {
-            is_left_of_from && is_right_of_to
-        }
+        let (from, to) = (is_left(self.from, hue), !is_left(self.to, hue));
+        if self.is_reflex { from || to } else { from && to }
     }
+
+    /// The same in integers: counter-clockwise of the one, clockwise of the other. Grey is neither.
+    fn bounds(&self) -> [Bound; 2] {
+        // Counter-clockwise of a colour is where the determinant of this and the pixel is positive.
+        let [[from_x, from_y], [to_x, to_y]] = [self.from, self.to].map(|direction| {
+            let [red, green, blue] = hue_at(direction);
+            [red - blue, green - blue].map(|value| value as i16)
+        });
+        [Bound { a: -from_y, b: from_x, least: 1 }, Bound { a: to_y, b: -to_x, least: 1 }]
+    }
+}
+
+/// A colour between the last hue that is not counter-clockwise of a direction and the first that is.
+fn hue_at(direction: [f64; 2]) -> [i32; 3] {
+    let is_left = |rgb| is_left(direction, hue_vector(rgb));
+    let greatest = |rgb: [i32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
+    let sector = (0..6).map(|index| [PRIMARIES[index], PRIMARIES[(index + 1) % 6]]);
+    let ends = sector.into_iter().find(|&[last, first]| !is_left(last) && is_left(first));
+    // Not two of the six are at the same place of a half circle, so there is one.
+    between(ends.unwrap_or([PRIMARIES[0], PRIMARIES[1]]), greatest, MOST, is_left)
+}
+
+/// Whether the second direction is that of the first or counter-clockwise of it, by less than half a turn.
+fn is_left(first: [f64; 2], second: [f64; 2]) -> bool {
+    cross(first, second) >= 0.0
 }
 
 /// Positive when the second vector lies counter-clockwise of the first, by less than half a turn.
@@ -260,6 +394,27 @@ mod tests {
     }
 
     #[test]
+    fn every_hue_and_every_saturation_is_on_its_side_of_a_bound() {
+        for (index, degrees) in (0..360).step_by(45).map(f64::from).enumerate() {
+            let tenth = index as f64 / 10.0;
+            let color = color(Some([degrees + tenth, degrees + 77.7]), Some([0.3, 0.7]));
+            let look = SecondLook::new(&color).unwrap().unwrap();
+            for first in 0..=255 {
+                for second in 0..=255 {
+                    for rgb in [
+                        [first, second, 0],
+                        [0, first, second],
+                        [second, 0, first],
+                        [first, first, second],
+                    ] {
+                        assert_eq!(look.admits(rgb), look.formula.admits(rgb), "{rgb:?} {degrees}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
     fn only_bounded_colors_have_a_second_look() {
         assert_eq!(SecondLook::new(&color(None, None)), Ok(None));
     }
@@ -289,6 +444,36 @@ mod tests {
             let expected = hue_deg(rgb)
                 .is_some_and(|hue| (hue - from).rem_euclid(360.0) <= f64::from(extent));
             prop_assert_eq!(hue_look(from, to).admits(rgb), expected);
+        }
+
+        #[test]
+        fn integers_say_what_the_formulas_say(
+            hue in (-400.0..400.0f64, -400.0..400.0f64),
+            saturation in (-0.1..1.1f64, 0.0..1.0f64),
+            met in any::<[u8; 3]>(),
+            meets in any::<[bool; 4]>(),
+            pixels in proptest::collection::vec(any::<[u8; 3]>(), 100),
+            dark in 0u8..6,
+        ) {
+            // Some bounds are exactly what a pixel has.
+            let exact = |is_exact: bool, value: f64, of: f64| if is_exact { of } else { value };
+            let of = hue_deg(met).unwrap_or(0.0);
+            let hue = [exact(meets[0], hue.0, of), exact(meets[1], hue.1, of)];
+            let of = super::saturation(met);
+            let ends = [saturation.0, saturation.0 + saturation.1];
+            let saturation = [exact(meets[2], ends[0], of), exact(meets[3], ends[1], of)];
+            let color = color(Some(hue), Some(saturation));
+            let Ok(Some(look)) = SecondLook::new(&color) else { return Ok(()) };
+            let around = |(index, rgb): (usize, [u8; 3])| -> [u8; 3] {
+                std::array::from_fn(|c| match index % 3 {
+                    0 => rgb[c],
+                    1 => rgb[c] >> dark,
+                    _ => met[c].wrapping_add(rgb[c] % 3).wrapping_sub(1),
+                })
+            };
+            for rgb in pixels.into_iter().enumerate().map(around).chain([met, [0; 3], [255; 3]]) {
+                prop_assert_eq!(look.admits(rgb), look.formula.admits(rgb), "{:?}", rgb);
+            }
         }
 
         #[test]

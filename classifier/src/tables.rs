@@ -8,7 +8,7 @@
 //! The other colours look at what the pixel is in RGB.
 
 use crate::lamp::{self, Gains, NO_GAINS};
-use crate::look_tables::LookTables;
+use crate::look_tables::{Bytes, LookTables};
 use crate::second_look::{SecondLook, Seen};
 use crate::yuv::rgb_from_yuv;
 use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
@@ -28,7 +28,7 @@ pub struct ClassTables {
     second_look_bits: u32,
     second_looks: Arc<SecondLooks>,
     /// What the values of each channel are taken for; `None` for what they are.
-    corrections: Option<[[u8; 256]; 3]>,
+    corrections: Option<[Bytes; 3]>,
     version: u64,
 }
 
@@ -139,10 +139,10 @@ impl ClassTables {
                 *entry = before[usize::from(*value)];
             }
         }
-        let mut corrections = corrections;
+        let mut corrections = corrections.map(Bytes);
         if let Some(before) = &self.corrections {
             for (values, before) in corrections.iter_mut().zip(before) {
-                values.iter_mut().for_each(|value| *value = before[usize::from(*value)]);
+                values.0.iter_mut().for_each(|value| *value = before.of(*value));
             }
         }
         Self {
@@ -194,23 +194,21 @@ impl ClassTables {
     }
 
     #[inline(never)]
-    fn look_again(&self, mut boxes: u32, rgb: [u8; 3]) -> u8 {
+    fn look_again(&self, boxes: u32, rgb: [u8; 3]) -> u8 {
         let rgb = match &self.corrections {
-            Some(tables) => {
-                [0, 1, 2].map(|channel: usize| tables[channel][usize::from(rgb[channel])])
-            }
+            Some(tables) => [0, 1, 2].map(|channel: usize| tables[channel].of(rgb[channel])),
             None => rgb,
         };
         let seen = Seen::new(rgb);
-        while boxes != 0 {
-            let class = boxes.trailing_zeros();
-            let has_second_look = self.second_look_bits >> class & 1 == 1;
-            if !has_second_look || self.second_looks.of_class[class as usize].admits_seen(&seen) {
-                return class as u8;
-            }
-            boxes &= boxes - 1;
+        let mut admitting = boxes & !self.second_look_bits;
+        let mut looking = boxes & self.second_look_bits;
+        while looking != 0 {
+            let class = looking.trailing_zeros();
+            let look = &self.second_looks.of_class[class as usize % MAX_CLASSES];
+            admitting |= u32::from(look.admits_seen(&seen)) << class;
+            looking &= looking - 1;
         }
-        BACKGROUND
+        first(admitting)
     }
 
     /// The tables of red, green and blue.
@@ -234,7 +232,7 @@ impl ClassTables {
     }
 
     /// What the values of each channel are taken for by second looks; `None` for what they are.
-    pub(crate) fn corrections(&self) -> Option<&[[u8; 256]; 3]> {
+    pub(crate) fn corrections(&self) -> Option<&[Bytes; 3]> {
         self.corrections.as_ref()
     }
 

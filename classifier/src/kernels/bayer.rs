@@ -9,14 +9,15 @@
 //!    and the same code as [`scalar`](super::scalar), and join them to runs.
 
 use super::classes::Classes;
-use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
+use super::demosaic::{at_colored_sites, at_green_sites, colors_of_rows};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
-use super::looks;
+use super::looks::{self, LookFilter};
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
 use super::{RowRuns, RunWriter, Setup, Written};
+use crate::ClassTables;
 use crate::mask::Span;
 use crate::picture::BayerImage;
 use crate::zones::ZonedTables;
@@ -155,9 +156,11 @@ fn find_apart<S: Lanes, const P: usize>(
         #[inline(always)]
         || {
             let count = find::<S, P>(simd, pair, blocks, filters, noted);
-            match filters.only_zone() {
-                Some(zone) if !setup.zoned.tables[zone].has_second_looks() => count,
-                zone => narrow::<S, P>(simd, pair, setup, zone, &mut noted[..count]),
+            let noted = &mut noted[..count];
+            match filters.only_zone().map(|zone| ZoneFilter::new(setup, zone)) {
+                Some(ZoneFilter { looks: None, .. }) => count,
+                Some(filter) => narrow::<S, P>(simd, pair, filter, noted),
+                None => narrow_by_zone::<S, P>(simd, pair, setup, noted),
             }
         },
     )
@@ -182,7 +185,7 @@ fn find<S: Lanes, const P: usize>(
         if begin + lanes > pixels {
             break;
         }
-        let colors = rough_colors::<S, P>(simd, within(rows, begin, lanes));
+        let colors = colors_of_rows::<S, P, false>(simd, within(rows, begin, lanes));
         let passing = passing_of_rows(simd, colors, pair.has_red, &filters.of_block(index).rgb);
         noted[count] = Noted { index, passing };
         count += usize::from(is_any(passing));
@@ -214,36 +217,51 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Takes from the notes what only another zone's prefilter lets pass, which is half of it under lamps as
-/// uneven as one to two, and what no second look admits, which is nearly all of it where colours have
-/// bounds on hue and saturation and none on red, green and blue.
+/// Takes from the notes what no second look admits, which is nearly all of it where colours have bounds on
+/// hue and saturation and none on red, green and blue.
 #[inline(always)]
 fn narrow<S: Lanes, const P: usize>(
     simd: S,
     pair: &Pair,
+    filter: ZoneFilter,
+    noted: &mut [Noted],
+) -> usize {
+    let mut count = 0;
+    for number in 0..noted.len() {
+        let Noted { index, passing } = noted[number];
+        let colors = exact_colors::<S, P>(simd, pair, index);
+        let passing = filter.passing(simd, colors, pair.has_red, passing);
+        noted[count] = Noted { index, passing };
+        count += usize::from(is_any(passing));
+    }
+    count
+}
+
+/// The same where the rows are in several zones, and what only another zone's prefilter lets pass, which
+/// is half of it under lamps as uneven as one to two.
+#[inline(always)]
+fn narrow_by_zone<S: Lanes, const P: usize>(
+    simd: S,
+    pair: &Pair,
     setup: Setup,
-    only_zone: Option<usize>,
     noted: &mut [Noted],
 ) -> usize {
     let lanes = S::u8s::LEN;
     let mut count = 0;
     for number in 0..noted.len() {
         let Noted { index, passing: before } = noted[number];
-        let colors = exact_colors::<S, P>(simd, pair, MARGIN + index * lanes);
+        let colors = exact_colors::<S, P>(simd, pair, index);
+        let start = 2 * lanes * index;
+        let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
         let mut passing = [[0; 2]; 2];
-        if let Some(zone) = only_zone {
-            passing = passing_looks(simd, colors, before, zone, setup);
-        } else {
-            let start = 2 * lanes * index;
-            let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
-            for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
-                let columns = [every_other(span, start, 0), every_other(span, start, 1)];
-                let here = before.map(|[even, odd]| [even & columns[0], odd & columns[1]]);
-                let of_zone = passing_looks(simd, colors, here, zone, setup);
-                for row in 0..2 {
-                    for parity in 0..2 {
-                        passing[row][parity] |= of_zone[row][parity];
-                    }
+        for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
+            let columns = [every_other(span, start, 0), every_other(span, start, 1)];
+            let [[a, b], [c, d]] = before;
+            let here = [[a & columns[0], b & columns[1]], [c & columns[0], d & columns[1]]];
+            let of_zone = ZoneFilter::new(setup, zone).passing(simd, colors, pair.has_red, here);
+            for row in 0..2 {
+                for parity in 0..2 {
+                    passing[row][parity] |= of_zone[row][parity];
                 }
             }
         }
@@ -253,21 +271,61 @@ fn narrow<S: Lanes, const P: usize>(
     count
 }
 
-/// Red, green and blue of registers full of pixels: of two rows, in even and odd columns.
+/// Registers full of pixels of two rows, in even and odd columns: the row's own colour, green, and the other.
 type Block<S> = [[[<S as Simd>::u8s; 3]; 2]; 2];
 
-/// Demosaics a block of two rows exactly, from index `at` of the planes.
 #[inline(always)]
-fn exact_colors<S: Lanes, const P: usize>(simd: S, pair: &Pair, at: usize) -> Block<S> {
-    let [row0, row1, row2, row3] = pair.rows;
-    let (upper, lower) = ([row0, row1, row2], [row1, row2, row3]);
-    let upper_colored = rgb::<S>(at_colored_sites(simd, upper, P, at), pair.has_red);
-    let upper_green = rgb::<S>(at_green_sites(simd, upper, 1 - P, at), pair.has_red);
-    let lower_colored = rgb::<S>(at_colored_sites(simd, lower, 1 - P, at), !pair.has_red);
-    let lower_green = rgb::<S>(at_green_sites(simd, lower, P, at), !pair.has_red);
-    match P {
-        0 => [[upper_colored, upper_green], [lower_green, lower_colored]],
-        _ => [[upper_green, upper_colored], [lower_colored, lower_green]],
+fn exact_colors<S: Lanes, const P: usize>(simd: S, pair: &Pair, index: usize) -> Block<S> {
+    let lanes = S::u8s::LEN;
+    colors_of_rows::<S, P, true>(simd, within(pair.rows, MARGIN + index * lanes - 1, lanes))
+}
+
+/// What a zone lets pass before pixels are looked at one by one.
+#[derive(Clone, Copy)]
+struct ZoneFilter<'a> {
+    boxes: &'a Prefilter,
+    /// If there are second looks.
+    looks: Option<&'a LookFilter>,
+    tables: &'a ClassTables,
+}
+
+impl<'a> ZoneFilter<'a> {
+    #[inline(always)]
+    fn new(setup: Setup<'a>, zone: usize) -> Self {
+        let tables = &setup.zoned.tables[zone];
+        let looks = tables.has_second_looks().then_some(&setup.look_filters[zone].rgb);
+        Self { boxes: &setup.prefilters[zone].rgb, looks, tables }
+    }
+
+    /// Which of the pixels pass.
+    #[inline(always)]
+    fn passing<S: Lanes>(
+        self,
+        simd: S,
+        [upper, lower]: Block<S>,
+        has_red: bool,
+        [[a, b], [c, d]]: Passing,
+    ) -> Passing {
+        // What is red in one row is blue in the other.
+        let a = a & self.passing_of(simd, rgb::<S>(upper[0], has_red));
+        let b = b & self.passing_of(simd, rgb::<S>(upper[1], has_red));
+        let c = c & self.passing_of(simd, rgb::<S>(lower[0], !has_red));
+        let d = d & self.passing_of(simd, rgb::<S>(lower[1], !has_red));
+        [[a, b], [c, d]]
+    }
+
+    #[inline(always)]
+    fn passing_of<S: Lanes>(self, simd: S, colors: [S::u8s; 3]) -> u64 {
+        let Prefilter([red, green, blue]) = self.boxes;
+        let boxes = [simd.table(red), simd.table(green), simd.table(blue)];
+        let buckets = simd.buckets(colors, boxes);
+        match self.looks {
+            Some(looks) => {
+                let keys = looks::keys(simd, colors, self.tables.corrections());
+                simd.any_bucket(buckets & looks.admitting(simd, keys))
+            }
+            None => simd.any_bucket(buckets),
+        }
     }
 }
 
@@ -275,31 +333,6 @@ fn exact_colors<S: Lanes, const P: usize>(simd: S, pair: &Pair, at: usize) -> Bl
 #[inline(always)]
 fn rgb<S: Lanes>([own, green, other]: [S::u8s; 3], has_red: bool) -> [S::u8s; 3] {
     if has_red { [own, green, other] } else { [other, green, own] }
-}
-
-/// Those of the pixels that pass a zone's prefilter, and that its second looks may admit.
-#[inline(always)]
-fn passing_looks<S: Lanes>(
-    simd: S,
-    colors: Block<S>,
-    before: Passing,
-    zone: usize,
-    setup: Setup,
-) -> Passing {
-    let Prefilter([red, green, blue]) = &setup.prefilters[zone].rgb;
-    let boxes = [simd.table(red), simd.table(green), simd.table(blue)];
-    let (tables, looks) = (&setup.zoned.tables[zone], &setup.look_filters[zone].rgb);
-    let mut passing = before;
-    for (passing, colors) in passing.iter_mut().zip(colors) {
-        for (passing, colors) in passing.iter_mut().zip(colors) {
-            let mut buckets = simd.buckets(colors, boxes);
-            if tables.has_second_looks() {
-                buckets &= looks.admitting(simd, looks::keys(simd, colors, tables));
-            }
-            *passing &= simd.any_bucket(buckets);
-        }
-    }
-    passing
 }
 
 /// Some pixels of each plane of some rows, and one more before and behind them.

@@ -134,7 +134,7 @@ fn passing_looks<S: Lanes>(
     setup: Setup,
 ) -> u64 {
     let rgb = load(simd, channels, start);
-    let keys = looks::keys(simd, rgb, &setup.zoned.tables[zone]);
+    let keys = looks::keys(simd, rgb, setup.zoned.tables[zone].corrections());
     let boxes = buckets(simd, rgb, &setup.prefilters[zone].rgb);
     simd.any_bucket(boxes & setup.look_filters[zone].rgb.admitting(simd, keys))
 }
@@ -149,7 +149,7 @@ fn passing_looks_yuv<S: Lanes>(
     setup: Setup,
 ) -> u64 {
     let (yuv, rgb) = (load(simd, yuv, start), load(simd, rgb, start));
-    let keys = looks::keys(simd, rgb, &setup.zoned.tables[zone]);
+    let keys = looks::keys(simd, rgb, setup.zoned.tables[zone].corrections());
     let (prefilters, looks) = (&setup.prefilters[zone], &setup.look_filters[zone]);
     let in_yuv = buckets(simd, yuv, &prefilters.yuv) & looks.yuv.admitting(simd, keys);
     let in_rgb = buckets(simd, rgb, &prefilters.rgb) & looks.rgb.admitting(simd, keys);

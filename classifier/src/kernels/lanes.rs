@@ -1,7 +1,7 @@
 //! What the kernels need of an instruction set beyond what the library offers for all of them.
 
 use super::prefilter::ChannelFilter;
-use crate::look_tables::LOG;
+use crate::look_tables::{Bytes, COLOR_LOG, GREY_LOG, KEYS, LOG};
 use fearless_simd::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512, Sse4_2};
@@ -41,10 +41,19 @@ pub trait Lanes: Simd {
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
 
     /// The entry for each value of a table of all bytes.
-    fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s;
+    fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s;
+
+    /// The entry for each key, below [`KEYS`].
+    fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s;
 
     /// The [logarithm](LOG) of each value.
     fn log(self, values: Self::u8s) -> Self::u8s;
+
+    /// That [of colour](COLOR_LOG).
+    fn color_log(self, values: Self::u8s) -> Self::u8s;
+
+    /// That [of grey](GREY_LOG).
+    fn grey_log(self, values: Self::u8s) -> Self::u8s;
 
     /// The buckets that the prefilter lets each pixel pass for.
     #[inline(always)]
@@ -81,10 +90,15 @@ macro_rules! sixteen_entries {
         }
 
         #[inline(always)]
-        fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s {
+        fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s {
+            table.swizzle_dyn_within_blocks(keys >> 2)
+        }
+
+        #[inline(always)]
+        fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s {
             let (upper, lower) = (values >> 4, values & 15);
             let mut mapped = Self::u8s::splat(self, 0);
-            for (index, entries) in table.as_chunks::<16>().0.iter().enumerate() {
+            for (index, entries) in table.0.as_chunks::<16>().0.iter().enumerate() {
                 let entries = Self::u8s::block_splat(u8x16::from_slice(self, entries));
                 let is_here = upper.simd_eq(index as u8);
                 mapped = is_here.select(entries.swizzle_dyn_within_blocks(lower), mapped);
@@ -99,20 +113,31 @@ macro_rules! sixteen_entries {
                 let mut table = [0; 16];
                 let mut upper = 0;
                 while upper < 16 {
-                    table[upper] = LOG[16 * upper];
+                    table[upper] = LOG.0[16 * upper];
                     upper += 1;
                 }
                 table
             };
             let (upper, lower) = (values >> 4, values & 15);
             let of_upper = Self::u8s::block_splat(u8x16::from_slice(self, &OF_UPPER));
-            let of_small = Self::u8s::block_splat(u8x16::from_slice(self, &LOG[..16]));
+            let of_small = Self::u8s::block_splat(u8x16::from_slice(self, &LOG.0[..16]));
             let added = upper
                 .simd_lt(4)
                 .select(lower >> 1, upper.simd_lt(8).select(lower >> 2, lower >> 3));
             let added = upper.simd_lt(2).select(lower, added);
             let large = of_upper.swizzle_dyn_within_blocks(upper) + added;
             upper.simd_eq(0).select(of_small.swizzle_dyn_within_blocks(lower), large)
+        }
+
+        #[inline(always)]
+        fn color_log(self, values: Self::u8s) -> Self::u8s {
+            let log = self.grey_log(values);
+            log.simd_eq(0).select(log, log + KEYS as u8 / 2)
+        }
+
+        #[inline(always)]
+        fn grey_log(self, values: Self::u8s) -> Self::u8s {
+            self.log(values) >> 1
         }
     };
 }
@@ -132,9 +157,15 @@ impl Lanes for Avx512 {
         table.swizzle_dyn(values >> 2)
     }
 
+    /// Only the lower six bits count.
+    #[inline(always)]
+    fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s {
+        table.swizzle_dyn(keys)
+    }
+
     /// Twice among 128 entries, by the lower seven bits.
     #[inline(always)]
-    fn map(self, table: &[u8; 256], values: Self::u8s) -> Self::u8s {
+    fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s {
         fearless_simd::kernel!(
             #[inline(always)]
             fn look_up(
@@ -149,7 +180,9 @@ impl Lanes for Avx512 {
                 _mm512_mask_blend_epi8(_mm512_movepi8_mask(values), lower, upper).simd_into(simd)
             }
         );
-        let [a, b, c, d] = table.as_chunks::<64>().0 else { unreachable!("256 is four times 64") };
+        let [a, b, c, d] = table.0.as_chunks::<64>().0 else {
+            unreachable!("256 is four times 64")
+        };
         let load = [
             u8x64::from_slice(self, a),
             u8x64::from_slice(self, b),
@@ -162,6 +195,16 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn log(self, values: Self::u8s) -> Self::u8s {
         self.map(&LOG, values)
+    }
+
+    #[inline(always)]
+    fn color_log(self, values: Self::u8s) -> Self::u8s {
+        self.map(&COLOR_LOG, values)
+    }
+
+    #[inline(always)]
+    fn grey_log(self, values: Self::u8s) -> Self::u8s {
+        self.map(&GREY_LOG, values)
     }
 
     #[inline(always)]

@@ -7,8 +7,7 @@
 use super::buckets::Buckets;
 use super::lanes::Lanes;
 use super::prefilter::ChannelFilter;
-use crate::ClassTables;
-use crate::look_tables::{HUE_SCALE, LookTables, SATURATION_SCALE};
+use crate::look_tables::{Bytes, KEYS, LookTables};
 use fearless_simd::prelude::*;
 
 /// The buckets, a bit each, whose colours may admit a pixel with each of the four keys.
@@ -17,7 +16,7 @@ pub struct LookFilter([ChannelFilter; 4]);
 
 impl LookFilter {
     pub fn new(tables: &LookTables, buckets: &Buckets) -> Self {
-        Self(tables.0.each_ref().map(|table| ChannelFilter::of_entries(table, buckets)))
+        Self(tables.0.each_ref().map(|table| ChannelFilter::of_six_bits(table, buckets)))
     }
 
     /// The buckets whose colours may admit pixels with these keys.
@@ -25,15 +24,15 @@ impl LookFilter {
     pub fn admitting<S: Lanes>(&self, simd: S, keys: [S::u8s; 4]) -> S::u8s {
         let Self([red, green, blue, saturation]) = self;
         let [r, g, b, s] = keys;
-        let hues = simd.look_up(simd.table(red), r) & simd.look_up(simd.table(green), g);
-        hues & simd.look_up(simd.table(blue), b) & simd.look_up(simd.table(saturation), s)
+        let hues = simd.look_up_key(simd.table(red), r) & simd.look_up_key(simd.table(green), g);
+        hues & simd.look_up_key(simd.table(blue), b) & simd.look_up_key(simd.table(saturation), s)
     }
 }
 
-/// The [keys](crate::look_tables::keys) of pixels as the tables' second looks see them.
+/// The [keys](crate::look_tables) of pixels whose values are taken for others, if there are corrections.
 #[inline(always)]
-pub fn keys<S: Lanes>(simd: S, rgb: [S::u8s; 3], tables: &ClassTables) -> [S::u8s; 4] {
-    let [red, green, blue] = match tables.corrections() {
+pub fn keys<S: Lanes>(simd: S, rgb: [S::u8s; 3], corrections: Option<&[Bytes; 3]>) -> [S::u8s; 4] {
+    let [red, green, blue] = match corrections {
         None => rgb,
         Some([red, green, blue]) => {
             [simd.map(red, rgb[0]), simd.map(green, rgb[1]), simd.map(blue, rgb[2])]
@@ -46,36 +45,23 @@ pub fn keys<S: Lanes>(simd: S, rgb: [S::u8s; 3], tables: &ClassTables) -> [S::u8
     let color = simd.mean(greatest, middle);
     let logs = [simd.log(r), simd.log(g), simd.log(b)];
     let top = logs[0].max(logs[1]).max(logs[2]);
-    let saturation = saturation_key(simd, simd.log(color), simd.log(least));
-    [
-        hue_key(logs[0], top, simd),
-        hue_key(logs[1], top, simd),
-        hue_key(logs[2], top, simd),
-        saturation,
-    ]
+    let [red, green, blue] =
+        [key::<S>(top, logs[0]), key::<S>(top, logs[1]), key::<S>(top, logs[2])];
+    [red, green, blue, key::<S>(simd.color_log(color), simd.grey_log(least))]
 }
 
+/// From two logarithms.
 #[inline(always)]
-fn hue_key<S: Lanes>(channel: S::u8s, greatest: S::u8s, _: S) -> S::u8s {
-    const { assert!(HUE_SCALE == 4) };
-    let behind = greatest.saturating_sub(channel);
-    let twice = behind.saturating_add(behind);
-    twice.saturating_add(twice)
-}
-
-#[inline(always)]
-fn saturation_key<S: Lanes>(_: S, color: S::u8s, grey: S::u8s) -> S::u8s {
-    const { assert!(SATURATION_SCALE == 2) };
-    let (more, less) = (color.saturating_sub(grey), grey.saturating_sub(color));
-    let middle = color.min(128);
-    middle.saturating_sub(less.saturating_add(less)).saturating_add(more.saturating_add(more))
+fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
+    of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ClassTables;
     use crate::kernels::lanes::MAX_LANES;
-    use crate::look_tables::{self, LOG};
+    use crate::look_tables::{self, COLOR_LOG, GREY_LOG, LOG};
     use fearless_simd::Level;
 
     /// Calls a function with each instruction set that this machine has.
@@ -102,14 +88,16 @@ mod tests {
     #[test]
     fn every_byte_is_mapped_and_has_its_logarithm() {
         fn check<S: Lanes>(simd: S) {
-            let table: [u8; 256] = std::array::from_fn(|value| (value * 7 + value / 9) as u8);
+            let table = Bytes(std::array::from_fn(|value| (value * 7 + value / 9) as u8));
             let all: [u8; 256] = std::array::from_fn(|value| value as u8);
             for bytes in all.chunks_exact(S::u8s::LEN) {
                 let values = S::u8s::from_slice(simd, bytes);
-                let of = |table: &[u8; 256]| -> Vec<u8> {
-                    bytes.iter().map(|&byte| table[usize::from(byte)]).collect()
+                let of = |table: &Bytes| -> Vec<u8> {
+                    bytes.iter().map(|&byte| table.of(byte)).collect()
                 };
                 assert_eq!(store::<S>(simd.log(values)), of(&LOG));
+                assert_eq!(store::<S>(simd.color_log(values)), of(&COLOR_LOG));
+                assert_eq!(store::<S>(simd.grey_log(values)), of(&GREY_LOG));
                 assert_eq!(store::<S>(simd.map(&table, values)), of(&table));
             }
         }
@@ -130,11 +118,11 @@ mod tests {
                     }
                     let rgb =
                         channels.each_ref().map(|c| S::u8s::from_slice(simd, &c[..S::u8s::LEN]));
-                    let found = keys(simd, rgb, &tables).map(store::<S>);
+                    let found = keys(simd, rgb, tables.corrections()).map(store::<S>);
                     for lane in 0..S::u8s::LEN {
                         let rgb = [0, 1, 2].map(|channel: usize| {
                             let value = channels[channel][lane];
-                            tables.corrections().map_or(value, |c| c[channel][usize::from(value)])
+                            tables.corrections().map_or(value, |c| c[channel].of(value))
                         });
                         let found = found.each_ref().map(|keys| keys[lane]);
                         assert_eq!(found, look_tables::keys(rgb), "{rgb:?}");

@@ -18,11 +18,12 @@ pub struct Prefilter(pub [ChannelFilter; 3]);
 
 /// The buckets, a bit each, that a channel's value may belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(align(64))]
 pub struct ChannelFilter {
-    /// By the upper four bits of the value.
-    pub coarse: [u8; 16],
-    /// By its upper six bits.
+    /// By the upper six bits of the value.
     pub fine: [u8; 64],
+    /// By its upper four bits.
+    pub coarse: [u8; 16],
 }
 
 impl Prefilter {
@@ -61,8 +62,8 @@ impl ChannelFilter {
         Self { coarse, fine }
     }
 
-    /// For the colours in a table by the upper six bits.
-    pub fn of_entries(entries: &[u32; 64], buckets: &Buckets) -> Self {
+    /// For the colours in a table by six bits.
+    pub fn of_six_bits(entries: &[u32; 64], buckets: &Buckets) -> Self {
         let fine = entries.map(|classes| buckets.of(classes));
         let mut coarse = [0; 16];
         for (bits, fine) in coarse.iter_mut().zip(fine.as_chunks::<4>().0) {
