@@ -21,10 +21,10 @@ use common::config::ColorConfig;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SecondLook {
     /// From and to; both are met, or either if they are more than half a circle apart.
-    hue: [Bound; 2],
-    is_reflex: bool,
+    pub(crate) hue: [Bound; 2],
+    pub(crate) is_reflex: bool,
     /// Lowest and highest.
-    saturation: [Bound; 2],
+    pub(crate) saturation: [Bound; 2],
     /// The bounds as they were set.
     formula: Formula,
 }
@@ -59,7 +59,7 @@ impl Seen {
 }
 
 impl Bound {
-    const NONE: Self = Self { a: 0, b: 0, least: 0 };
+    pub const NONE: Self = Self { a: 0, b: 0, least: 0 };
     const IMPOSSIBLE: Self = Self { a: 0, b: 0, least: 1 };
 
     #[inline(always)]

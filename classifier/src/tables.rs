@@ -11,7 +11,7 @@ use crate::lamp::{self, Gains, NO_GAINS};
 use crate::look_tables::{Bytes, LookTables};
 use crate::second_look::{SecondLook, Seen};
 use crate::yuv::rgb_from_yuv;
-use crate::{BACKGROUND, ClassifierError, MAX_CLASSES};
+use crate::{ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
 use std::sync::Arc;
 
@@ -37,6 +37,8 @@ pub struct ClassTables {
 pub(crate) struct SecondLooks {
     of_class: [SecondLook; MAX_CLASSES],
     pub tables: LookTables,
+    /// Of each colour its box in RGB and its second look.
+    pub classes: Vec<([[u8; 2]; 3], SecondLook)>,
 }
 
 /// Three tables: one for each channel, a bit for each colour.
@@ -97,12 +99,14 @@ impl ClassTables {
         let all = ((1u64 << colors.len()) - 1) as u32;
         let others = all & !second_look_bits;
         let tables = LookTables::new(&second_looks, second_look_bits, others);
+        let boxes = colors.iter().map(|color| [color.red, color.green, color.blue]);
+        let classes = boxes.zip(second_looks).collect();
         Ok(Self {
             rgb,
             yuv: Arc::new(yuv),
             rgb_only_bits,
             second_look_bits,
-            second_looks: Arc::new(SecondLooks { of_class: second_looks, tables }),
+            second_looks: Arc::new(SecondLooks { of_class: second_looks, tables, classes }),
             corrections: None,
             version: version(colors),
         })
@@ -312,6 +316,7 @@ impl Fnv1a {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::BACKGROUND;
 
     fn color(red: [u8; 2], green: [u8; 2], blue: [u8; 2]) -> ColorConfig {
         let name = "test".into();

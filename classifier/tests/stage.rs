@@ -98,6 +98,30 @@ proptest! {
         prop_assert_eq!(rgb, frame.rgb());
     }
 
+    /// Nothing but the second look decides, of every pixel.
+    #[test]
+    fn runs_of_hues_equal_the_reference(
+        frame in any_frame(),
+        colors in proptest::collection::vec(any_color(), 0..=32),
+        dark in 0u8..5,
+    ) {
+        let open = |color| ColorConfig {
+            red: [0, 255],
+            green: [0, 255],
+            blue: [0, 255],
+            ..color
+        };
+        let colors: Vec<_> = colors
+            .into_iter()
+            .filter(|color| color.hue_deg.is_some() || color.saturation.is_some())
+            .map(open)
+            .collect();
+        let mut frame = frame;
+        frame.pixels.iter_mut().for_each(|value| *value >>= dark);
+        let (runs, _) = step(&frame, &colors, 230 * 20);
+        prop_assert_eq!(&runs, &frame.runs(&colors));
+    }
+
     #[test]
     fn runs_equal_the_reference(
         frame in any_frame(),

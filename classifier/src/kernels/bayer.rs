@@ -9,10 +9,10 @@
 //!    and the same code as [`scalar`](super::scalar), and join them to runs.
 
 use super::classes::Classes;
-use super::demosaic::{at_colored_sites, at_green_sites, colors_of_rows};
+use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
-use super::looks::{self, LookFilter};
+use super::look_rows;
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
@@ -20,7 +20,6 @@ use super::{RowRuns, RunWriter, Setup, Written};
 use crate::ClassTables;
 use crate::mask::Span;
 use crate::picture::BayerImage;
-use crate::zones::ZonedTables;
 use common::messages::Run;
 use fearless_simd::prelude::*;
 use std::ops::Range;
@@ -46,14 +45,14 @@ impl Default for Colors {
 
 /// A block in which something may be.
 #[derive(Debug, Clone, Copy, Default)]
-struct Noted {
+pub(super) struct Noted {
     /// Which one of the row.
-    index: usize,
-    passing: Passing,
+    pub index: usize,
+    pub passing: Passing,
 }
 
 /// Of each of two rows, in even and odd columns: bit i if pixel i has passed the prefilter.
-type Passing = [[u64; 2]; 2];
+pub(super) type Passing = [[u64; 2]; 2];
 
 impl Scratch {
     /// Forgets the last picture, and makes room for one of this width.
@@ -80,6 +79,7 @@ pub fn classify<S: Lanes>(
     let (width, height) = (image.width(), image.height());
     let Setup { zoned, prefilters, mask, .. } = setup;
     let block = 2 * S::u8s::LEN;
+    let has_looks = zoned.tables.iter().any(ClassTables::has_second_looks);
     scratch.fit(width);
     let Scratch { ring, noted, colors, filters } = scratch;
     for upper in (0..height).step_by(2) {
@@ -113,12 +113,15 @@ pub fn classify<S: Lanes>(
             let rows = [rows[index], rows[index + 1], rows[index + 2]];
             let zone = filters.only_zone();
             let row = upper + index;
-            let part = Row { rows, has_red: sites[index].has_red, row, spans, width, zoned, zone };
+            let part = Row { rows, has_red: sites[index].has_red, row, spans, width, setup, zone };
             let mut row_runs = RowRuns::new(&mut runs, row);
             let noted = &noted[..count];
-            match sites[index].colored_parity {
-                0 => classify_row_apart::<S, 0>(simd, &part, noted, index, colors, &mut row_runs),
-                _ => classify_row_apart::<S, 1>(simd, &part, noted, index, colors, &mut row_runs),
+            let (parity, runs) = (sites[index].colored_parity, &mut row_runs);
+            match (has_looks, parity) {
+                (false, 0) => classify_row_apart::<S, 0>(simd, &part, noted, index, colors, runs),
+                (false, _) => classify_row_apart::<S, 1>(simd, &part, noted, index, colors, runs),
+                (true, 0) => look_rows::classify_apart::<S, 0>(simd, &part, noted, index, runs),
+                (true, _) => look_rows::classify_apart::<S, 1>(simd, &part, noted, index, runs),
             }
             row_runs.finish();
         }
@@ -156,11 +159,9 @@ fn find_apart<S: Lanes, const P: usize>(
         #[inline(always)]
         || {
             let count = find::<S, P>(simd, pair, blocks, filters, noted);
-            let noted = &mut noted[..count];
-            match filters.only_zone().map(|zone| ZoneFilter::new(setup, zone)) {
-                Some(ZoneFilter { looks: None, .. }) => count,
-                Some(filter) => narrow::<S, P>(simd, pair, filter, noted),
-                None => narrow_by_zone::<S, P>(simd, pair, setup, noted),
+            match filters.only_zone() {
+                Some(_) => count,
+                None => narrow::<S, P>(simd, pair, setup, &mut noted[..count]),
             }
         },
     )
@@ -185,7 +186,7 @@ fn find<S: Lanes, const P: usize>(
         if begin + lanes > pixels {
             break;
         }
-        let colors = colors_of_rows::<S, P, false>(simd, within(rows, begin, lanes));
+        let colors = rough_colors::<S, P>(simd, within(rows, begin, lanes));
         let passing = passing_of_rows(simd, colors, pair.has_red, &filters.of_block(index).rgb);
         noted[count] = Noted { index, passing };
         count += usize::from(is_any(passing));
@@ -217,30 +218,10 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Takes from the notes what no second look admits, which is nearly all of it where colours have bounds on
-/// hue and saturation and none on red, green and blue.
+/// Where the rows are in several zones: takes from the notes what only another zone's prefilter lets pass,
+/// which is half of it under lamps as uneven as one to two.
 #[inline(always)]
 fn narrow<S: Lanes, const P: usize>(
-    simd: S,
-    pair: &Pair,
-    filter: ZoneFilter,
-    noted: &mut [Noted],
-) -> usize {
-    let mut count = 0;
-    for number in 0..noted.len() {
-        let Noted { index, passing } = noted[number];
-        let colors = exact_colors::<S, P>(simd, pair, index);
-        let passing = filter.passing(simd, colors, pair.has_red, passing);
-        noted[count] = Noted { index, passing };
-        count += usize::from(is_any(passing));
-    }
-    count
-}
-
-/// The same where the rows are in several zones, and what only another zone's prefilter lets pass, which
-/// is half of it under lamps as uneven as one to two.
-#[inline(always)]
-fn narrow_by_zone<S: Lanes, const P: usize>(
     simd: S,
     pair: &Pair,
     setup: Setup,
@@ -250,18 +231,18 @@ fn narrow_by_zone<S: Lanes, const P: usize>(
     let mut count = 0;
     for number in 0..noted.len() {
         let Noted { index, passing: before } = noted[number];
-        let colors = exact_colors::<S, P>(simd, pair, index);
+        let rows = within(pair.rows, MARGIN + index * lanes - 1, lanes);
+        let colors = rough_colors::<S, P>(simd, rows);
         let start = 2 * lanes * index;
         let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
         let mut passing = [[0; 2]; 2];
         for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
             let columns = [every_other(span, start, 0), every_other(span, start, 1)];
-            let [[a, b], [c, d]] = before;
-            let here = [[a & columns[0], b & columns[1]], [c & columns[0], d & columns[1]]];
-            let of_zone = ZoneFilter::new(setup, zone).passing(simd, colors, pair.has_red, here);
+            let of_zone = passing_of_rows(simd, colors, pair.has_red, &setup.prefilters[zone].rgb);
             for row in 0..2 {
                 for parity in 0..2 {
-                    passing[row][parity] |= of_zone[row][parity];
+                    passing[row][parity] |=
+                        before[row][parity] & of_zone[row][parity] & columns[parity];
                 }
             }
         }
@@ -269,70 +250,6 @@ fn narrow_by_zone<S: Lanes, const P: usize>(
         count += usize::from(is_any(passing));
     }
     count
-}
-
-/// Registers full of pixels of two rows, in even and odd columns: the row's own colour, green, and the other.
-type Block<S> = [[[<S as Simd>::u8s; 3]; 2]; 2];
-
-#[inline(always)]
-fn exact_colors<S: Lanes, const P: usize>(simd: S, pair: &Pair, index: usize) -> Block<S> {
-    let lanes = S::u8s::LEN;
-    colors_of_rows::<S, P, true>(simd, within(pair.rows, MARGIN + index * lanes - 1, lanes))
-}
-
-/// What a zone lets pass before pixels are looked at one by one.
-#[derive(Clone, Copy)]
-struct ZoneFilter<'a> {
-    boxes: &'a Prefilter,
-    /// If there are second looks.
-    looks: Option<&'a LookFilter>,
-    tables: &'a ClassTables,
-}
-
-impl<'a> ZoneFilter<'a> {
-    #[inline(always)]
-    fn new(setup: Setup<'a>, zone: usize) -> Self {
-        let tables = &setup.zoned.tables[zone];
-        let looks = tables.has_second_looks().then_some(&setup.look_filters[zone].rgb);
-        Self { boxes: &setup.prefilters[zone].rgb, looks, tables }
-    }
-
-    /// Which of the pixels pass.
-    #[inline(always)]
-    fn passing<S: Lanes>(
-        self,
-        simd: S,
-        [upper, lower]: Block<S>,
-        has_red: bool,
-        [[a, b], [c, d]]: Passing,
-    ) -> Passing {
-        // What is red in one row is blue in the other.
-        let a = a & self.passing_of(simd, rgb::<S>(upper[0], has_red));
-        let b = b & self.passing_of(simd, rgb::<S>(upper[1], has_red));
-        let c = c & self.passing_of(simd, rgb::<S>(lower[0], !has_red));
-        let d = d & self.passing_of(simd, rgb::<S>(lower[1], !has_red));
-        [[a, b], [c, d]]
-    }
-
-    #[inline(always)]
-    fn passing_of<S: Lanes>(self, simd: S, colors: [S::u8s; 3]) -> u64 {
-        let Prefilter([red, green, blue]) = self.boxes;
-        let boxes = [simd.table(red), simd.table(green), simd.table(blue)];
-        let buckets = simd.buckets(colors, boxes);
-        match self.looks {
-            Some(looks) => {
-                let keys = looks::keys(simd, colors, self.tables.corrections());
-                simd.any_bucket(buckets & looks.admitting(simd, keys))
-            }
-            None => simd.any_bucket(buckets),
-        }
-    }
-}
-
-/// Sorts a row's own colour and the other one into red and blue.
-#[inline(always)]
-fn rgb<S: Lanes>([own, green, other]: [S::u8s; 3], has_red: bool) -> [S::u8s; 3] {
-    if has_red { [own, green, other] } else { [other, green, own] }
 }
 
 /// Some pixels of each plane of some rows, and one more before and behind them.
@@ -350,18 +267,18 @@ fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
 
 /// A row, and what is needed to classify it.
 #[derive(Clone, Copy)]
-struct Row<'a> {
+pub(super) struct Row<'a> {
     /// The one above, the row, and the one below.
-    rows: [Planes<'a>; 3],
+    pub rows: [Planes<'a>; 3],
     /// It has red and green sites; otherwise blue and green ones.
-    has_red: bool,
-    row: usize,
+    pub has_red: bool,
+    pub row: usize,
     /// What is to be looked at.
-    spans: &'a [Span],
-    width: usize,
-    zoned: ZonedTables<'a>,
+    pub spans: &'a [Span],
+    pub width: usize,
+    pub setup: Setup<'a>,
     /// If all of it is in one.
-    zone: Option<usize>,
+    pub zone: Option<usize>,
 }
 
 /// [`classify_row`] as a function of its own, which has all registers for itself.
@@ -413,7 +330,7 @@ fn classify_row<S: Lanes, const P: usize>(
             match row.zone {
                 Some(zone) => row.classify(colors, passing, start, (span, zone), &mut classes),
                 None => {
-                    for part in row.zoned.zones.divide(row.row, span) {
+                    for part in row.setup.zoned.zones.divide(row.row, span) {
                         row.classify(colors, passing, start, part, &mut classes);
                     }
                 }
@@ -435,7 +352,7 @@ impl Row<'_> {
         (span, zone): (Span, usize),
         classes: &mut Classes,
     ) {
-        let tables = &self.zoned.tables[zone];
+        let tables = &self.setup.zoned.tables[zone];
         for parity in 0..2 {
             let mut pixels = passing[parity] & every_other(span, start, parity);
             while pixels != 0 {
@@ -452,7 +369,7 @@ impl Row<'_> {
 /// Bit i for each column `start + 2 i + parity` of a span that lies in the block that begins in column
 /// `start`.
 #[inline(always)]
-fn every_other(span: Span, start: usize, parity: usize) -> u64 {
+pub(super) fn every_other(span: Span, start: usize, parity: usize) -> u64 {
     let index = |column: usize| (column.saturating_sub(start) + 1 - parity) / 2;
     let (begin, end) = (index(span.begin), index(span.end));
     debug_assert!(span.end <= start + 2 * MAX_LANES);

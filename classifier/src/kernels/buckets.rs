@@ -54,6 +54,12 @@ impl Buckets {
         Self(bits)
     }
 
+    /// The bit of the bucket that a colour is in.
+    #[inline(always)]
+    pub fn bit(&self, class: usize) -> u8 {
+        self.0[class]
+    }
+
     /// The bits of the buckets that a set of colours is in.
     pub fn of(&self, mut classes: u32) -> u8 {
         let mut bits = 0;

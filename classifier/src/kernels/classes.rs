@@ -28,6 +28,27 @@ impl Classes {
         self.bytes[index + 1] = class;
     }
 
+    /// Sets the classes of the pixels in even and in odd columns where they are not background, if there are any.
+    #[inline(always)]
+    pub fn set_columns<S: Lanes>(&mut self, simd: S, [even, odd]: [Option<S::u8s>; 2]) {
+        if even.is_none() && odd.is_none() {
+            return;
+        }
+        let background = S::u8s::splat(simd, BACKGROUND);
+        let (even, odd) = (even.unwrap_or(background), odd.unwrap_or(background));
+        let (low, high) = even.interleave(odd);
+        self.set_all(simd, 0, low);
+        self.set_all(simd, S::u8s::LEN, high);
+    }
+
+    /// Sets the classes of a register full of pixels where they are not background.
+    #[inline(always)]
+    pub fn set_all<S: Lanes>(&mut self, simd: S, first: usize, classes: S::u8s) {
+        let bytes = &mut self.bytes[first + 1..first + 1 + S::u8s::LEN];
+        // Background is above all others.
+        classes.min(S::u8s::from_slice(simd, bytes)).store_slice(bytes);
+    }
+
     /// Hands the first `count` pixels in, which begin in column `start`. Where the class changes is
     /// found by comparing all with themselves, shifted by one. All that begins among a register full of
     /// pixels is written before all that ends there: in noise that saves a sixth, since nobody has to

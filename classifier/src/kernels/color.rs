@@ -3,7 +3,7 @@
 use super::classes::Classes;
 use super::filters::BlockFilters;
 use super::lanes::{Lanes, MAX_LANES};
-use super::looks;
+use super::looks::{self, ZoneLooks};
 use super::prefilter::Prefilter;
 use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
 use crate::ClassTables;
@@ -84,11 +84,16 @@ pub fn classify<S: Lanes>(
                     let tables = &zoned.tables[zone];
                     let mut pixels = pixels & span.bits(start, lanes);
                     if pixels != 0 && tables.has_second_looks() {
-                        let (own, rgb) = ([&*a, &*b, &*c], [&*red, &*green, &*blue]);
-                        pixels &= match is_yuv {
-                            true => passing_looks_yuv(simd, [own, rgb], start, zone, setup),
-                            false => passing_looks(simd, own, start, zone, setup),
-                        };
+                        let looks = ZoneLooks::new(setup, zone);
+                        if !is_yuv {
+                            let rgb = load(simd, [a, b, c], start);
+                            if let Some(found) = looks.classify(simd, rgb, pixels) {
+                                classes.set_all(simd, 0, found);
+                            }
+                            continue;
+                        }
+                        let own_and_rgb = [[&*a, &*b, &*c], [&*red, &*green, &*blue]];
+                        pixels &= passing_looks_yuv(simd, own_and_rgb, start, zone, setup);
                     }
                     while pixels != 0 {
                         let lane = pixels.trailing_zeros() as usize % MAX_LANES;
@@ -124,22 +129,8 @@ fn passing_at<S: Lanes>(
     simd.any_bucket(buckets(simd, load(simd, channels, start), prefilter))
 }
 
-/// The same of pixels that the zone's second looks may admit, too.
-#[inline(always)]
-fn passing_looks<S: Lanes>(
-    simd: S,
-    channels: [&Vec<u8>; 3],
-    start: usize,
-    zone: usize,
-    setup: Setup,
-) -> u64 {
-    let rgb = load(simd, channels, start);
-    let keys = looks::keys(simd, rgb, setup.zoned.tables[zone].corrections());
-    let boxes = buckets(simd, rgb, &setup.prefilters[zone].rgb);
-    simd.any_bucket(boxes & setup.look_filters[zone].rgb.admitting(simd, keys))
-}
-
-/// The same of a YUV picture, from the channels as they are and those in RGB.
+/// The same of pixels of a YUV picture that the zone's second looks may admit, too: from the channels as they are
+/// and those in RGB.
 #[inline(always)]
 fn passing_looks_yuv<S: Lanes>(
     simd: S,
@@ -149,7 +140,8 @@ fn passing_looks_yuv<S: Lanes>(
     setup: Setup,
 ) -> u64 {
     let (yuv, rgb) = (load(simd, yuv, start), load(simd, rgb, start));
-    let keys = looks::keys(simd, rgb, setup.zoned.tables[zone].corrections());
+    let corrected = looks::corrected(simd, rgb, &setup.zoned.tables[zone]);
+    let keys = looks::keys(simd, corrected);
     let (prefilters, looks) = (&setup.prefilters[zone], &setup.look_filters[zone]);
     let in_yuv = buckets(simd, yuv, &prefilters.yuv) & looks.yuv.admitting(simd, keys);
     let in_rgb = buckets(simd, rgb, &prefilters.rgb) & looks.rgb.admitting(simd, keys);

@@ -58,60 +58,38 @@ pub fn at_green_sites<S: Lanes>(
 #[inline(always)]
 fn exact_mean4<S: Lanes>(simd: S, a: S::u8s, b: S::u8s, c: S::u8s, d: S::u8s) -> S::u8s {
     let (ab, cd) = (simd.mean(a, b), simd.mean(c, d));
-    mean_of_means::<S, true>(simd, [ab, cd], [a ^ b, c ^ d])
+    simd.mean(ab, cd) - (((a ^ b) | (c ^ d)) & (ab ^ cd) & 1)
 }
 
-/// The mean of two means, and where it is to be exact, without what it is too high. Odd differences of the
-/// two values that each is the mean of say which was rounded up.
-#[inline(always)]
-fn mean_of_means<S: Lanes, const EXACT: bool>(
-    simd: S,
-    [ab, cd]: [S::u8s; 2],
-    [in_ab, in_cd]: [S::u8s; 2],
-) -> S::u8s {
-    let mean = simd.mean(ab, cd);
-    if EXACT { mean - ((in_ab | in_cd) & (ab ^ cd) & 1) } else { mean }
-}
-
-/// By how much [`colors_of_rows`] may be too high where they are not exact.
+/// By how much [`rough_colors`] may be too high.
 pub const EXCESS: u8 = 1;
 
-/// The same of all sites of two rows, exactly, or but for means of four that may be 1 too high. The rows are the one above the
+/// The same of all sites of two rows, but means of four may be 1 too high. The rows are the one above the
 /// two, the two, and the one below, each from one pixel before the register; `P` is the column parity
 /// of the upper row's coloured sites.
 ///
 /// Two rows share what is loaded and what is the mean of left and right: 14 loads and 14 means for
 /// four registers full of pixels.
 #[inline(always)]
-pub fn colors_of_rows<S: Lanes, const P: usize, const EXACT: bool>(
-    simd: S,
-    rows: [Planes; 4],
-) -> [[[S::u8s; 3]; 2]; 2] {
+pub fn rough_colors<S: Lanes, const P: usize>(simd: S, rows: [Planes; 4]) -> [[[S::u8s; 3]; 2]; 2] {
     // Sites of the upper row's colour and below them, and those between.
     let (on0, on1) = (here(simd, rows[0], P, 1), here(simd, rows[1], P, 1));
     let (on2, on3) = (here(simd, rows[2], P, 1), here(simd, rows[3], P, 1));
     let (off0, off1) = (here(simd, rows[0], 1 - P, 1), here(simd, rows[1], 1 - P, 1));
     let (off2, off3) = (here(simd, rows[2], 1 - P, 1), here(simd, rows[3], 1 - P, 1));
-    // The other neighbours of both, and means of left and right.
-    let (next0, next1) = (here(simd, rows[0], 1 - P, 2 * P), here(simd, rows[1], 1 - P, 2 * P));
-    let next2 = here(simd, rows[2], 1 - P, 2 * P);
-    let (last1, last2) = (here(simd, rows[1], P, 2 - 2 * P), here(simd, rows[2], P, 2 - 2 * P));
-    let last3 = here(simd, rows[3], P, 2 - 2 * P);
-    let around_on0 = simd.mean(off0, next0);
-    let around_on1 = simd.mean(off1, next1);
-    let around_on2 = simd.mean(off2, next2);
-    let around_off1 = simd.mean(on1, last1);
-    let around_off2 = simd.mean(on2, last2);
-    let around_off3 = simd.mean(on3, last3);
-    let mean4 = mean_of_means::<S, EXACT>;
-    let upper_green = mean4(simd, [simd.mean(on0, on2), around_on1], [on0 ^ on2, off1 ^ next1]);
-    let upper_other = mean4(simd, [around_on0, around_on2], [off0 ^ next0, off2 ^ next2]);
-    let lower_green = mean4(simd, [simd.mean(off1, off3), around_off2], [off1 ^ off3, on2 ^ last2]);
-    let lower_other = mean4(simd, [around_off1, around_off3], [on1 ^ last1, on3 ^ last3]);
-    let upper_on = [on1, upper_green, upper_other];
+    // Means of left and right.
+    let around_on0 = simd.mean(off0, here(simd, rows[0], 1 - P, 2 * P));
+    let around_on1 = simd.mean(off1, here(simd, rows[1], 1 - P, 2 * P));
+    let around_on2 = simd.mean(off2, here(simd, rows[2], 1 - P, 2 * P));
+    let around_off1 = simd.mean(on1, here(simd, rows[1], P, 2 - 2 * P));
+    let around_off2 = simd.mean(on2, here(simd, rows[2], P, 2 - 2 * P));
+    let around_off3 = simd.mean(on3, here(simd, rows[3], P, 2 - 2 * P));
+    let upper_on =
+        [on1, simd.mean(simd.mean(on0, on2), around_on1), simd.mean(around_on0, around_on2)];
     let upper_off = [around_off1, off1, simd.mean(off0, off2)];
     let lower_on = [around_on2, on2, simd.mean(on1, on3)];
-    let lower_off = [off2, lower_green, lower_other];
+    let lower_off =
+        [off2, simd.mean(simd.mean(off1, off3), around_off2), simd.mean(around_off1, around_off3)];
     if P == 0 {
         [[upper_on, upper_off], [lower_on, lower_off]]
     } else {

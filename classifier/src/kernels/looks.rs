@@ -1,13 +1,18 @@
-//! The tables of [second looks](crate::look_tables), for registers full of pixels.
+//! Second looks at registers full of pixels.
 //!
-//! What the [prefilter](super::prefilter) lets pass is looked at with these before any pixel is looked at by
-//! itself: without bounds on red, green and blue worth the name that is nearly all of a picture, and
-//! what of it has the hue and saturation of a colour is little.
+//! What the [prefilter](super::prefilter) lets pass is first looked up in the tables of
+//! [`crate::look_tables`]: without bounds on red, green and blue worth the name that is nearly all of a
+//! picture, and what of it has the hue and saturation of a colour is little. Where there is some, the
+//! bounds of those colours decide, of all pixels of the register at once: they are sums of two products of
+//! 16 bits, for which there is an instruction.
 
+use super::Setup;
 use super::buckets::Buckets;
 use super::lanes::Lanes;
-use super::prefilter::ChannelFilter;
-use crate::look_tables::{Bytes, KEYS, LookTables};
+use super::prefilter::{ChannelFilter, Prefilter};
+use crate::look_tables::{KEYS, LookTables};
+use crate::second_look::{Bound, SecondLook};
+use crate::{BACKGROUND, ClassTables};
 use fearless_simd::prelude::*;
 
 /// The buckets, a bit each, whose colours may admit a pixel with each of the four keys.
@@ -29,15 +34,20 @@ impl LookFilter {
     }
 }
 
-/// The [keys](crate::look_tables) of pixels whose values are taken for others, if there are corrections.
+/// What pixels are taken for.
 #[inline(always)]
-pub fn keys<S: Lanes>(simd: S, rgb: [S::u8s; 3], corrections: Option<&[Bytes; 3]>) -> [S::u8s; 4] {
-    let [red, green, blue] = match corrections {
+pub fn corrected<S: Lanes>(simd: S, rgb: [S::u8s; 3], tables: &ClassTables) -> [S::u8s; 3] {
+    match tables.corrections() {
         None => rgb,
         Some([red, green, blue]) => {
             [simd.map(red, rgb[0]), simd.map(green, rgb[1]), simd.map(blue, rgb[2])]
         }
-    };
+    }
+}
+
+/// The [keys](crate::look_tables) of pixels.
+#[inline(always)]
+pub fn keys<S: Lanes>(simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 4] {
     let least = red.min(green).min(blue);
     let [r, g, b] = [red - least, green - least, blue - least];
     let greatest = r.max(g).max(b);
@@ -56,12 +66,157 @@ fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
     of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
 }
 
+/// What a zone's pixels are classified with where colours have second looks.
+#[derive(Clone, Copy)]
+pub struct ZoneLooks<'a> {
+    tables: &'a ClassTables,
+    boxes: &'a Prefilter,
+    looks: &'a LookFilter,
+    buckets: &'a Buckets,
+}
+
+impl<'a> ZoneLooks<'a> {
+    #[inline(always)]
+    pub fn new(setup: Setup<'a>, zone: usize) -> Self {
+        Self {
+            tables: &setup.zoned.tables[zone],
+            boxes: &setup.prefilters[zone].rgb,
+            looks: &setup.look_filters[zone].rgb,
+            buckets: setup.buckets,
+        }
+    }
+
+    /// The classes of those pixels of a register whose bits are set; [`BACKGROUND`] for the others. `None`
+    /// if there are none.
+    #[inline(always)]
+    pub fn classify<S: Lanes>(self, simd: S, rgb: [S::u8s; 3], pixels: u64) -> Option<S::u8s> {
+        let Prefilter([red, green, blue]) = self.boxes;
+        let boxes = simd.buckets(rgb, [simd.table(red), simd.table(green), simd.table(blue)]);
+        let rgb = corrected(simd, rgb, self.tables);
+        let buckets = boxes & self.looks.admitting(simd, keys(simd, rgb));
+        let pixels = pixels & simd.any_bucket(buckets);
+        if pixels == 0 {
+            return None;
+        }
+        Some(classify_apart(simd, self, &rgb, &buckets, pixels))
+    }
+}
+
+/// [`classify_exactly`] as a function of its own, which has all registers for itself.
+#[inline(never)]
+fn classify_apart<S: Lanes>(
+    simd: S,
+    zone: ZoneLooks,
+    rgb: &[S::u8s; 3],
+    buckets: &S::u8s,
+    pixels: u64,
+) -> S::u8s {
+    simd.vectorize(
+        #[inline(always)]
+        || classify_exactly(simd, zone, *rgb, *buckets, pixels),
+    )
+}
+
+/// The first of the colours in each pixel's buckets whose box holds it and whose second look admits it.
+#[inline(always)]
+fn classify_exactly<S: Lanes>(
+    simd: S,
+    zone: ZoneLooks,
+    rgb: [S::u8s; 3],
+    buckets: S::u8s,
+    pixels: u64,
+) -> S::u8s {
+    let seen = Seen::new(simd, rgb);
+    let mut classes = S::u8s::splat(simd, BACKGROUND);
+    // Those before them replace them.
+    let colors = &zone.tables.second_looks().classes;
+    for class in (0..colors.len()).rev() {
+        let (ranges, look) = &colors[class];
+        let mut found = !(buckets & zone.buckets.bit(class)).simd_eq(0).to_bitmask() & pixels;
+        if found == 0 {
+            continue;
+        }
+        for channel in 0..3 {
+            let [low, high] = ranges[channel];
+            found &= (rgb[channel] - low).simd_le(high - low).to_bitmask();
+        }
+        found &= seen.admitted(simd, look);
+        classes =
+            S::mask8s::from_bitmask(simd, found).select(S::u8s::splat(simd, class as u8), classes);
+    }
+    classes
+}
+
+/// What [bounds](Bound) look at, of a quarter of the pixels each: pairs of two values.
+struct Seen<S: Lanes> {
+    hue: [S::i16s; 4],
+    saturation: [S::i16s; 4],
+}
+
+impl<S: Lanes> Seen<S> {
+    #[inline(always)]
+    fn new(simd: S, [red, green, blue]: [S::u8s; 3]) -> Self {
+        let least = red.min(green).min(blue);
+        let (red, green, blue, least) = (red.widen(), green.widen(), blue.widen(), least.widen());
+        let (first_hue, first_saturation) = Self::of_half(simd, red.0, green.0, blue.0, least.0);
+        let (second_hue, second_saturation) = Self::of_half(simd, red.1, green.1, blue.1, least.1);
+        Self {
+            hue: [first_hue.0, first_hue.1, second_hue.0, second_hue.1],
+            saturation: [
+                first_saturation.0,
+                first_saturation.1,
+                second_saturation.0,
+                second_saturation.1,
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn of_half(
+        _: S,
+        red: S::u16s,
+        green: S::u16s,
+        blue: S::u16s,
+        least: S::u16s,
+    ) -> ((S::i16s, S::i16s), (S::i16s, S::i16s)) {
+        let (low, high) = (red - blue).interleave(green - blue);
+        let sum = red + green + blue;
+        let (low_saturation, high_saturation) = (sum - least - least - least).interleave(sum);
+        ((low.bitcast(), high.bitcast()), (low_saturation.bitcast(), high_saturation.bitcast()))
+    }
+
+    /// A bit for each pixel that meets the bounds.
+    #[inline(always)]
+    fn admitted(&self, simd: S, look: &SecondLook) -> u64 {
+        let [lowest, highest] = look.saturation;
+        let [from, to] = look.hue;
+        let saturation = met(simd, self.saturation, lowest) & met(simd, self.saturation, highest);
+        let (from, to) = (met(simd, self.hue, from), met(simd, self.hue, to));
+        saturation & if look.is_reflex { from | to } else { from & to }
+    }
+}
+
+/// A bit for each pair that meets a bound.
+#[inline(always)]
+fn met<S: Lanes>(simd: S, [first, second, third, fourth]: [S::i16s; 4], bound: Bound) -> u64 {
+    if bound == Bound::NONE {
+        return !0;
+    }
+    let factors = i32::from(bound.b) << 16 | i32::from(bound.a as u16);
+    let factors: S::i16s = S::i32s::splat(simd, factors).bitcast();
+    let lanes = S::i32s::LEN;
+    let first = first.pairwise_dot_product(factors).simd_ge(bound.least).to_bitmask();
+    let second = second.pairwise_dot_product(factors).simd_ge(bound.least).to_bitmask();
+    let third = third.pairwise_dot_product(factors).simd_ge(bound.least).to_bitmask();
+    let fourth = fourth.pairwise_dot_product(factors).simd_ge(bound.least).to_bitmask();
+    first | second << lanes | third << (2 * lanes) | fourth << (3 * lanes)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ClassTables;
     use crate::kernels::lanes::MAX_LANES;
-    use crate::look_tables::{self, COLOR_LOG, GREY_LOG, LOG};
+    use crate::look_tables::{self, Bytes, COLOR_LOG, GREY_LOG, LOG};
     use fearless_simd::Level;
 
     /// Calls a function with each instruction set that this machine has.
@@ -118,7 +273,7 @@ mod tests {
                     }
                     let rgb =
                         channels.each_ref().map(|c| S::u8s::from_slice(simd, &c[..S::u8s::LEN]));
-                    let found = keys(simd, rgb, tables.corrections()).map(store::<S>);
+                    let found = keys(simd, corrected(simd, rgb, &tables)).map(store::<S>);
                     for lane in 0..S::u8s::LEN {
                         let rgb = [0, 1, 2].map(|channel: usize| {
                             let value = channels[channel][lane];

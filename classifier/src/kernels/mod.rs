@@ -11,6 +11,7 @@ mod demosaic;
 mod filters;
 mod lanes;
 mod level;
+mod look_rows;
 mod looks;
 mod planes;
 mod prefilter;
@@ -88,7 +89,8 @@ impl Kernel {
             }
         }
         let (prefilters, look_filters) = (&self.prefilters, &self.look_filters);
-        let setup = Setup { zoned, prefilters, look_filters, mask };
+        let buckets = &self.buckets[0];
+        let setup = Setup { zoned, prefilters, look_filters, buckets, mask };
         self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
@@ -108,6 +110,8 @@ struct Setup<'a> {
     /// By zone.
     prefilters: &'a [Prefilters],
     look_filters: &'a [LookFilters],
+    /// Of colours in RGB.
+    buckets: &'a Buckets,
     /// The pixels to look at.
     mask: &'a FieldMask,
 }

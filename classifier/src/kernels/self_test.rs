@@ -62,16 +62,20 @@ impl Random {
         [a.min(b), a.max(b)]
     }
 
-    /// Half of the colours have a box in YUV, and every fourth a second look.
+    /// Half of the colours have a box in YUV, every fourth a second look, and every eighth nothing else.
     fn color(&mut self, count: usize) -> ColorConfig {
         let has_yuv = count > 5 || self.byte() < 128;
+        let has_look = self.byte() < 64;
+        let is_open = has_look && self.byte() < 128;
+        let mut range = || if is_open { [0, 255] } else { self.range() };
+        let [red, green, blue] = [range(), range(), range()];
         ColorConfig {
             name: String::new(),
-            red: self.range(),
-            green: self.range(),
-            blue: self.range(),
-            hue_deg: (self.byte() < 64).then_some([20.5, 200.5]),
-            saturation: None,
+            red,
+            green,
+            blue,
+            hue_deg: has_look.then_some([20.5, 200.5]),
+            saturation: is_open.then_some([0.3, 0.805]),
             y: has_yuv.then(|| self.range()),
             u: None,
             v: None,
