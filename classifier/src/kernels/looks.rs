@@ -158,16 +158,13 @@ impl<S: Lanes> Seen<S> {
     fn new(simd: S, [red, green, blue]: [S::u8s; 3]) -> Self {
         let least = red.min(green).min(blue);
         let (red, green, blue, least) = (red.widen(), green.widen(), blue.widen(), least.widen());
-        let (first_hue, first_saturation) = Self::of_half(simd, red.0, green.0, blue.0, least.0);
-        let (second_hue, second_saturation) = Self::of_half(simd, red.1, green.1, blue.1, least.1);
+        let [[hue0, hue1], [saturation0, saturation1]] =
+            Self::of_half(simd, red.0, green.0, blue.0, least.0);
+        let [[hue2, hue3], [saturation2, saturation3]] =
+            Self::of_half(simd, red.1, green.1, blue.1, least.1);
         Self {
-            hue: [first_hue.0, first_hue.1, second_hue.0, second_hue.1],
-            saturation: [
-                first_saturation.0,
-                first_saturation.1,
-                second_saturation.0,
-                second_saturation.1,
-            ],
+            hue: [hue0, hue1, hue2, hue3],
+            saturation: [saturation0, saturation1, saturation2, saturation3],
         }
     }
 
@@ -178,11 +175,11 @@ impl<S: Lanes> Seen<S> {
         green: S::u16s,
         blue: S::u16s,
         least: S::u16s,
-    ) -> ((S::i16s, S::i16s), (S::i16s, S::i16s)) {
+    ) -> [[S::i16s; 2]; 2] {
         let (low, high) = (red - blue).interleave(green - blue);
         let sum = red + green + blue;
         let (low_saturation, high_saturation) = (sum - least - least - least).interleave(sum);
-        ((low.bitcast(), high.bitcast()), (low_saturation.bitcast(), high_saturation.bitcast()))
+        [[low.bitcast(), high.bitcast()], [low_saturation.bitcast(), high_saturation.bitcast()]]
     }
 
     /// A bit for each pixel that meets the bounds.
