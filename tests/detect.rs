@@ -75,7 +75,7 @@ fn paint(config: &Config) -> RgbImage {
             };
         }
         if (top.x_mm - LONE_PATCH[0]).abs().max((top.y_mm - LONE_PATCH[1]).abs()) < 17.0 {
-            return color(&config.teams.yellow);
+            return color(&config.teams.yellow.color);
         }
         let middle = camera.field_from_image(point, config.ball.diameter_mm / 2.0);
         if middle.distance(FieldPoint::new(BALL[0], BALL[1])) < config.ball.diameter_mm / 2.0 {

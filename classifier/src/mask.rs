@@ -5,6 +5,7 @@
 //! asked what it would show if that were on the floor, as high as a robot's top, or between: if all
 //! of that is outside, nothing that counts can appear there.
 
+use common::body::Body;
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, ImagePoint};
 use common::layout::contains;
@@ -176,8 +177,9 @@ const HEIGHTS: u32 = 4;
 impl<'a> Area<'a> {
     fn new(config: &'a Config, model: CameraModel) -> Self {
         let (field, robots) = (&config.field, &config.robots);
-        // Half a robot's diagonal, or a ball if that is larger.
-        let reach_mm = field.margin_mm + (0.71 * robots.size_mm).max(config.ball.diameter_mm);
+        // As far as a robot's body reaches, or a ball if that is larger.
+        let body_mm = Body::new(robots, &robots.patches).reach_mm();
+        let reach_mm = field.margin_mm + (1.01 * body_mm).max(config.ball.diameter_mm);
         let (half_length, half_width) = (field.length_mm / 2.0, field.width_mm / 2.0);
         Self {
             model,
@@ -187,7 +189,7 @@ impl<'a> Area<'a> {
             ]
             .map(|half| half.map(|half| half + reach_mm)),
             further: &field.also_look_at_mm,
-            height_mm: robots.height_mm.max(config.ball.diameter_mm),
+            height_mm: config.tallest_robot_mm().max(config.ball.diameter_mm),
         }
     }
 
@@ -238,7 +240,9 @@ mod tests {
             let mask = FieldMask::new(&config);
             let (width, height) = (config.camera.width, config.camera.height);
             let model = CameraModel::new(&config.geometry, width, height).unwrap();
-            let reach = config.field.margin_mm + 0.7 * config.robots.size_mm;
+            let robots = &config.robots;
+            let body_mm = Body::new(robots, &robots.patches).reach_mm();
+            let reach = config.field.margin_mm + 0.99 * body_mm;
             let [x, y] = [config.field.length_mm, config.field.width_mm].map(|v| v / 2.0 + reach);
             let goal_x = x + config.field.goal_depth_mm;
             let goal_y = config.field.goal_width_mm / 2.0 + reach;
@@ -255,7 +259,7 @@ mod tests {
                     (t * x, t * y),
                 ] {
                     for share in [0.0, 0.3, 0.6, 1.0] {
-                        let height_mm = share * config.robots.height_mm;
+                        let height_mm = share * config.tallest_robot_mm();
                         let pixel = model.image_from_field(FieldPoint::new(x, y), height_mm);
                         let in_picture = pixel.x_px >= 0.0
                             && pixel.y_px >= 0.0

@@ -5,7 +5,7 @@
 //! centroid of each patch are measured on a fine grid once, and the rest of the program never needs
 //! to know which shapes the patches have.
 
-use crate::config::{Pair, PatchRole, RobotsConfig};
+use crate::config::{Pair, PatchConfig, PatchRole};
 use std::f64::consts::FRAC_PI_2;
 
 /// A patch as it shows.
@@ -30,34 +30,30 @@ pub struct Layout {
 const STEP_MM: f64 = 0.25;
 
 impl Layout {
-    /// Measures the configured patches.
-    pub fn new(robots: &RobotsConfig) -> Self {
+    /// Measures the configured patches; those of most robots are a [`RobotsConfig`](crate::config::RobotsConfig)'s.
+    pub fn new(patches: &(impl AsRef<[PatchConfig]> + ?Sized)) -> Self {
+        let configured = patches.as_ref();
         struct Sum {
             samples: u64,
             x: f64,
             y: f64,
         }
         let mut sums: Vec<Sum> =
-            robots.patches.iter().map(|_| Sum { samples: 0, x: 0.0, y: 0.0 }).collect();
-        let reach = robots
-            .patches
-            .iter()
-            .flat_map(|patch| patch.outline_mm.iter().flatten())
-            .fold(0.0f64, |reach, &value| reach.max(value.abs()));
+            configured.iter().map(|_| Sum { samples: 0, x: 0.0, y: 0.0 }).collect();
+        let reach = reach_mm(configured);
         let steps = (2.0 * reach / STEP_MM).ceil() as i64;
         for row in 0..steps {
             for column in 0..steps {
                 let x = -reach + (column as f64 + 0.5) * STEP_MM;
                 let y = -reach + (row as f64 + 0.5) * STEP_MM;
-                if let Some(top) = topmost_patch(robots, [x, y]) {
+                if let Some(top) = topmost_patch(configured, [x, y]) {
                     sums[top].samples += 1;
                     sums[top].x += x;
                     sums[top].y += y;
                 }
             }
         }
-        let patches = robots
-            .patches
+        let patches = configured
             .iter()
             .zip(&sums)
             .map(|(patch, sum)| {
@@ -74,28 +70,34 @@ impl Layout {
 }
 
 /// Index of the patch that shows at a point of the robot's top, if any.
-pub fn topmost_patch(robots: &RobotsConfig, point: Pair) -> Option<usize> {
-    robots.patches.iter().rposition(|patch| contains(&patch.outline_mm, point))
+pub fn topmost_patch(patches: &(impl AsRef<[PatchConfig]> + ?Sized), point: Pair) -> Option<usize> {
+    patches.as_ref().iter().rposition(|patch| contains(&patch.outline_mm, point))
 }
 
-/// By how much the robot's body, a square, is turned against the frame of its layout, in radians
+/// How far from the centre, along x or y, patches reach.
+pub fn reach_mm(patches: &[PatchConfig]) -> f64 {
+    let values = patches.iter().flat_map(|patch| patch.outline_mm.iter().flatten());
+    values.fold(0.0f64, |reach, &value| reach.max(value.abs()))
+}
+
+/// By how much the robot's body, a square of side `size_mm`, is turned against the frame of its layout, in radians
 /// from 0 to π/2.
 ///
 /// Heading is where the layout has its x axis, and a layout may well say that a corner goes ahead.
 /// That shows when its patches do not fit on a body that looks straight ahead; then the body is
 /// turned so that they fit best.
-pub fn body_turn(robots: &RobotsConfig) -> f64 {
+pub(crate) fn body_turn(size_mm: f64, patches: &[PatchConfig]) -> f64 {
     /// Patches may be drawn a little large.
     const SLACK_MM: f64 = 1.0;
     const STEPS: u32 = 180;
     let reach = |angle: f64| {
         let (sin, cos) = angle.sin_cos();
-        let points = robots.patches.iter().flat_map(|patch| &patch.outline_mm);
+        let points = patches.iter().flat_map(|patch| &patch.outline_mm);
         points.fold(0.0f64, |reach, &[x, y]| {
             reach.max((cos * x + sin * y).abs()).max((cos * y - sin * x).abs())
         })
     };
-    if reach(0.0) <= robots.size_mm / 2.0 + SLACK_MM {
+    if reach(0.0) <= size_mm / 2.0 + SLACK_MM {
         return 0.0;
     }
     let angle = |step: u32| f64::from(step) / f64::from(STEPS) * FRAC_PI_2;
@@ -135,19 +137,20 @@ mod tests {
     #[test]
     fn a_body_is_turned_as_its_patches_need() {
         for preset in Preset::ALL {
-            assert_eq!(body_turn(&preset.config().robots), 0.0, "{}", preset.name());
+            let robots = preset.config().robots;
+            assert_eq!(body_turn(robots.size_mm, &robots.patches), 0.0, "{}", preset.name());
         }
         let mut robots = Config::default().robots;
         let corner_ahead = vec![[46.0, 0.0], [0.0, 46.0], [-46.0, 0.0], [0.0, -46.0]];
         robots.patches =
             vec![PatchConfig { role: PatchRole::Team, outline_mm: corner_ahead.clone() }];
-        assert!((body_turn(&robots) - FRAC_PI_4).abs() < 1e-9);
+        assert!((body_turn(robots.size_mm, &robots.patches) - FRAC_PI_4).abs() < 1e-9);
         let turned = Pose { position: FieldPoint::default(), orientation: 0.2 };
         for point in &mut robots.patches[0].outline_mm {
             let point_turned = turned.field_from_robot(*point);
             *point = [point_turned.x_mm, point_turned.y_mm];
         }
-        assert!((body_turn(&robots) - FRAC_PI_4 - 0.2).abs() < 0.01);
+        assert!((body_turn(robots.size_mm, &robots.patches) - FRAC_PI_4 - 0.2).abs() < 0.01);
     }
 
     #[test]

@@ -15,6 +15,7 @@
 // A process outlives whoever reads what it says: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod body;
 pub mod bus;
 pub mod calibration;
 pub mod clock;
@@ -39,5 +40,6 @@ pub mod scheduling;
 mod shared_page;
 pub mod stage_page;
 pub mod tell;
+pub mod top_scale;
 pub mod topics;
 pub mod wake_up;

@@ -3,7 +3,9 @@
 use super::CommandError;
 use super::output::{self, OutputError};
 use crate::cli::ConfigCommand;
-use common::config::{self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset};
+use common::config::{
+    self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset, RobotShape,
+};
 use common::geometry::{CameraModel, FieldPoint};
 use common::messages::Team;
 use std::fmt::Write as _;
@@ -91,9 +93,14 @@ fn summary(config: &Config) -> String {
         (
             "robots",
             format!(
-                "{}; {} mm, {} identification {}",
+                "{}; {} mm {}, {} high, {} identification {}",
                 roster(config),
                 robots.size_mm,
+                match robots.shape {
+                    RobotShape::Square => "square",
+                    RobotShape::Round => "round",
+                },
+                heights(config),
                 identification_patches(config),
                 if identification_patches(config) == 1 { "patch" } else { "patches" }
             ),
@@ -128,6 +135,19 @@ fn colors(config: &Config) -> String {
     let names: Vec<String> =
         config.colors.iter().map(|color| format!("{}{}", color.name, role(&color.name))).collect();
     names.join(", ")
+}
+
+/// "75 mm", or "50–150 mm" where robots differ.
+fn heights(config: &Config) -> String {
+    let heights: Vec<f64> =
+        config.robots.identities.iter().map(|robot| config.top_of(robot).height_mm).collect();
+    let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    match heights[..] {
+        [] => format!("{} mm", config.robots.height_mm),
+        _ if lowest == highest => format!("{lowest} mm"),
+        _ => format!("{lowest}–{highest} mm"),
+    }
 }
 
 /// "yellow 0–4, blue 0–2 and 7".

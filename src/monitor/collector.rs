@@ -6,7 +6,7 @@ use super::camera::CameraWatch;
 use super::flow::{Flow, Sight};
 use super::latency::LatencyMeter;
 use super::report::{
-    Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage,
+    Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage, Tops,
 };
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
@@ -16,6 +16,7 @@ use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::*;
+use common::top_scale::TopScale;
 use common::topics;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
@@ -60,6 +61,7 @@ pub struct Collector {
     world_scorer: Scorer,
     unknown_scorer: UnknownScorer,
     latency: LatencyMeter,
+    tops: Option<TopScale>,
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
     gateway: Option<Heartbeat>,
@@ -145,6 +147,8 @@ impl Collector {
             world_scorer: Scorer::new(),
             unknown_scorer: UnknownScorer::new(config),
             latency: LatencyMeter::default(),
+            // A geometry that is none is complained of where it is used.
+            tops: TopScale::new(config).ok(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
             gateway: None,
@@ -284,6 +288,9 @@ impl Collector {
             regions: detection.region_count,
             ..self.base.found
         };
+        if let Some(tops) = &mut self.tops {
+            tops.add(detection);
+        }
         for rejected in detection.rejected() {
             if let Some(reason) = RejectReason::from_number(rejected.reason) {
                 *self.rejected.entry(reason.text().into()).or_default() += 1;
@@ -458,6 +465,7 @@ impl Collector {
             resources,
             stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
             rejected: self.rejected.clone(),
+            tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
             gateway: self.gateway(),
             events: self.view.events(),

@@ -3,6 +3,7 @@
 
 use super::view::Event;
 use common::messages::LightCorrection;
+use common::top_scale::Measured;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,6 +45,9 @@ pub struct Report {
     /// How the classifier corrects the light; absent before its first word.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<Light>,
+    /// How large robots' tops are against the configured layout; absent until some have been measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tops: Option<Tops>,
     /// How often candidates were rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
     /// Errors against the truth; absent where nobody knows it.
@@ -273,6 +277,26 @@ pub struct Found {
     pub ball: bool,
     /// Regions.
     pub regions: u32,
+}
+
+/// How large robots' tops are.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Tops {
+    /// How many times as large as configured, in the median.
+    pub scale: f64,
+    /// Robots measured, each in every frame.
+    pub measurements: u64,
+    /// What is wrong and what to do; empty when the size is right.
+    pub problem: String,
+}
+
+impl From<Measured> for Tops {
+    fn from(measured: Measured) -> Self {
+        let problem = if measured.is_off() { measured.advice() } else { String::new() };
+        let scale = (measured.scale * 1000.0).round() / 1000.0;
+        Self { scale, measurements: measured.measurements, problem }
+    }
 }
 
 /// How the classifier corrects the light of the newest frame.

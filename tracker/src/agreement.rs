@@ -9,10 +9,11 @@
 //! it has another or none. Since a patch covers as many pixels wherever it lies, those against it are
 //! known from those for it, and only pixels of some colour need be looked at.
 
-use crate::pattern::Pattern;
-use common::config::RobotsConfig;
+use crate::pattern::Top;
+use crate::pose::robot_from_field;
+use common::config::PatchConfig;
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::topmost_patch;
+use common::layout::{reach_mm, topmost_patch};
 use common::messages::{DetectionFrame, MAX_PATCHES};
 
 /// A pixel of another colour than the patch's, or of none, counts so much against it.
@@ -21,6 +22,8 @@ const AGAINST: f32 = 0.5;
 /// sum that changes gradually shows the way to its greatest value.
 const FADE_MM: f64 = 6.0;
 const CELL_MM: f64 = 1.0;
+/// A cell with so much of a patch lies inside it, and not where a neighbour's colour begins.
+const INSIDE: f32 = 0.5;
 /// At most so many pixels are looked at for a robot; of larger pictures every second, third … one.
 const MAX_PIXELS: f64 = 1600.0;
 /// The robot may be so far from where it is looked for.
@@ -50,6 +53,8 @@ pub(crate) struct Shares {
     cells: Vec<[f32; MAX_PATCHES]>,
     /// For each patch, the sum of its shares in square millimetres.
     areas_mm2: [f32; MAX_PATCHES],
+    /// For each patch, the area of the cells well inside it, which have at least [`INSIDE`] of it.
+    insides_mm2: [f32; MAX_PATCHES],
 }
 
 /// The pixels around a robot that have a colour.
@@ -74,14 +79,14 @@ struct Pixel {
 pub(crate) type Accepted = [u32; MAX_PATCHES];
 
 impl Shares {
-    pub fn new(robots: &RobotsConfig) -> Self {
-        let reach_mm = robots.size_mm * 0.75 + 2.0 * FADE_MM;
+    pub fn new(patches: &[PatchConfig]) -> Self {
+        let reach_mm = reach_mm(patches) + 2.0 * FADE_MM;
         let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(1);
         let place = |index: usize| (index as f64 + 0.5) * CELL_MM - reach_mm;
         let mut cells = vec![[0.0; MAX_PATCHES]; columns * columns];
         for (cell, share) in cells.iter_mut().enumerate() {
             let point = [place(cell % columns), place(cell / columns)];
-            if let Some(patch) = topmost_patch(robots, point) {
+            if let Some(patch) = topmost_patch(patches, point) {
                 share[patch] = 1.0;
             }
         }
@@ -90,8 +95,12 @@ impl Shares {
         for share in &cells {
             areas_mm2.iter_mut().zip(share).for_each(|(area, share)| *area += share);
         }
+        let insides_mm2 = std::array::from_fn(|patch| {
+            let is_inside = |share: &&[f32; MAX_PATCHES]| share[patch] >= INSIDE;
+            cells.iter().filter(is_inside).count() as f32 * (CELL_MM * CELL_MM) as f32
+        });
         areas_mm2.iter_mut().for_each(|area| *area *= (CELL_MM * CELL_MM) as f32);
-        Self { reach_mm, columns, cells, areas_mm2 }
+        Self { reach_mm, columns, cells, areas_mm2, insides_mm2 }
     }
 }
 
@@ -100,16 +109,16 @@ impl Surroundings {
     /// be: what is not looked at would count against it.
     pub fn look_at(
         &mut self,
-        pattern: &Pattern,
+        top: &Top,
         camera: &CameraModel,
         frame: &DetectionFrame,
         place: FieldPoint,
     ) {
         self.pixels.clear();
-        let center = camera.image_from_field(place, pattern.height_mm);
-        let area_mm2 = camera.pixel_area_mm2(center, pattern.height_mm);
-        let robot_mm = pattern.size_mm * 0.75 + START_ERROR_MM;
-        let [x_mm, y_mm] = pattern.patches[pattern.team_patch].centroid_mm;
+        let center = camera.image_from_field(place, top.height_mm);
+        let area_mm2 = camera.pixel_area_mm2(center, top.height_mm);
+        let robot_mm = top.shares.reach_mm.max(top.body.reach_mm()) + START_ERROR_MM;
+        let [x_mm, y_mm] = top.patches[top.team_patch].centroid_mm;
         let reach_mm = robot_mm + x_mm.hypot(y_mm);
         let reach_px = reach_mm / area_mm2.sqrt();
         if !(center.x_px.is_finite() && center.y_px.is_finite() && reach_px < 1e4) {
@@ -125,7 +134,7 @@ impl Surroundings {
         // The map from pixels to millimetres is as good as linear over a robot.
         let at = |dx: f64, dy: f64| {
             let point = ImagePoint::new(column as f64 + dx, row as f64 + dy);
-            camera.field_from_image(point, pattern.height_mm)
+            camera.field_from_image(point, top.height_mm)
         };
         let (origin, right, down) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0));
         self.origin = origin;
@@ -135,20 +144,20 @@ impl Surroundings {
         );
         let off = [place.x_mm - origin.x_mm, place.y_mm - origin.y_mm];
         // What the regions show of it.
-        let (left, top) = (column - steps * step, row - steps * step);
+        let (left, first_row) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
         for region in frame.regions() {
             let apart = i64::from(region.left) > last
                 || i64::from(region.right) < left
                 || i64::from(region.top) > bottom
-                || i64::from(region.bottom) < top;
+                || i64::from(region.bottom) < first_row;
             let class_bit = 1u32.checked_shl(region.class).unwrap_or(0);
             if apart || class_bit == 0 {
                 continue;
             }
             for run in frame.runs_of(region) {
                 let y = i64::from(run.row);
-                if y < top || y > bottom || (y - top) % step != 0 {
+                if y < first_row || y > bottom || (y - first_row) % step != 0 {
                     continue;
                 }
                 let first = (i64::from(run.begin) - left).max(0);
@@ -193,6 +202,49 @@ impl Surroundings {
             *agree = (1.0 + AGAINST) * *agree - area_mm2 * per_mm2;
         }
         agree
+    }
+
+    /// For each patch, which part of its inside has a colour that agrees, and which part has the one other
+    /// colour that most of it has.
+    pub fn colors_inside(
+        &self,
+        shares: &Shares,
+        accepted: &Accepted,
+        pose: &Pose,
+    ) -> [[f32; 2]; MAX_PATCHES] {
+        let mut pixels = [[0u32; 32]; MAX_PATCHES];
+        for pixel in &self.pixels {
+            let place = FieldPoint::new(
+                self.origin.x_mm + f64::from(pixel.x_mm),
+                self.origin.y_mm + f64::from(pixel.y_mm),
+            );
+            let [x, y] = robot_from_field(pose, place).map(|v| (v + shares.reach_mm) / CELL_MM);
+            let columns = shares.columns as f64;
+            if !(x >= 0.0 && y >= 0.0 && x < columns && y < columns) {
+                continue;
+            }
+            let cell = &shares.cells[y as usize * shares.columns + x as usize];
+            for (share, pixels) in cell.iter().zip(&mut pixels) {
+                if *share >= INSIDE {
+                    pixels[pixel.class_bit.trailing_zeros() as usize % 32] += 1;
+                }
+            }
+        }
+        std::array::from_fn(|patch| {
+            let (mut own, mut other) = (0, 0);
+            for (class, &count) in pixels[patch].iter().enumerate() {
+                match accepted[patch] >> class & 1 {
+                    1 => own += count,
+                    _ => other = other.max(count),
+                }
+            }
+            let inside_mm2 = shares.insides_mm2[patch];
+            let part = |count: u32| match inside_mm2 > 0.0 {
+                true => count as f32 * self.pixel_mm2 / inside_mm2,
+                false => 0.0,
+            };
+            [part(own), part(other)]
+        })
     }
 
     fn total(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> f32 {
@@ -313,6 +365,7 @@ fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pattern::Pattern;
     use crate::regions::RegionFinder;
     use bytemuck::Zeroable;
     use common::config::{Config, Preset};
@@ -362,18 +415,19 @@ mod tests {
             // A checkerboard of holes, and one identification patch gone at all.
             let frame = painted(&config, &pose, |column, row| (column / 2 + row / 2) % 3 != 0);
             let mut surroundings = Surroundings::default();
-            let team_patch = pose.field_from_robot(pattern.patches[pattern.team_patch].centroid_mm);
-            surroundings.look_at(&pattern, &camera, &frame, team_patch);
+            let top = &pattern.tops[0];
+            let team_patch = pose.field_from_robot(top.patches[top.team_patch].centroid_mm);
+            surroundings.look_at(top, &camera, &frame, team_patch);
             let start = Pose {
                 position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
                 orientation: pose.orientation + 0.3,
             };
-            let fitted = surroundings.fit(&pattern.shares, &accepted, start);
+            let fitted = surroundings.fit(&top.shares, &accepted, start);
             let turned = wrap_angle(fitted.orientation - pose.orientation).to_degrees().abs();
             assert!(turned < 6.0, "{degrees}: {turned}°");
             assert!(fitted.position.distance(position) < 6.0, "{degrees}: {fitted:?}");
-            let right = surroundings.agreement(&pattern.shares, &accepted, &fitted);
-            let swapped = surroundings.agreement(&pattern.shares, &[1, 4, 2, 0, 0, 0], &fitted);
+            let right = surroundings.agreement(&top.shares, &accepted, &fitted);
+            let swapped = surroundings.agreement(&top.shares, &[1, 4, 2, 0, 0, 0], &fitted);
             assert!(right[1] > 0.2 && swapped[1] < 0.0, "{right:?} {swapped:?}");
         }
     }
@@ -381,7 +435,7 @@ mod tests {
     #[test]
     fn shares_add_up_to_the_patches() {
         let config = Config::default();
-        let shares = Shares::new(&config.robots);
+        let shares = Shares::new(&config.robots.patches);
         for (patch, expected) in [34.0 * 34.0, 34.0 * 34.0].iter().enumerate() {
             let area = f64::from(shares.areas_mm2[patch]);
             assert!((area / expected - 1.0).abs() < 0.01, "{area} mm²");
@@ -395,10 +449,11 @@ mod tests {
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let frame = Box::new(DetectionFrame::zeroed());
         let mut surroundings = Surroundings::default();
+        let top = &pattern.tops[0];
         for x_mm in [f64::NAN, 1e12, -5000.0] {
             let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
-            surroundings.look_at(&pattern, &camera, &frame, pose.position);
-            let fitted = surroundings.fit(&pattern.shares, &[1; MAX_PATCHES], pose);
+            surroundings.look_at(top, &camera, &frame, pose.position);
+            let fitted = surroundings.fit(&top.shares, &[1; MAX_PATCHES], pose);
             assert!(!fitted.orientation.is_nan());
         }
     }

@@ -7,13 +7,12 @@
 
 use crate::error::TrackerError;
 use crate::measure::{Measure, Moments};
-use crate::pattern::{Limits, class_of, positive};
+use crate::pattern::{Limits, Pattern, class_of, positive};
 use crate::pitch::Pitch;
 use crate::pose::robot_from_field;
 use crate::reasons::Rejections;
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, Pose};
-use common::layout::body_turn;
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
 use std::f64::consts::PI;
 
@@ -35,10 +34,6 @@ pub(crate) struct BallFinder {
     class: u32,
     radius_mm: f64,
     limits: Limits,
-    robot_size_mm: f64,
-    /// How a robot's body is turned against the frame of its layout.
-    body_turn: f64,
-    robot_height_mm: f64,
     /// Regions of the ball's colour, largest first, and whether they are part of a candidate.
     spots: Vec<(u32, Measure, bool)>,
     found: Vec<DetectedBall>,
@@ -58,9 +53,6 @@ impl BallFinder {
             class: class_of(config, &config.ball.color, || "the ball".into())?,
             radius_mm: config.ball.diameter_mm / 2.0,
             limits,
-            robot_size_mm: config.robots.size_mm,
-            body_turn: body_turn(&config.robots),
-            robot_height_mm: config.robots.height_mm,
             spots: Vec::new(),
             found: Vec::new(),
         })
@@ -69,6 +61,7 @@ impl BallFinder {
     /// Appends the balls among the regions of `frame`, best first; its robots must be known.
     pub fn find(
         &mut self,
+        pattern: &Pattern,
         camera: &CameraModel,
         pitch: &Pitch,
         frame: &mut DetectionFrame,
@@ -88,7 +81,7 @@ impl BallFinder {
                 continue;
             }
             let on_robot =
-                frame.robots().iter().any(|robot| self.is_on_top_of(camera, robot, &measure));
+                frame.robots().iter().any(|robot| is_on_top_of(pattern, camera, robot, &measure));
             let confidence = self.quality(&measure) * if on_robot { ON_ROBOT } else { 1.0 };
             self.found.push(DetectedBall {
                 x_mm: measure.position.x_mm as f32,
@@ -178,17 +171,22 @@ impl BallFinder {
         let ratio = measure.area_mm2 / self.area_mm2();
         roundness(measure) * (-self.limits.area_misfit(ratio)).exp()
     }
+}
 
-    fn is_on_top_of(&self, camera: &CameraModel, robot: &DetectedRobot, ball: &Measure) -> bool {
-        // Where the same point of the picture lies on the plane of the robots' tops.
-        let place = camera.field_from_image(ball.image, self.robot_height_mm);
-        let pose = Pose {
-            position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
-            orientation: f64::from(robot.orientation) + self.body_turn,
-        };
-        let [x, y] = robot_from_field(&pose, place);
-        x.abs().max(y.abs()) < self.robot_size_mm / 2.0
-    }
+fn is_on_top_of(
+    pattern: &Pattern,
+    camera: &CameraModel,
+    robot: &DetectedRobot,
+    ball: &Measure,
+) -> bool {
+    let top = pattern.top_by_numbers(robot.team, robot.robot_id);
+    // Where the same point of the picture lies on the plane of the robot's top.
+    let place = camera.field_from_image(ball.image, top.height_mm);
+    let pose = Pose {
+        position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
+        orientation: f64::from(robot.orientation),
+    };
+    top.body.contains(robot_from_field(&pose, place))
 }
 
 /// 1 for a disc: its area in relation to its spread, times how equal the spread is in all
@@ -262,8 +260,10 @@ mod tests {
             }
             let limits = Pattern::new(&self.config).unwrap().limits;
             let mut finder = BallFinder::new(&self.config, limits).unwrap();
+            let pattern = Pattern::new(&self.config).unwrap();
             let mut rejections = Rejections::default();
-            finder.find(&self.camera, &Pitch::new(&self.config), &mut frame, &mut rejections);
+            let pitch = Pitch::new(&self.config);
+            finder.find(&pattern, &self.camera, &pitch, &mut frame, &mut rejections);
             rejections.write(&mut frame);
             frame
         }

@@ -10,11 +10,11 @@
 
 use crate::footprint::{self, Footprint};
 use crate::measure::{Measure, Moments, distance_mm};
-use crate::pattern::{ExpectedPatch, Kind, Pattern};
+use crate::pattern::{ExpectedPatch, Kind, Pattern, Top};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
 use common::geometry::{CameraModel, Pose};
-use common::messages::{DetectionFrame, Region, Team};
+use common::messages::{DetectionFrame, Region};
 use std::ops::Range;
 
 /// Most regions one patch is put together from.
@@ -111,8 +111,8 @@ impl Candidate {
 /// Finds candidates, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CandidateFinder {
-    /// Regions of the colours of patches, largest first.
-    pub spots: Vec<Spot>,
+    /// For each height of the pattern, regions of the colours of patches there, largest first.
+    spots: Vec<Vec<Spot>>,
     candidates: Vec<Candidate>,
     /// For each kind of the pattern, its part of `candidates`.
     ranges: Vec<Range<usize>>,
@@ -127,6 +127,11 @@ pub(crate) struct CandidateFinder {
 }
 
 impl CandidateFinder {
+    /// Regions of the colours that patches on a top have, measured at its height; largest first.
+    pub fn spots(&self, top: &Top) -> &[Spot] {
+        self.spots.get(top.height).map_or(&[], Vec::as_slice)
+    }
+
     /// Candidates of a kind, likeliest size first.
     pub fn of_kind(&self, kind: usize) -> &[Candidate] {
         self.ranges.get(kind).map_or(&[], |range| &self.candidates[range.clone()])
@@ -145,9 +150,12 @@ impl CandidateFinder {
         self.candidates.clear();
         self.ranges.clear();
         (self.cuts, self.cut_work, self.is_cut) = (0, 0, false);
-        for kind in &pattern.kinds {
+        for (kind, alike) in pattern.kinds.iter().zip(&pattern.alike) {
             let begin = self.candidates.len();
-            self.find_kind(pattern, kind, camera, frame);
+            match alike {
+                Some(alike) => self.copy_kind(*alike),
+                None => self.find_kind(pattern, kind, camera, frame),
+            }
             // No two are equal, so the order is always the same.
             let by_misfit = |a: &Candidate, b: &Candidate| {
                 a.misfit.total_cmp(&b.misfit).then_with(|| a.parts().cmp(b.parts()))
@@ -171,22 +179,37 @@ impl CandidateFinder {
         pitch: &Pitch,
         frame: &DetectionFrame,
     ) {
-        self.spots.clear();
-        for (index, region) in (0u32..).zip(frame.regions()) {
-            if !pattern.kinds.iter().any(|kind| kind.class == region.class) {
-                continue;
+        self.spots.resize(pattern.heights_mm.len(), Vec::new());
+        for (height, spots) in self.spots.iter_mut().enumerate() {
+            spots.clear();
+            let is_there = |kind: &&Kind| pattern.top_of_kind(kind).height == height;
+            let kinds = pattern.kinds.iter().filter(is_there);
+            let classes = kinds.fold(0u32, |classes, kind| classes | 1 << kind.class);
+            for (index, region) in (0u32..).zip(frame.regions()) {
+                if classes.checked_shr(region.class).unwrap_or(0) & 1 == 0 {
+                    continue;
+                }
+                let moments = Moments::of_region(region, frame.runs_of(region));
+                let height_mm = pattern.heights_mm[height];
+                let Some(measure) = Measure::new(&moments, camera, height_mm) else { continue };
+                // A patch lies within half a diagonal of the centre of its robot.
+                let outside = !pitch.contains(measure.position, pattern.size_mm * 0.75);
+                spots.push(Spot { region: index, class: region.class, measure, outside });
             }
-            let moments = Moments::of_region(region, frame.runs_of(region));
-            let Some(measure) = Measure::new(&moments, camera, pattern.height_mm) else {
-                continue;
-            };
-            // A patch lies within half a diagonal of the centre of its robot.
-            let outside = !pitch.contains(measure.position, pattern.size_mm * 0.75);
-            self.spots.push(Spot { region: index, class: region.class, measure, outside });
+            spots.sort_unstable_by(|a, b| {
+                b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
+            });
         }
-        self.spots.sort_unstable_by(|a, b| {
-            b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
-        });
+    }
+
+    /// Adds the candidates of an earlier kind that has the same, but for what was cut out for it.
+    fn copy_kind(&mut self, kind: usize) {
+        for index in self.ranges[kind].clone() {
+            let candidate = self.candidates[index];
+            if candidate.beside.is_none() {
+                self.candidates.push(candidate);
+            }
+        }
     }
 
     fn find_kind(
@@ -196,20 +219,20 @@ impl CandidateFinder {
         camera: &CameraModel,
         frame: &DetectionFrame,
     ) {
-        let patch = &pattern.patches[kind.patch];
-        for seed in 0..self.spots.len() {
-            let spot = self.spots[seed];
+        let (top, patch) = (pattern.top_of_kind(kind), pattern.patch_of_kind(kind));
+        for seed in 0..self.spots(top).len() {
+            let spot = self.spots(top)[seed];
             if spot.class != kind.class || spot.outside {
                 continue;
             }
             let ratio = spot.measure.area_mm2 / patch.area_mm2;
             self.push(pattern, patch, &[Part::whole(spot.region)], spot.measure);
             if ratio < MAX_MERGED_RATIO {
-                self.merge(pattern, patch, seed);
+                self.merge(pattern, top, patch, seed);
             }
             for pieces in 2..=MAX_PIECES {
                 if SPLIT_RATIO.contains(&(ratio / pieces as f64)) {
-                    self.split(pattern, patch, &spot, pieces, camera, frame);
+                    self.split(pattern, top, patch, &spot, pieces, camera, frame);
                 }
             }
         }
@@ -223,10 +246,16 @@ impl CandidateFinder {
         camera: &CameraModel,
         frame: &DetectionFrame,
     ) {
-        let expected = &pattern.patches[pattern.team_patch];
-        for team in Team::ALL {
-            for index in 0..self.of_kind(pattern.team_kind(team)).len().min(MAX_GUESSES) {
-                let team_patch = self.of_kind(pattern.team_kind(team))[index];
+        let top = pattern.top_of_kind(kind);
+        let expected = &top.patches[top.team_patch];
+        // Kinds of team patches come first.
+        let is_of_team = |other: &&Kind| other.team.is_some();
+        for (team_kind, other) in pattern.kinds.iter().take_while(is_of_team).enumerate() {
+            if other.top != kind.top {
+                continue;
+            }
+            for index in 0..self.of_kind(team_kind).len().min(MAX_GUESSES) {
+                let team_patch = self.of_kind(team_kind)[index];
                 let poses = footprint::poses(expected, &team_patch.measure);
                 for pose in poses.into_iter().flatten() {
                     let before = self.candidates.len();
@@ -248,11 +277,13 @@ impl CandidateFinder {
         frame: &DetectionFrame,
         pose: Pose,
     ) {
-        let Some(footprint) = Footprint::new(pattern, camera, pose, kind.patch) else { return };
+        let top = pattern.top_of_kind(kind);
+        let Some(footprint) = Footprint::new(top, camera, pose, kind.patch) else { return };
         let mut sums = footprint.sums();
         // Pixels of the region that most of them are of, and which one it is.
         let mut most = (0, 0);
-        for spot in self.spots.iter().filter(|spot| spot.class == kind.class) {
+        let spots = self.spots.get(top.height).into_iter().flatten();
+        for spot in spots.filter(|spot| spot.class == kind.class) {
             let Some(region) = frame.regions().get(spot.region as usize) else { continue };
             if !footprint.touches(region) {
                 continue;
@@ -267,10 +298,10 @@ impl CandidateFinder {
             }
         }
         let Some(cut) = self.cuts.checked_add(1).filter(|_| most.0 > 0) else { return };
-        if let Some(measure) = Measure::new(&sums.moments(), camera, pattern.height_mm) {
+        if let Some(measure) = Measure::new(&sums.moments(), camera, top.height_mm) {
             self.cuts = cut;
             let part = Part { region: most.1, piece: cut, pieces: CUT_OUT };
-            self.push(pattern, &pattern.patches[kind.patch], &[part], measure);
+            self.push(pattern, &top.patches[kind.patch], &[part], measure);
         }
     }
 
@@ -294,12 +325,12 @@ impl CandidateFinder {
     }
 
     /// Adds the spot together with one, two or three smaller ones of its class, nearest first.
-    fn merge(&mut self, pattern: &Pattern, patch: &ExpectedPatch, seed: usize) {
-        let spot = self.spots[seed];
+    fn merge(&mut self, pattern: &Pattern, top: &Top, patch: &ExpectedPatch, seed: usize) {
+        let spot = self.spots(top)[seed];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
         // Largest first: all that follow are smaller.
-        for (index, other) in self.spots.iter().enumerate().skip(seed + 1) {
+        for (index, other) in self.spots(top).iter().enumerate().skip(seed + 1) {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
             }
@@ -317,7 +348,7 @@ impl CandidateFinder {
         let mut count = 1;
         let mut merged = spot.measure;
         for &(_, index) in &near {
-            let fragment = self.spots[index];
+            let fragment = self.spots(top)[index];
             let together = merged.merged(&fragment.measure);
             if together.area_mm2 > MAX_MERGED_RATIO * patch.area_mm2
                 || together.deviations_mm()[0] > MAX_MERGED_SPREAD * patch.major_mm
@@ -335,9 +366,11 @@ impl CandidateFinder {
         self.near = near;
     }
 
+    #[allow(clippy::too_many_arguments)] // What all of this file's steps look at, and the region.
     fn split(
         &mut self,
         pattern: &Pattern,
+        top: &Top,
         patch: &ExpectedPatch,
         spot: &Spot,
         count: usize,
@@ -349,7 +382,7 @@ impl CandidateFinder {
         let whole = Moments::of_region(region, runs);
         let Some(pieces) = self.splitter.split(region, &whole, runs, count) else { return };
         for (piece, moments) in (0u16..).zip(&pieces[..count]) {
-            if let Some(measure) = Measure::new(moments, camera, pattern.height_mm) {
+            if let Some(measure) = Measure::new(moments, camera, top.height_mm) {
                 let part = Part { region: spot.region, piece, pieces: count as u16 };
                 self.push(pattern, patch, &[part], measure);
             }
@@ -376,7 +409,7 @@ mod tests {
     fn yellow_candidates(rectangles: &[[u16; 4]]) -> (CandidateFinder, usize) {
         let config = Config::default();
         let pattern = Pattern::new(&config).unwrap();
-        let kind = pattern.team_kind(Team::Yellow);
+        let kind = pattern.team_kinds(Team::Yellow)[0];
         let mut runs = Vec::new();
         for row in 0..480u16 {
             let mut columns: Vec<u16> = rectangles
@@ -422,7 +455,7 @@ mod tests {
             vec![[300, 200, 322, 202]],
         ] {
             let (finder, kind) = yellow_candidates(&rim);
-            assert_eq!(finder.spots.len(), 1, "{rim:?} is not one region");
+            assert_eq!(finder.spots[0].len(), 1, "{rim:?} is not one region");
             assert!(finder.of_kind(kind).is_empty(), "{rim:?}: {:?}", finder.of_kind(kind));
         }
     }
@@ -460,7 +493,7 @@ mod tests {
     fn regions_outside_the_pitch_are_not_candidates() {
         // Beside a goal, behind the goal line; and a proper one.
         let (finder, kind) = yellow_candidates(&[[4, 60, 13, 69], [300, 200, 309, 209]]);
-        let outside: Vec<bool> = finder.spots.iter().map(|spot| spot.outside).collect();
+        let outside: Vec<bool> = finder.spots[0].iter().map(|spot| spot.outside).collect();
         assert_eq!(outside.iter().filter(|&&outside| outside).count(), 1);
         let [candidate] = finder.of_kind(kind) else { panic!("{:?}", finder.of_kind(kind)) };
         assert!((candidate.measure.image.x_px - 304.0).abs() < 1e-9);

@@ -6,11 +6,11 @@
 //! floor in coloured light, with the rim of something else.
 
 use crate::measure::{Measure, MomentSums};
-use crate::pattern::{ExpectedPatch, Pattern};
+use crate::pattern::{ExpectedPatch, Top};
 use crate::pose::robot_from_field;
-use common::config::{Pair, RobotsConfig};
+use common::config::{Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::topmost_patch;
+use common::layout::{reach_mm, topmost_patch};
 use common::messages::{DetectionFrame, Region};
 
 /// The longer deviation of a patch must be this multiple of the shorter one for its direction to
@@ -33,12 +33,12 @@ pub(crate) struct Footprints {
 
 impl Footprints {
     /// Widens the visible parts of the patches.
-    pub fn new(robots: &RobotsConfig) -> Self {
-        let reach_mm = robots.size_mm * 0.75 + MARGIN_MM;
+    pub fn new(patches: &[PatchConfig]) -> Self {
+        let reach_mm = reach_mm(patches) + MARGIN_MM + STEP_MM;
         let columns = ((2.0 * reach_mm / STEP_MM).ceil() as usize).max(1);
         let place = |index: usize| (index as f64 + 0.5) * STEP_MM - reach_mm;
         let shown: Vec<Option<usize>> = (0..columns * columns)
-            .map(|cell| topmost_patch(robots, [place(cell % columns), place(cell / columns)]))
+            .map(|cell| topmost_patch(patches, [place(cell % columns), place(cell / columns)]))
             .collect();
         let margin = (MARGIN_MM / STEP_MM) as i64;
         let around: Vec<(i64, i64)> = (-margin..=margin)
@@ -93,7 +93,7 @@ pub(crate) fn poses(team_patch: &ExpectedPatch, measure: &Measure) -> Option<[Po
 
 /// A place in the picture where a patch is looked for.
 pub(crate) struct Footprint<'a> {
-    pattern: &'a Pattern,
+    top: &'a Top,
     patch: usize,
     pose: Pose,
     center: ImagePoint,
@@ -107,25 +107,20 @@ pub(crate) struct Footprint<'a> {
 
 impl<'a> Footprint<'a> {
     /// Of a patch of a robot at `pose`; `None` where the camera model has no answer.
-    pub fn new(
-        pattern: &'a Pattern,
-        camera: &CameraModel,
-        pose: Pose,
-        patch: usize,
-    ) -> Option<Self> {
-        let place = pose.field_from_robot(pattern.patches[patch].centroid_mm);
-        let center = camera.image_from_field(place, pattern.height_mm);
+    pub fn new(top: &'a Top, camera: &CameraModel, pose: Pose, patch: usize) -> Option<Self> {
+        let place = pose.field_from_robot(top.patches[patch].centroid_mm);
+        let center = camera.image_from_field(place, top.height_mm);
         let at = |dx: f64, dy: f64| {
             let point = ImagePoint::new(center.x_px + dx, center.y_px + dy);
-            let there = camera.field_from_image(point, pattern.height_mm);
+            let there = camera.field_from_image(point, top.height_mm);
             [there.x_mm - place.x_mm, there.y_mm - place.y_mm]
         };
         let (right, down) = (at(1.0, 0.0), at(0.0, 1.0));
         let least = right[0].hypot(right[1]).min(down[0].hypot(down[1]));
-        let reach_px = (pattern.patches[patch].reach_mm + MARGIN_MM) / least + 1.0;
+        let reach_px = (top.patches[patch].reach_mm + MARGIN_MM) / least + 1.0;
         let usable = [place.x_mm, place.y_mm, center.x_px, center.y_px, reach_px];
         usable.iter().all(|number| number.is_finite()).then_some(Self {
-            pattern,
+            top,
             patch,
             pose,
             center,
@@ -163,7 +158,7 @@ impl<'a> Footprint<'a> {
                     self.place.y_mm + self.right[1] * dx + self.down[1] * dy,
                 );
                 let point = robot_from_field(&self.pose, place);
-                if self.pattern.footprints.holds(self.patch, point) {
+                if self.top.footprints.holds(self.patch, point) {
                     sums.add_pixel(f64::from(column), f64::from(run.row));
                     count += 1;
                 }
@@ -181,6 +176,7 @@ impl<'a> Footprint<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pattern::Pattern;
     use common::config::{Config, Preset};
     use common::geometry::wrap_angle;
 
@@ -191,7 +187,7 @@ mod tests {
 
     /// What a patch of a robot at `pose` measures.
     fn measured(pattern: &Pattern, patch: usize, pose: &Pose) -> Measure {
-        let expected = pattern.patches[patch];
+        let expected = pattern.tops[0].patches[patch];
         let [xx, xy, yy] = expected.covariance;
         let (sin, cos) = pose.orientation.sin_cos();
         Measure {
@@ -214,7 +210,7 @@ mod tests {
             let position = FieldPoint::new(300.0, -200.0);
             let pose = Pose { position, orientation: f64::from(degrees).to_radians() };
             let measure = measured(&pattern, 0, &pose);
-            let poses = poses(&pattern.patches[0], &measure).unwrap();
+            let poses = poses(&pattern.tops[0].patches[0], &measure).unwrap();
             let is_it = |guess: &&Pose| {
                 wrap_angle(guess.orientation - pose.orientation).abs() < 1e-6
                     && guess.position.distance(pose.position) < 1e-6
@@ -227,17 +223,17 @@ mod tests {
     fn a_square_tells_nothing() {
         let pattern = Pattern::new(&Config::default()).unwrap();
         let measure = measured(&pattern, 0, &Pose::default());
-        assert_eq!(poses(&pattern.patches[0], &measure), None);
+        assert_eq!(poses(&pattern.tops[0].patches[0], &measure), None);
         // Nor does a stripe of which only a piece shows that is as wide as long.
         let pattern = Pattern::new(&stripe()).unwrap();
         let square =
             Measure { covariance: [90.0, 0.0, 90.0], ..measured(&pattern, 0, &Pose::default()) };
-        assert_eq!(poses(&pattern.patches[0], &square), None);
+        assert_eq!(poses(&pattern.tops[0].patches[0], &square), None);
     }
 
     #[test]
     fn a_footprint_is_its_patch_and_a_margin() {
-        let footprints = Footprints::new(&stripe().robots);
+        let footprints = Footprints::new(&stripe().robots.patches);
         // The first square behind covers −35 to −2 by 2 to 35.
         for (point, inside) in [
             ([-18.5, 18.5], true),

@@ -10,10 +10,10 @@
 use crate::candidates::{Candidate, CandidateFinder};
 use crate::measure::distance_mm;
 use crate::pairing::Scene;
-use crate::pattern::Pattern;
+use crate::pattern::{Pattern, Top};
 use crate::pose::fit_pose;
 use common::geometry::{FieldPoint, Pose};
-use common::messages::{MAX_PATCHES, Team};
+use common::messages::MAX_PATCHES;
 use std::cmp::Ordering;
 use std::ops::Range;
 
@@ -60,6 +60,15 @@ impl Hypothesis {
         let content = |h: &Self| (h.identity, h.candidates);
         a.cost.total_cmp(&b.cost).then_with(|| content(a).cmp(&content(b)))
     }
+
+    /// Marks it as not to be believed.
+    pub fn discard(&mut self) {
+        self.cost = f64::INFINITY;
+    }
+
+    pub fn is_kept(&self) -> bool {
+        self.cost.is_finite()
+    }
 }
 
 /// What became of a candidate for a team patch on its way to a robot.
@@ -99,15 +108,22 @@ struct Near {
 
 impl Near {
     /// Returns whether a list was cut.
-    fn find(&mut self, scene: &Scene, finder: &CandidateFinder, team_patch: &Candidate) -> bool {
-        let pattern = scene.pattern;
+    fn find(
+        &mut self,
+        pattern: &Pattern,
+        finder: &CandidateFinder,
+        team_kind: usize,
+        team_patch: &Candidate,
+    ) -> bool {
+        let of_top = pattern.kinds[team_kind].top;
+        let top = &pattern.tops[of_top];
         let mut is_cut = false;
         self.candidates.clear();
         self.ranges.clear();
         for (index, kind) in pattern.kinds.iter().enumerate() {
             let begin = self.candidates.len();
-            if kind.team.is_none() {
-                let expected_mm = pattern.distance_mm(kind.patch, pattern.team_patch);
+            if kind.team.is_none() && kind.top == of_top {
+                let expected_mm = top.distance_mm(kind.patch, top.team_patch);
                 let is_near = |(_, candidate): &(usize, &Candidate)| {
                     is_in_reach(pattern, candidate, team_patch, expected_mm)
                         && candidate.beside.is_none_or(|seed| seed == team_patch.seed())
@@ -139,16 +155,18 @@ impl Hypothesiser {
         &mut self,
         scene: &Scene,
         finder: &CandidateFinder,
-        team: Team,
+        team_kind: usize,
         candidate: usize,
         hypotheses: &mut Vec<Hypothesis>,
     ) -> Fate {
         let pattern = scene.pattern;
-        let team_patch = &finder.of_kind(pattern.team_kind(team))[candidate];
+        let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
+        let team_patch = &finder.of_kind(team_kind)[candidate];
         let first = hypotheses.len();
-        let is_cut = self.near.find(scene, finder, team_patch);
+        let is_cut = self.near.find(pattern, finder, team_kind, team_patch);
         let mut builder = Builder {
             scene,
+            top,
             finder,
             near: &self.near,
             hypotheses,
@@ -156,8 +174,8 @@ impl Hypothesiser {
             is_cut,
             fate: Outcome::Incomplete,
         };
-        builder.picked[pattern.team_patch] = candidate;
-        builder.add_patch(pattern.wearers(team), 0, MAX_CHECKS);
+        builder.picked[top.team_patch] = candidate;
+        builder.add_patch(pattern.wearers(team_kind), 0, MAX_CHECKS);
         let Builder { mut is_cut, fate: outcome, .. } = builder;
         if hypotheses.len() > first + MAX_HYPOTHESES_EACH {
             hypotheses[first..].sort_unstable_by(Hypothesis::by_cost);
@@ -171,6 +189,7 @@ impl Hypothesiser {
 /// Puts together all hypotheses of one team patch.
 struct Builder<'a, 's> {
     scene: &'a Scene<'s>,
+    top: &'a Top,
     finder: &'a CandidateFinder,
     near: &'a Near,
     hypotheses: &'a mut Vec<Hypothesis>,
@@ -186,11 +205,11 @@ impl Builder<'_, '_> {
     /// share; returns how many are left.
     fn add_patch(&mut self, identities: &[usize], patch: usize, checks: u32) -> u32 {
         let pattern = self.scene.pattern;
-        if patch == pattern.patches.len() {
+        if patch == self.top.patches.len() {
             identities.iter().for_each(|&identity| self.complete(identity));
             return checks;
         }
-        if patch == pattern.team_patch {
+        if patch == self.top.team_patch {
             return self.add_patch(identities, patch + 1, checks);
         }
         let kind_of = |identity: usize| pattern.identities[identity].kinds[patch];
@@ -223,21 +242,21 @@ impl Builder<'_, '_> {
     fn fits_those_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
         let pattern = self.scene.pattern;
         let candidate = self.candidate(identity, patch, index);
-        (0..patch).filter(|&other| other != pattern.team_patch).all(|other| {
+        (0..patch).filter(|&other| other != self.top.team_patch).all(|other| {
             let picked = self.candidate(identity, other, self.picked[other]);
-            is_in_reach(pattern, candidate, picked, pattern.distance_mm(patch, other))
+            is_in_reach(pattern, candidate, picked, self.top.distance_mm(patch, other))
         })
     }
 
     fn complete(&mut self, identity: usize) {
         let pattern = self.scene.pattern;
         let mut places = [FieldPoint::default(); MAX_PATCHES];
-        for (patch, place) in places.iter_mut().enumerate().take(pattern.patches.len()) {
+        for (patch, place) in places.iter_mut().enumerate().take(self.top.patches.len()) {
             *place = self.candidate(identity, patch, self.picked[patch]).measure.position;
         }
-        let Some(pose) = fit(pattern, &places) else { return };
+        let Some(pose) = fit(self.top, &places) else { return };
         let mut misfit = 0.0;
-        for (patch, expected) in pattern.patches.iter().enumerate() {
+        for (patch, expected) in self.top.patches.iter().enumerate() {
             let off_mm = distance_mm(pose.field_from_robot(expected.centroid_mm), places[patch]);
             if off_mm > pattern.limits.patch_tolerance_mm {
                 return;
@@ -268,10 +287,9 @@ impl Builder<'_, '_> {
 }
 
 /// The pose that fits patches measured at these places best.
-pub(crate) fn fit(pattern: &Pattern, places: &[FieldPoint; MAX_PATCHES]) -> Option<Pose> {
+pub(crate) fn fit(top: &Top, places: &[FieldPoint; MAX_PATCHES]) -> Option<Pose> {
     fit_pose(
-        pattern
-            .patches
+        top.patches
             .iter()
             .zip(places)
             .map(|(patch, &place)| (patch.centroid_mm, place, patch.area_mm2)),

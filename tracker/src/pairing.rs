@@ -19,6 +19,7 @@ use crate::prior::Prior;
 use crate::second_opinion::{self, AMBIGUITY, MAX_OPINIONS, Opinion};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+use std::ops::Range;
 
 /// Most hypotheses that are weighed against each other; when there are more, the worst of each team
 /// patch are left out. A match has one or two for each robot.
@@ -28,8 +29,6 @@ const MAX_STARTS: usize = 4;
 /// What each other patch costs that lies on what would be the robot's top: it must have slipped
 /// between two robots, or be one that the robot should have been explained with.
 const STRANGER_COST: f64 = 2.0;
-/// Bodies shrunk to this fraction of their size must not overlap.
-const BODY_FRACTION: f64 = 0.8;
 /// A team patch whose best robot has this misfit for each patch, or more, gets a second opinion.
 const DOUBTFUL: f64 = 0.1;
 
@@ -39,11 +38,10 @@ pub(crate) struct Pairing {
     pub finder: CandidateFinder,
     hypothesiser: Hypothesiser,
     hypotheses: Vec<Hypothesis>,
-    /// For each team, what became of the candidates for its team patch.
-    fates: [Vec<Fate>; 2],
-    /// Candidates for team patches, with the number of their hypotheses, in the order in which these are
-    /// made.
-    groups: Vec<(Team, usize, usize)>,
+    /// For each kind of a team patch, what became of its candidates.
+    fates: Vec<Vec<Fate>>,
+    /// Candidates for team patches with hypotheses, in the order in which these are made.
+    groups: Vec<Group>,
     choices: Vec<Choice>,
     believed: Vec<usize>,
     /// The search for the best choice was given up.
@@ -58,6 +56,19 @@ pub(crate) struct Pairing {
     /// measured of each.
     owners: Vec<(usize, usize)>,
     sums: Vec<MomentSums>,
+}
+
+/// A candidate for a team patch.
+#[derive(Debug, Clone)]
+struct Group {
+    team: Team,
+    /// Of the team patch.
+    kind: usize,
+    candidate: usize,
+    /// Its hypotheses.
+    hypotheses: Range<usize>,
+    /// One of them fits well.
+    fits: bool,
 }
 
 /// What the steps below look at.
@@ -100,106 +111,129 @@ impl Pairing {
     }
 
     /// What became of a candidate for a team patch.
-    pub fn fate(&self, team: Team, candidate: usize) -> Fate {
+    pub fn fate(&self, kind: usize, candidate: usize) -> Fate {
         let unknown = Fate { outcome: Outcome::Incomplete, is_cut: true };
-        self.fates[team as usize].get(candidate).copied().unwrap_or(unknown)
+        self.fates.get(kind).and_then(|fates| fates.get(candidate)).copied().unwrap_or(unknown)
     }
 
     fn hypothesise(&mut self, scene: &Scene, frame: &DetectionFrame) {
+        let pattern = scene.pattern;
         self.hypotheses.clear();
         self.groups.clear();
-        let mut opinions_left = 0;
+        self.fates.resize(pattern.kinds.len(), Vec::new());
+        self.fates.iter_mut().for_each(Vec::clear);
         for team in Team::ALL {
-            // Whatever one team's colour is mistaken for, the other keeps its share.
-            opinions_left += MAX_OPINIONS / Team::ALL.len();
-            self.fates[team as usize].clear();
-            for candidate in 0..self.finder.of_kind(scene.pattern.team_kind(team)).len() {
-                let first = self.hypotheses.len();
-                let hypotheses = &mut self.hypotheses;
-                let hypothesiser = &mut self.hypothesiser;
-                let mut fate =
-                    hypothesiser.of_team_patch(scene, &self.finder, team, candidate, hypotheses);
-                if opinions_left > 0 && self.ask_pixels(scene, frame, team, candidate, first) {
-                    opinions_left -= 1;
-                    if self.hypotheses.len() > first {
-                        fate.outcome = Outcome::Complete;
-                    }
+            for &kind in pattern.team_kinds(team) {
+                for candidate in 0..self.finder.of_kind(kind).len() {
+                    let first = self.hypotheses.len();
+                    let hypotheses = &mut self.hypotheses;
+                    let fate = self.hypothesiser.of_team_patch(
+                        scene,
+                        &self.finder,
+                        kind,
+                        candidate,
+                        hypotheses,
+                    );
+                    self.fates[kind].push(fate);
+                    let hypotheses = first..self.hypotheses.len();
+                    let fits = self.any_fits(pattern, kind, hypotheses.clone());
+                    self.groups.push(Group { team, kind, candidate, hypotheses, fits });
                 }
-                self.fates[team as usize].push(fate);
-                self.groups.push((team, candidate, self.hypotheses.len() - first));
             }
         }
-        if self.hypotheses.len() > MAX_HYPOTHESES {
-            self.keep_best_of_each();
-        }
+        self.ask_pixels(scene, frame);
+        self.keep_best_of_each();
+        self.hypotheses.retain(Hypothesis::is_kept);
         self.hypotheses.sort_unstable_by(Hypothesis::by_cost);
     }
 
     /// Leaves out hypotheses until there are no more than [`MAX_HYPOTHESES`]: every team patch keeps its
     /// best ones, and none keeps more than another that has as many.
     fn keep_best_of_each(&mut self) {
-        let total = |most: usize| self.groups.iter().map(|group| group.2.min(most)).sum::<usize>();
+        let count = |group: &Group| group.hypotheses.len();
+        let total =
+            |most: usize| self.groups.iter().map(|group| count(group).min(most)).sum::<usize>();
+        if total(MAX_HYPOTHESES) <= MAX_HYPOTHESES {
+            return;
+        }
         let most = (1..MAX_HYPOTHESES).take_while(|&most| total(most) <= MAX_HYPOTHESES).last();
         let most = most.unwrap_or(0);
-        let (mut begin, mut kept) = (0, 0);
-        for &(team, candidate, count) in &self.groups {
-            let group = begin..begin + count;
-            self.hypotheses[group].sort_unstable_by(Hypothesis::by_cost);
-            for index in begin..begin + count.min(most) {
-                self.hypotheses.swap(kept, index);
-                kept += 1;
-            }
-            self.fates[team as usize][candidate].is_cut |= count > most;
-            begin += count;
+        for group in self.groups.iter().filter(|group| count(group) > most) {
+            let hypotheses = &mut self.hypotheses[group.hypotheses.clone()];
+            hypotheses.sort_unstable_by(Hypothesis::by_cost);
+            hypotheses[most..].iter_mut().for_each(Hypothesis::discard);
+            self.fates[group.kind][group.candidate].is_cut = true;
         }
-        self.hypotheses.truncate(kept);
     }
 
-    /// Replaces the hypotheses of a team patch, those from `first` on, by what its pixels say, if they
-    /// fit badly and the pixels say something. Returns whether the pixels were asked.
-    fn ask_pixels(
-        &mut self,
-        scene: &Scene,
-        frame: &DetectionFrame,
-        team: Team,
-        candidate: usize,
-        first: usize,
-    ) -> bool {
+    /// Replaces the hypotheses of team patches by what their pixels say, where they fit badly and the
+    /// pixels say something.
+    fn ask_pixels(&mut self, scene: &Scene, frame: &DetectionFrame) {
         let pattern = scene.pattern;
-        let doubtful = DOUBTFUL * pattern.patches.len() as f64;
-        let paired = &self.hypotheses[first..];
-        if paired.iter().any(|hypothesis| hypothesis.misfit < doubtful) {
-            return false;
-        }
-        self.paired.clear();
-        self.paired.extend(paired.iter().take(MAX_STARTS).map(|hypothesis| hypothesis.pose));
-        let team_patch = &self.finder.of_kind(pattern.team_kind(team))[candidate];
-        let is_asked = second_opinion::ask(
-            scene,
-            frame,
-            team,
-            &team_patch.measure,
-            &self.paired,
-            &mut self.surroundings,
-            &mut self.opinions,
-        );
-        let is_inside = |opinion: &&Opinion| scene.pitch.contains(opinion.pose.position, 0.0);
-        let mut opinions = self.opinions.iter().filter(is_inside).peekable();
-        if opinions.peek().is_some() {
-            self.hypotheses.truncate(first);
-        }
-        self.hypotheses.extend(opinions.map(|opinion| {
-            let Opinion { identity, pose, misfit } = *opinion;
-            let mut candidates = [NO_CANDIDATE; MAX_PATCHES];
-            candidates[pattern.team_patch] = candidate;
-            let mut places = [FieldPoint::default(); MAX_PATCHES];
-            for (place, patch) in places.iter_mut().zip(&pattern.patches) {
-                *place = pose.field_from_robot(patch.centroid_mm);
+        let mut opinions_left = 0;
+        let mut team = None;
+        for index in 0..self.groups.len() {
+            // Whatever one team's colour is mistaken for, the other keeps its share.
+            if team != Some(self.groups[index].team) {
+                team = Some(self.groups[index].team);
+                opinions_left += MAX_OPINIONS / Team::ALL.len();
             }
-            let prior = scene.prior.cost(identity, pose.position, pattern.size_mm);
-            Hypothesis { identity, candidates, places, pose, misfit, cost: misfit + prior }
-        }));
-        is_asked
+            let Group { team, kind, candidate, hypotheses, .. } = self.groups[index].clone();
+            if opinions_left == 0 || self.is_explained(team, kind, candidate) {
+                continue;
+            }
+            self.paired.clear();
+            let paired = self.hypotheses[hypotheses.clone()].iter().take(MAX_STARTS);
+            self.paired.extend(paired.map(|hypothesis| hypothesis.pose));
+            let is_asked = second_opinion::ask(
+                scene,
+                frame,
+                kind,
+                &self.finder.of_kind(kind)[candidate].measure,
+                &self.paired,
+                &mut self.surroundings,
+                &mut self.opinions,
+            );
+            opinions_left -= usize::from(is_asked);
+            let first = self.hypotheses.len();
+            for &Opinion { identity, pose, misfit } in &self.opinions {
+                if !scene.pitch.contains(pose.position, 0.0) {
+                    continue;
+                }
+                let top = pattern.top_of(identity);
+                let mut candidates = [NO_CANDIDATE; MAX_PATCHES];
+                candidates[top.team_patch] = candidate;
+                let mut places = [FieldPoint::default(); MAX_PATCHES];
+                for (place, patch) in places.iter_mut().zip(&top.patches) {
+                    *place = pose.field_from_robot(patch.centroid_mm);
+                }
+                let prior = scene.prior.cost(identity, pose.position, pattern.size_mm);
+                let cost = misfit + prior;
+                let hypothesis = Hypothesis { identity, candidates, places, pose, misfit, cost };
+                self.hypotheses.push(hypothesis);
+            }
+            if self.hypotheses.len() > first {
+                self.hypotheses[hypotheses].iter_mut().for_each(Hypothesis::discard);
+                self.groups[index].hypotheses = first..self.hypotheses.len();
+                self.fates[kind][candidate].outcome = Outcome::Complete;
+            }
+        }
+    }
+
+    /// Whether one of the hypotheses fits so well that its pixels need not be asked.
+    fn any_fits(&self, pattern: &Pattern, kind: usize, hypotheses: Range<usize>) -> bool {
+        let doubtful = DOUBTFUL * pattern.top_of_kind(&pattern.kinds[kind]).patches.len() as f64;
+        self.hypotheses[hypotheses].iter().any(|hypothesis| hypothesis.misfit < doubtful)
+    }
+
+    /// Whether a hypothesis fits well that uses the same pixels as a team patch, on whichever top.
+    fn is_explained(&self, team: Team, kind: usize, candidate: usize) -> bool {
+        let own = &self.finder.of_kind(kind)[candidate];
+        self.groups.iter().any(|group| {
+            group.fits
+                && group.team == team
+                && self.finder.of_kind(group.kind)[group.candidate].overlaps(own)
+        })
     }
 
     /// Chooses among the hypotheses.
@@ -212,8 +246,9 @@ impl Pairing {
         self.choices.clear();
         self.choices.extend(self.hypotheses.iter().map(|hypothesis| {
             // All that begin with the same pixels of the team's colour exclude each other.
-            let kind = pattern.identities[hypothesis.identity].kinds[pattern.team_patch];
-            let team_patch = &self.finder.of_kind(kind)[hypothesis.candidates[pattern.team_patch]];
+            let patch = pattern.top_of(hypothesis.identity).team_patch;
+            let kind = pattern.identities[hypothesis.identity].kinds[patch];
+            let team_patch = &self.finder.of_kind(kind)[hypothesis.candidates[patch]];
             let seed = team_patch.seed();
             Choice {
                 group: u64::from(seed.region) << 16 | u64::from(seed.piece),
@@ -251,7 +286,7 @@ impl Pairing {
 
     /// Other regions of a patch's size and shape on the robot's top.
     fn count_strangers(&self, pattern: &Pattern, hypothesis: &Hypothesis) -> u32 {
-        let half = pattern.size_mm * BODY_FRACTION / 2.0;
+        let top = pattern.top_of(hypothesis.identity);
         let own = &pattern.identities[hypothesis.identity].kinds;
         // Pixels have been asked about everything on the top already.
         if hypothesis.candidates[..own.len()].contains(&NO_CANDIDATE) {
@@ -263,19 +298,20 @@ impl Pairing {
                 .any(|(&kind, &candidate)| self.finder.of_kind(kind)[candidate].uses_region(region))
         };
         let mut count = 0;
-        for spot in &self.finder.spots {
+        for spot in self.finder.spots(top) {
             let place = spot.measure.position;
-            if distance_mm(place, hypothesis.pose.position) > 1.5 * half {
+            if distance_mm(place, hypothesis.pose.position) > top.core.reach_mm() {
                 continue;
             }
-            let [x, y] = robot_from_field(&pattern.body(&hypothesis.pose), place);
+            let place = robot_from_field(&hypothesis.pose, place);
             let could_be_patch = || {
-                pattern.patches.iter().any(|patch| {
+                let same_height = pattern.tops.iter().filter(|other| other.height == top.height);
+                same_height.flat_map(|top| &top.patches).any(|patch| {
                     spot.measure.area_mm2 >= pattern.limits.min_area_ratio * patch.area_mm2
                         && spot.measure.is_shaped_like(patch)
                 })
             };
-            if x.abs() < half && y.abs() < half && !is_own(spot.region) && could_be_patch() {
+            if top.core.contains(place) && !is_own(spot.region) && could_be_patch() {
                 count += 1;
             }
         }
@@ -289,7 +325,8 @@ impl Pairing {
         const ROUNDS: usize = 2;
         let pattern = scene.pattern;
         for index in 0..self.believed.len() {
-            for patch in 0..pattern.patches.len() {
+            let identity = self.hypotheses[self.believed[index]].identity;
+            for patch in 0..pattern.top_of(identity).patches.len() {
                 let robot = &self.hypotheses[self.believed[index]];
                 let Some(candidate) = self.candidate(pattern, robot, patch) else { continue };
                 let seed = candidate.seed();
@@ -313,8 +350,8 @@ impl Pairing {
     fn find_owners(&self, pattern: &Pattern, region: u32, owners: &mut Vec<(usize, usize)>) {
         owners.clear();
         for &index in &self.believed {
-            for patch in 0..pattern.patches.len() {
-                let robot = &self.hypotheses[index];
+            let robot = &self.hypotheses[index];
+            for patch in 0..pattern.top_of(robot.identity).patches.len() {
                 let candidate = self.candidate(pattern, robot, patch);
                 if candidate.is_some_and(|candidate| candidate.uses_region(region)) {
                     owners.push((index, patch));
@@ -339,14 +376,14 @@ impl Pairing {
             for column in run.begin..run.end {
                 let (x_px, y_px) = (f64::from(column), f64::from(run.row));
                 let point = ImagePoint::new(x_px, y_px);
-                let place = scene.camera.field_from_image(point, scene.pattern.height_mm);
                 let remoteness = |&(index, patch): &(usize, usize)| {
-                    let pose = &self.hypotheses[index].pose;
-                    let [body_x, body_y] = robot_from_field(&scene.pattern.body(pose), place);
-                    let [x, y] = robot_from_field(pose, place);
-                    let [px, py] = scene.pattern.patches[patch].centroid_mm;
+                    let robot = &self.hypotheses[index];
+                    let top = scene.pattern.top_of(robot.identity);
+                    let place = scene.camera.field_from_image(point, top.height_mm);
+                    let [x, y] = robot_from_field(&robot.pose, place);
+                    let [px, py] = top.patches[patch].centroid_mm;
                     // Two patches of one robot are equally deep on its body.
-                    (body_x.abs().max(body_y.abs()), (x - px).hypot(y - py))
+                    (-top.body.depth_mm([x, y]), (x - px).hypot(y - py))
                 };
                 let nearest = (0..owners.len()).min_by(|&a, &b| {
                     let (a, b) = (remoteness(&owners[a]), remoteness(&owners[b]));
@@ -359,16 +396,17 @@ impl Pairing {
         }
         for (&(index, patch), sums) in owners.iter().zip(&all_sums) {
             let moments = sums.moments();
-            let measure = Measure::new(&moments, scene.camera, scene.pattern.height_mm);
             let hypothesis = &mut self.hypotheses[index];
+            let top = scene.pattern.top_of(hypothesis.identity);
+            let measure = Measure::new(&moments, scene.camera, top.height_mm);
             // Poses so wrong that nothing is left of a patch make a worse guess, not a better one.
             let Some(measure) = measure else { continue };
-            let patch_area = scene.pattern.patches[patch].area_mm2;
+            let patch_area = top.patches[patch].area_mm2;
             if measure.area_mm2 < scene.pattern.limits.min_area_ratio * patch_area {
                 continue;
             }
             hypothesis.places[patch] = measure.position;
-            if let Some(pose) = fit(scene.pattern, &hypothesis.places) {
+            if let Some(pose) = fit(top, &hypothesis.places) {
                 hypothesis.pose = pose;
             }
         }
@@ -384,11 +422,11 @@ impl Pairing {
         });
         for robot in self.robots() {
             let identity = &pattern.identities[robot.identity];
-            let (image, orientation_image) =
-                image_pose(scene.camera, &robot.pose, pattern.height_mm);
+            let top = pattern.top_of(robot.identity);
+            let patches = top.patches.len();
+            let (image, orientation_image) = image_pose(scene.camera, &robot.pose, top.height_mm);
             let mut patch_regions = [u32::MAX; MAX_PATCHES];
-            for (patch, region) in patch_regions.iter_mut().enumerate().take(pattern.patches.len())
-            {
+            for (patch, region) in patch_regions.iter_mut().enumerate().take(patches) {
                 if let Some(candidate) = self.candidate(pattern, robot, patch) {
                     *region = candidate.seed().region;
                 }
@@ -399,11 +437,11 @@ impl Pairing {
                 x_mm: robot.pose.position.x_mm as f32,
                 y_mm: robot.pose.position.y_mm as f32,
                 orientation: wrap_angle(robot.pose.orientation) as f32,
-                confidence: (-robot.misfit / pattern.patches.len() as f64).exp() as f32,
+                confidence: (-robot.misfit / patches as f64).exp() as f32,
                 x_px: image.x_px as f32,
                 y_px: image.y_px as f32,
                 orientation_image: orientation_image as f32,
-                patch_count: pattern.patches.len() as u32,
+                patch_count: patches as u32,
                 patch_regions,
                 ..DetectedRobot::default()
             });
@@ -414,14 +452,14 @@ impl Pairing {
 fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &Hypothesis) -> bool {
     let (identity_a, identity_b) =
         (&pattern.identities[a.identity], &pattern.identities[b.identity]);
-    let (body_a, body_b) = (pattern.body(&a.pose), pattern.body(&b.pose));
-    if a.identity == b.identity || bodies_overlap(pattern.size_mm, &body_a, &body_b) {
+    let (top_a, top_b) = (pattern.top_of(a.identity), pattern.top_of(b.identity));
+    if a.identity == b.identity || top_a.core.overlaps(&a.pose, &top_b.core, &b.pose) {
         return true;
     }
-    let team = pattern.team_patch;
     let too_close = || {
-        distance_mm(a.places[team], b.places[team])
-            < TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm()
+        let least_mm = top_a.team_patch_size_mm().min(top_b.team_patch_size_mm());
+        distance_mm(a.places[top_a.team_patch], b.places[top_b.team_patch])
+            < TEAM_PATCH_DISTANCE * least_mm
     };
     if identity_a.team == identity_b.team && too_close() {
         return true;
@@ -438,39 +476,3 @@ fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &H
 
 /// Team patches of one team are farther apart than this many patch sizes (eq. 4).
 pub(crate) const TEAM_PATCH_DISTANCE: f64 = 0.75;
-
-/// Whether two squares, somewhat smaller than robots, share a point: they do unless one of their
-/// four axes separates them.
-fn bodies_overlap(size_mm: f64, a: &Pose, b: &Pose) -> bool {
-    let half = size_mm * BODY_FRACTION / 2.0;
-    if distance_mm(a.position, b.position) > 3.0 * half {
-        return false;
-    }
-    let (sin, cos) = (a.orientation - b.orientation).sin_cos();
-    let reach = half * (1.0 + sin.abs() + cos.abs());
-    let [ax, ay] = robot_from_field(a, b.position);
-    let [bx, by] = robot_from_field(b, a.position);
-    [ax, ay, bx, by].iter().all(|offset| offset.abs() < reach)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::f64::consts::FRAC_PI_4;
-
-    fn pose(x: f64, y: f64, orientation: f64) -> Pose {
-        Pose { position: FieldPoint::new(x, y), orientation }
-    }
-
-    #[test]
-    fn bodies_may_touch_and_not_overlap() {
-        let here = pose(0.0, 0.0, 0.0);
-        assert!(!bodies_overlap(75.0, &here, &pose(75.0, 0.0, 0.0)));
-        assert!(!bodies_overlap(75.0, &here, &pose(75.0, 30.0, 0.0)));
-        assert!(!bodies_overlap(75.0, &here, &pose(91.0, 0.0, FRAC_PI_4)));
-        assert!(bodies_overlap(75.0, &here, &pose(55.0, 30.0, 0.0)));
-        // Side by side this far apart they would only touch; a corner reaches farther.
-        assert!(bodies_overlap(75.0, &here, &pose(70.0, 0.0, FRAC_PI_4)));
-        assert!(!bodies_overlap(75.0, &here, &pose(70.0, 0.0, 0.0)));
-    }
-}

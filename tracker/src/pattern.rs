@@ -6,39 +6,71 @@
 use crate::agreement::Shares;
 use crate::error::TrackerError;
 use crate::footprint::Footprints;
-use common::config::{Config, Pair, PatchRole, RobotsConfig};
-use common::geometry::Pose;
-use common::layout::{Layout, body_turn, topmost_patch};
+use common::body::Body;
+use common::config::{self, Config, Pair, PatchConfig, PatchRole};
+use common::layout::{Layout, topmost_patch};
 use common::messages::{MAX_PATCHES, Team};
 
 /// The robots to look for.
 #[derive(Debug, Clone)]
 pub(crate) struct Pattern {
-    /// The patches of a robot's top, in the configured order.
+    /// Every combination of patches and height that robots have.
+    pub tops: Vec<Top>,
+    /// Every combination of colour and patch that some robot wears; kinds of team patches first.
+    pub kinds: Vec<Kind>,
+    /// For each kind, an earlier one that has the same candidates: same colour, same height, and a patch
+    /// of the same size and form.
+    pub alike: Vec<Option<usize>>,
+    /// The robots that may be on the pitch.
+    pub identities: Vec<Identity>,
+    /// Heights of tops, each once.
+    pub heights_mm: Vec<f64>,
+    teams: [TeamPattern; 2],
+    /// Side or diameter of a robot.
+    pub size_mm: f64,
+    /// Tolerances.
+    pub limits: Limits,
+}
+
+/// What a robot's top shows, and how high it is.
+#[derive(Debug, Clone)]
+pub(crate) struct Top {
+    /// In the configured order.
     pub patches: Vec<ExpectedPatch>,
     /// Between the visible centroids of any two patches.
     distances_mm: [[f64; MAX_PATCHES]; MAX_PATCHES],
     /// Which of them is the team patch.
     pub team_patch: usize,
-    /// Every combination of colour and patch that some robot wears.
-    pub kinds: Vec<Kind>,
-    /// The robots that may be on the pitch.
-    pub identities: Vec<Identity>,
-    /// For each team, its identities, those that begin with the same kinds side by side.
-    wearers: [Vec<usize>; 2],
-    /// Side of a robot.
-    pub size_mm: f64,
-    /// How the body is turned against the frame of the layout.
-    body_turn: f64,
-    /// Height of the robots' tops.
+    /// Above the floor.
     pub height_mm: f64,
-    /// What of a robot's top may belong to which patch.
+    /// Index into [`Pattern::heights_mm`].
+    pub height: usize,
+    /// The body below it.
+    pub body: Body,
+    /// The same somewhat smaller: such bodies never overlap, however badly poses are measured.
+    pub core: Body,
+    /// What of it may belong to which patch.
     pub footprints: Footprints,
-    /// How much of each patch there is at every point of a top.
+    /// How much of each patch there is at every point of it.
     pub shares: Shares,
-    /// Tolerances.
-    pub limits: Limits,
 }
+
+/// What the robots of a team have in common.
+#[derive(Debug, Clone)]
+struct TeamPattern {
+    /// Colour class.
+    class: u32,
+    /// The kinds of its team patches, one for each top that its robots have.
+    kinds: Vec<usize>,
+    /// Index of the top of its robots that have none of their own.
+    usual_top: usize,
+    /// For each of `kinds`, the identities that wear it, those that begin with the same kinds side by
+    /// side.
+    wearers: Vec<Vec<usize>>,
+}
+
+/// Bodies shrunk to this fraction of their size must not overlap.
+const BODY_FRACTION: f64 = 0.8;
 
 /// One patch as it should show.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +93,9 @@ pub(crate) struct ExpectedPatch {
 pub(crate) struct Kind {
     /// Colour class.
     pub class: u32,
-    /// Index into the patches of the layout.
+    /// Index into [`Pattern::tops`].
+    pub top: usize,
+    /// Index into the patches of the top.
     pub patch: usize,
     /// For the team patch, the team that wears the colour.
     pub team: Option<Team>,
@@ -72,7 +106,9 @@ pub(crate) struct Kind {
 pub(crate) struct Identity {
     pub team: Team,
     pub id: u32,
-    /// For each patch of the layout, the index of its kind.
+    /// Index into [`Pattern::tops`].
+    pub top: usize,
+    /// For each patch of its top, the index of its kind.
     pub kinds: Vec<usize>,
 }
 
@@ -89,56 +125,67 @@ impl Pattern {
         let robots = &config.robots;
         let limits = Limits::new(config)?;
         positive("robots.size_mm", robots.size_mm)?;
-        if !(robots.height_mm >= 0.0 && robots.height_mm < config.geometry.camera_mm[2]) {
-            return Err(TrackerError::Value {
-                key: "robots.height_mm",
-                value: robots.height_mm,
-                must: "at least 0 and below the camera",
-            });
-        }
-        let patches = expected_patches(robots)?;
-        let mut distances_mm = [[0.0; MAX_PATCHES]; MAX_PATCHES];
-        for (row, a) in distances_mm.iter_mut().zip(&patches) {
-            for (distance, b) in row.iter_mut().zip(&patches) {
-                let ([ax, ay], [bx, by]) = (a.centroid_mm, b.centroid_mm);
-                *distance = (ax - bx).hypot(ay - by);
-            }
-        }
-        let team_patch = robots
-            .patches
+        let mut tops = Tops::default();
+        let of_identities = robots
+            .identities
             .iter()
-            .position(|patch| patch.role == PatchRole::Team)
-            .ok_or(TrackerError::TeamPatches(0))?;
+            .map(|identity| tops.index_of(config, config.top_of(identity)))
+            .collect::<Result<Vec<usize>, _>>()?;
 
         let mut kinds = Vec::new();
+        let mut teams = Vec::new();
         for team in Team::ALL {
             let class =
                 class_of(config, config.teams.color(team), || format!("the {} team", team.name()))?;
-            kinds.push(Kind { class, patch: team_patch, team: Some(team) });
+            let usual_top = tops.index_of(config, config.top_of_team(team))?;
+            let of_team = robots.identities.iter().zip(&of_identities);
+            let of_team = of_team.filter(|(identity, _)| identity.team == team);
+            let mut its_tops: Vec<usize> = of_team.map(|(_, &top)| top).collect();
+            // Robots of which nothing else is known are looked for by the usual one.
+            if its_tops.is_empty() || robots.report_unknown {
+                its_tops.push(usual_top);
+            }
+            its_tops.sort_unstable();
+            its_tops.dedup();
+            let first = kinds.len();
+            kinds.extend(its_tops.iter().map(|&top| Kind {
+                class,
+                top,
+                patch: tops.list[top].team_patch,
+                team: Some(team),
+            }));
+            let wearers = vec![Vec::new(); its_tops.len()];
+            teams.push(TeamPattern {
+                class,
+                kinds: (first..kinds.len()).collect(),
+                usual_top,
+                wearers,
+            });
         }
         let mut identities: Vec<Identity> = Vec::new();
-        for identity in &robots.identities {
+        for (identity, top) in robots.identities.iter().zip(of_identities) {
             let (team, id) = (identity.team, identity.id);
             if identities.iter().any(|known| (known.team, known.id) == (team, id)) {
                 return Err(TrackerError::DuplicateIdentity { team, id });
             }
-            if identity.colors.len() != patches.len() - 1 {
+            let (patches, team_patch) = (tops.list[top].patches.len(), tops.list[top].team_patch);
+            if identity.colors.len() != patches - 1 {
                 return Err(TrackerError::ColorCount {
                     team,
                     id,
                     got: identity.colors.len(),
-                    expected: patches.len() - 1,
+                    expected: patches - 1,
                 });
             }
             let mut colors = identity.colors.iter();
-            let mut own_kinds = Vec::with_capacity(patches.len());
-            for patch in 0..patches.len() {
+            let mut own_kinds = Vec::with_capacity(patches);
+            for patch in 0..patches {
                 let kind = if patch == team_patch {
-                    Kind { class: kinds[team as usize].class, patch, team: Some(team) }
+                    Kind { class: teams[team as usize].class, top, patch, team: Some(team) }
                 } else {
                     let color = colors.next().map_or("", String::as_str);
                     let class = class_of(config, color, || format!("{} {id}", team.name()))?;
-                    Kind { class, patch, team: None }
+                    Kind { class, top, patch, team: None }
                 };
                 let index = kinds.iter().position(|known| *known == kind).unwrap_or_else(|| {
                     kinds.push(kind);
@@ -146,43 +193,57 @@ impl Pattern {
                 });
                 own_kinds.push(index);
             }
-            identities.push(Identity { team, id, kinds: own_kinds });
+            identities.push(Identity { team, id, top, kinds: own_kinds });
         }
-        let wearers = Team::ALL.map(|team| {
-            let mut wearers: Vec<usize> =
-                (0..identities.len()).filter(|&index| identities[index].team == team).collect();
-            wearers.sort_by(|&a, &b| identities[a].kinds.cmp(&identities[b].kinds));
-            wearers
-        });
+        for TeamPattern { kinds: of_team, wearers, .. } in &mut teams {
+            for (&kind, wearers) in of_team.iter().zip(wearers) {
+                let wears = |&index: &usize| {
+                    let Identity { top, kinds, .. } = &identities[index];
+                    kinds[tops.list[*top].team_patch] == kind
+                };
+                wearers.extend((0..identities.len()).filter(wears));
+                wearers.sort_by(|&a, &b| identities[a].kinds.cmp(&identities[b].kinds));
+            }
+        }
+        let alike = (0..kinds.len())
+            .map(|index| (0..index).find(|&other| tops.are_alike(&kinds[index], &kinds[other])))
+            .collect();
+        let [yellow, blue] = <[TeamPattern; 2]>::try_from(teams).expect("there are two teams");
         Ok(Self {
-            patches,
-            distances_mm,
-            team_patch,
+            tops: tops.list,
             kinds,
+            alike,
             identities,
-            wearers,
+            heights_mm: tops.heights_mm,
+            teams: [yellow, blue],
             size_mm: robots.size_mm,
-            body_turn: body_turn(robots),
-            height_mm: robots.height_mm,
-            footprints: Footprints::new(robots),
-            shares: Shares::new(robots),
             limits,
         })
     }
 
-    /// Distance between the visible centroids of two patches.
-    pub fn distance_mm(&self, a: usize, b: usize) -> f64 {
-        self.distances_mm[a][b]
+    /// The top of a robot.
+    pub fn top_of(&self, identity: usize) -> &Top {
+        &self.tops[self.identities[identity].top]
     }
 
-    /// The pose of the body of a robot whose layout has the pose given.
-    pub fn body(&self, pose: &Pose) -> Pose {
-        Pose { orientation: pose.orientation + self.body_turn, ..*pose }
+    /// The top that a kind belongs to.
+    pub fn top_of_kind(&self, kind: &Kind) -> &Top {
+        &self.tops[kind.top]
     }
 
-    /// d₁ of eq. (4): no two robots of a team can have their team patches nearer than ¾ of this.
-    pub fn team_patch_size_mm(&self) -> f64 {
-        self.patches[self.team_patch].size_mm()
+    /// What a kind's patch should show.
+    pub fn patch_of_kind(&self, kind: &Kind) -> &ExpectedPatch {
+        &self.tops[kind.top].patches[kind.patch]
+    }
+
+    /// The top of a team's robots that have none of their own.
+    pub fn usual_top(&self, team: Team) -> &Top {
+        &self.tops[self.teams[team as usize].usual_top]
+    }
+
+    /// Its index.
+    pub fn usual_top_index(&self, team: Team) -> usize {
+        self.teams[team as usize].usual_top
     }
 
     /// Index of the identity that a message names by numbers.
@@ -191,14 +252,108 @@ impl Pattern {
         self.identities.iter().position(is_it)
     }
 
-    /// Indices of a team's identities, those that begin with the same kinds side by side.
-    pub fn wearers(&self, team: Team) -> &[usize] {
-        &self.wearers[team as usize]
+    /// The top of a robot that a message names by numbers.
+    pub fn top_by_numbers(&self, team: u32, id: u32) -> &Top {
+        match (self.identity_of(team, id), Team::from_number(team)) {
+            (Some(identity), _) => self.top_of(identity),
+            (None, team) => self.usual_top(team.unwrap_or(Team::Yellow)),
+        }
     }
 
-    /// Index of the kind of a team's team patch.
-    pub fn team_kind(&self, team: Team) -> usize {
-        team as usize
+    /// Indices of the kinds of a team's team patches, at least one.
+    pub fn team_kinds(&self, team: Team) -> &[usize] {
+        &self.teams[team as usize].kinds
+    }
+
+    /// Indices of the identities whose team patch is of a kind, those that begin with the same kinds side
+    /// by side.
+    pub fn wearers(&self, team_kind: usize) -> &[usize] {
+        let of = |team: &TeamPattern| team.kinds.iter().position(|&kind| kind == team_kind);
+        let found = self.teams.iter().find_map(|team| Some(&team.wearers[of(team)?]));
+        found.map_or(&[], Vec::as_slice)
+    }
+
+    /// Class of a team's colour.
+    pub fn team_class(&self, team: Team) -> u32 {
+        self.teams[team as usize].class
+    }
+}
+
+impl Top {
+    fn new(config: &Config, top: config::Top, height: usize) -> Result<Self, TrackerError> {
+        let size_mm = config.robots.size_mm;
+        let patches = expected_patches(size_mm, top.patches)?;
+        let mut distances_mm = [[0.0; MAX_PATCHES]; MAX_PATCHES];
+        for (row, a) in distances_mm.iter_mut().zip(&patches) {
+            for (distance, b) in row.iter_mut().zip(&patches) {
+                let ([ax, ay], [bx, by]) = (a.centroid_mm, b.centroid_mm);
+                *distance = (ax - bx).hypot(ay - by);
+            }
+        }
+        let is_team = |patch: &PatchConfig| patch.role == PatchRole::Team;
+        let team_patch =
+            top.patches.iter().position(is_team).ok_or(TrackerError::TeamPatches(0))?;
+        let body = Body::new(&config.robots, top.patches);
+        Ok(Self {
+            patches,
+            distances_mm,
+            team_patch,
+            height_mm: top.height_mm,
+            height,
+            body,
+            core: body.scaled(BODY_FRACTION),
+            footprints: Footprints::new(top.patches),
+            shares: Shares::new(top.patches),
+        })
+    }
+
+    /// Distance between the visible centroids of two patches.
+    pub fn distance_mm(&self, a: usize, b: usize) -> f64 {
+        self.distances_mm[a][b]
+    }
+
+    /// d₁ of eq. (4): no two robots of a team can have their team patches nearer than ¾ of this.
+    pub fn team_patch_size_mm(&self) -> f64 {
+        self.patches[self.team_patch].size_mm()
+    }
+}
+
+/// Collects tops, each once.
+#[derive(Default)]
+struct Tops<'a> {
+    list: Vec<Top>,
+    configured: Vec<config::Top<'a>>,
+    heights_mm: Vec<f64>,
+}
+
+impl<'a> Tops<'a> {
+    fn index_of(&mut self, config: &Config, top: config::Top<'a>) -> Result<usize, TrackerError> {
+        if let Some(known) = self.configured.iter().position(|known| *known == top) {
+            return Ok(known);
+        }
+        if !(top.height_mm >= 0.0 && top.height_mm < config.geometry.camera_mm[2]) {
+            return Err(TrackerError::Value {
+                key: "robots.height_mm",
+                value: top.height_mm,
+                must: "at least 0 and below the camera",
+            });
+        }
+        let height = self.heights_mm.iter().position(|&height_mm| height_mm == top.height_mm);
+        let height = height.unwrap_or_else(|| {
+            self.heights_mm.push(top.height_mm);
+            self.heights_mm.len() - 1
+        });
+        self.list.push(Top::new(config, top, height)?);
+        self.configured.push(top);
+        Ok(self.list.len() - 1)
+    }
+
+    /// Whether whatever may be a patch of one kind may be one of the other.
+    fn are_alike(&self, a: &Kind, b: &Kind) -> bool {
+        let (top_a, top_b) = (&self.list[a.top], &self.list[b.top]);
+        a.class == b.class
+            && top_a.height == top_b.height
+            && top_a.patches[a.patch].is_congruent(&top_b.patches[b.patch])
     }
 }
 
@@ -208,6 +363,16 @@ impl ExpectedPatch {
     /// because elongated patches can come close to each other side by side.
     pub fn size_mm(&self) -> f64 {
         self.area_mm2.sqrt().min(12f64.sqrt() * self.minor_mm)
+    }
+
+    /// Whether another patch has the same size and form, as exactly as these are measured.
+    fn is_congruent(&self, other: &Self) -> bool {
+        const SAME: f64 = 0.02;
+        let is_same = |a: f64, b: f64| (a - b).abs() <= SAME * a.max(b);
+        is_same(self.area_mm2, other.area_mm2)
+            && is_same(self.major_mm, other.major_mm)
+            && is_same(self.minor_mm, other.minor_mm)
+            && is_same(self.reach_mm, other.reach_mm)
     }
 
     /// Area in relation to spread: 1 for squares and all rectangles, 1.05 for discs, 0.87 for
@@ -277,27 +442,30 @@ pub(crate) fn positive(key: &'static str, value: f64) -> Result<(), TrackerError
     }
 }
 
-fn expected_patches(robots: &RobotsConfig) -> Result<Vec<ExpectedPatch>, TrackerError> {
-    let count = robots.patches.len();
-    let team_patches = robots.patches.iter().filter(|patch| patch.role == PatchRole::Team).count();
+fn expected_patches(
+    size_mm: f64,
+    configured: &[PatchConfig],
+) -> Result<Vec<ExpectedPatch>, TrackerError> {
+    let count = configured.len();
+    let team_patches = configured.iter().filter(|patch| patch.role == PatchRole::Team).count();
     if team_patches != 1 {
         return Err(TrackerError::TeamPatches(team_patches));
     }
     if !(2..=MAX_PATCHES).contains(&count) {
         return Err(TrackerError::IdentificationPatches(count - 1));
     }
-    for (index, patch) in robots.patches.iter().enumerate() {
+    for (index, patch) in configured.iter().enumerate() {
         // Also keeps the sampling below within bounds.
-        let is_absurd = |value: &f64| value.is_nan() || value.abs() > robots.size_mm;
+        let is_absurd = |value: &f64| value.is_nan() || value.abs() > size_mm;
         if patch.outline_mm.iter().flatten().any(is_absurd) {
             return Err(TrackerError::InvisiblePatch(index));
         }
     }
-    let layout = Layout::new(robots);
+    let layout = Layout::new(configured);
     let patches: Vec<ExpectedPatch> = layout
         .patches
         .iter()
-        .zip(spreads(robots, &layout))
+        .zip(spreads(size_mm, configured, &layout))
         .map(|(visible, spread)| ExpectedPatch {
             area_mm2: visible.area_mm2,
             centroid_mm: visible.centroid_mm,
@@ -322,7 +490,7 @@ fn expected_patches(robots: &RobotsConfig) -> Result<Vec<ExpectedPatch>, Tracker
 
 /// How the visible part of each patch spreads around its centroid, measured on a grid; the other
 /// fields stay zero.
-fn spreads(robots: &RobotsConfig, layout: &Layout) -> Vec<ExpectedPatch> {
+fn spreads(size_mm: f64, configured: &[PatchConfig], layout: &Layout) -> Vec<ExpectedPatch> {
     #[derive(Clone, Copy, Default)]
     struct Sum {
         count: f64,
@@ -330,13 +498,13 @@ fn spreads(robots: &RobotsConfig, layout: &Layout) -> Vec<ExpectedPatch> {
         reach: f64,
     }
     const STEPS: i32 = 300;
-    let step = robots.size_mm / f64::from(STEPS);
+    let step = size_mm / f64::from(STEPS);
     let mut sums = vec![Sum::default(); layout.patches.len()];
     for row in -STEPS..STEPS {
         for column in -STEPS..STEPS {
             let x = (f64::from(column) + 0.5) * step;
             let y = (f64::from(row) + 0.5) * step;
-            let Some(patch) = topmost_patch(robots, [x, y]) else { continue };
+            let Some(patch) = topmost_patch(configured, [x, y]) else { continue };
             let [cx, cy] = layout.patches[patch].centroid_mm;
             let (dx, dy) = (x - cx, y - cy);
             let sum = &mut sums[patch];
@@ -389,12 +557,13 @@ mod tests {
     #[test]
     fn the_papers_layout_has_the_papers_sizes() {
         let pattern = Pattern::new(&Config::default()).unwrap();
-        let [team, identification] = pattern.patches[..] else { panic!("two patches") };
+        let top = &pattern.tops[0];
+        let [team, identification] = top.patches[..] else { panic!("two patches") };
         assert!((team.size_mm() - 34.0).abs() < 0.2, "{team:?}");
         assert!((team.compactness() - 1.0).abs() < 0.01, "{team:?}");
         assert!((team.reach_mm - 17.0 * 2f64.sqrt()).abs() < 0.5, "{team:?}");
         assert!((identification.size_mm() - 34.0).abs() < 0.2, "{identification:?}");
-        assert!((pattern.distance_mm(0, 1) - 36.0 * 2f64.sqrt()).abs() < 1e-6);
+        assert!((top.distance_mm(0, 1) - 36.0 * 2f64.sqrt()).abs() < 1e-6);
         // Two team colours, five identification colours that both teams share.
         assert_eq!(pattern.kinds.len(), 7);
     }
@@ -402,7 +571,7 @@ mod tests {
     #[test]
     fn a_stripe_is_as_large_as_it_is_narrow() {
         let pattern = Pattern::new(&Preset::MirosotLarge.config()).unwrap();
-        assert!((pattern.team_patch_size_mm() - 33.0).abs() < 0.3);
+        assert!((pattern.tops[0].team_patch_size_mm() - 33.0).abs() < 0.3);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::candidates::Spot;
 use crate::hypotheses::{Fate, Outcome};
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
-use crate::pattern::Pattern;
+use crate::pattern::{Kind, Pattern, Top};
 use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
 use common::messages::{DetectionFrame, RejectReason, Rejected, Team};
@@ -58,12 +58,11 @@ pub(crate) fn explain_team_patches(
     unknown: &UnknownRobots,
     rejections: &mut Rejections,
 ) {
-    let worth_listing = WORTH_LISTING
-        * pattern.limits.min_area_ratio
-        * pattern.patches[pattern.team_patch].area_mm2;
     for team in Team::ALL {
-        let class = pattern.kinds[pattern.team_kind(team)].class;
-        for spot in &pairing.finder.spots {
+        let (class, top) = (pattern.team_class(team), first_top(pattern, team));
+        let worth_listing =
+            WORTH_LISTING * pattern.limits.min_area_ratio * least_team_patch_mm2(pattern, team);
+        for spot in pairing.finder.spots(top) {
             if spot.class != class
                 || spot.measure.area_mm2 < worth_listing
                 || unknown.use_region(spot.region)
@@ -84,26 +83,23 @@ pub(crate) fn explain_lonely_patches(
     pairing: &Pairing,
     rejections: &mut Rejections,
 ) {
-    let is_of_team = |class: u32| {
-        Team::ALL.iter().any(|&team| pattern.kinds[pattern.team_kind(team)].class == class)
-    };
+    let is_of_team = |class: u32| Team::ALL.iter().any(|&team| pattern.team_class(team) == class);
+    // Where teams have different heights, each patch is off by the same little.
+    let spots = || pairing.finder.spots(first_top(pattern, Team::Yellow)).iter();
     // However small: a bad team patch is listed with a reason of its own.
-    let team_spots = || pairing.finder.spots.iter().filter(|spot| is_of_team(spot.class));
-    for spot in &pairing.finder.spots {
+    let team_spots = || spots().filter(|spot| is_of_team(spot.class));
+    for spot in spots() {
         if spot.outside || is_of_team(spot.class) || is_used(pattern, pairing, spot.region) {
             continue;
         }
-        let reach = |patch: usize| {
-            pattern.distance_mm(patch, pattern.team_patch) + pattern.limits.patch_tolerance_mm
-        };
         let could_be = pattern.kinds.iter().filter(|kind| {
-            let patch = &pattern.patches[kind.patch];
+            let patch = pattern.patch_of_kind(kind);
             kind.team.is_none()
                 && kind.class == spot.class
                 && pattern.limits.admit_area(spot.measure.area_mm2 / patch.area_mm2)
                 && spot.measure.is_shaped_like(patch)
         });
-        let farthest = could_be.map(|kind| reach(kind.patch)).reduce(f64::max);
+        let farthest = could_be.map(|kind| reach_mm(pattern, kind)).reduce(f64::max);
         let is_lonely = farthest.is_some_and(|farthest| {
             team_spots()
                 .all(|team| team.measure.position.distance(spot.measure.position) > farthest)
@@ -115,10 +111,27 @@ pub(crate) fn explain_lonely_patches(
     }
 }
 
+/// The top by whose height a team's regions are judged: that of its first kind.
+fn first_top(pattern: &Pattern, team: Team) -> &Top {
+    pattern.top_of_kind(&pattern.kinds[pattern.team_kinds(team)[0]])
+}
+
+/// Area of the smallest team patch that robots of a team wear.
+fn least_team_patch_mm2(pattern: &Pattern, team: Team) -> f64 {
+    let kinds = pattern.team_kinds(team).iter().map(|&kind| &pattern.kinds[kind]);
+    kinds.map(|kind| pattern.patch_of_kind(kind).area_mm2).fold(f64::INFINITY, f64::min)
+}
+
+/// Farthest that an identification patch of a kind may lie from its team patch.
+fn reach_mm(pattern: &Pattern, kind: &Kind) -> f64 {
+    let top = pattern.top_of_kind(kind);
+    top.distance_mm(kind.patch, top.team_patch) + pattern.limits.patch_tolerance_mm
+}
+
 /// Whether a region is in a robot.
 fn is_used(pattern: &Pattern, pairing: &Pairing, region: u32) -> bool {
     pairing.robots().any(|robot| {
-        (0..pattern.patches.len())
+        (0..pattern.top_of(robot.identity).patches.len())
             .filter_map(|patch| pairing.candidate(pattern, robot, patch))
             .any(|candidate| candidate.uses_region(region))
     })
@@ -133,22 +146,29 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
     if spot.outside {
         return Some(RejectReason::OutsideField);
     }
-    let candidates = pairing.finder.of_kind(pattern.team_kind(team));
-    let fates = (0..candidates.len())
-        .filter(|&index| candidates[index].uses_region(spot.region))
-        .map(|index| pairing.fate(team, index));
+    let candidates = || {
+        let kinds = pattern.team_kinds(team).iter();
+        kinds.flat_map(|&kind| {
+            pairing.finder.of_kind(kind).iter().enumerate().map(move |c| (kind, c))
+        })
+    };
+    let fates = candidates()
+        .filter(|(_, (_, candidate))| candidate.uses_region(spot.region))
+        .map(|(kind, (index, _))| pairing.fate(kind, index));
     let best =
         |a: Fate, b: Fate| Fate { outcome: a.outcome.max(b.outcome), is_cut: a.is_cut || b.is_cut };
     let fate = fates.reduce(best);
     let Some(fate) = fate else {
-        let expected_mm2 = pattern.patches[pattern.team_patch].area_mm2;
-        let too_large = spot.measure.area_mm2 > pattern.limits.max_area_ratio * expected_mm2;
+        let team_kinds = pattern.team_kinds(team).iter().map(|&kind| &pattern.kinds[kind]);
+        let expected_mm2 = team_kinds.map(|kind| pattern.patch_of_kind(kind).area_mm2);
+        let most_mm2 = pattern.limits.max_area_ratio * expected_mm2.fold(0.0, f64::max);
+        let too_large = spot.measure.area_mm2 > most_mm2;
         // Neither can be a string of many pixels: too narrow is too small.
         return Some(if too_large { RejectReason::TooLarge } else { RejectReason::TooSmall });
     };
 
-    let least_distance = TEAM_PATCH_DISTANCE * pattern.team_patch_size_mm();
-    let too_close = candidates.iter().any(|other| {
+    let least_distance = TEAM_PATCH_DISTANCE * first_top(pattern, team).team_patch_size_mm();
+    let too_close = candidates().any(|(_, (_, other))| {
         !other.uses_region(spot.region)
             && other.measure.position.distance(spot.measure.position) < least_distance
             && (other.measure.area_mm2 > spot.measure.area_mm2 || is_used(other.seed().region))
@@ -181,10 +201,9 @@ fn unused_identification_near(
     is_used: &dyn Fn(u32) -> bool,
 ) -> bool {
     let identities = pattern.identities.iter().filter(|identity| identity.team == team);
-    identities.flat_map(|identity| identity.kinds.iter().enumerate()).any(|(patch, &kind)| {
-        let reach =
-            pattern.distance_mm(patch, pattern.team_patch) + pattern.limits.patch_tolerance_mm;
-        patch != pattern.team_patch
+    identities.flat_map(|identity| &identity.kinds).any(|&kind| {
+        let reach = reach_mm(pattern, &pattern.kinds[kind]);
+        pattern.kinds[kind].team.is_none()
             && pairing.finder.of_kind(kind).iter().any(|candidate| {
                 candidate.measure.position.distance(spot.measure.position) <= reach
                     && !is_used(candidate.seed().region)

@@ -2,13 +2,13 @@
 
 use crate::edge_fit::{Deviations, EdgeFitter, Fitted};
 use crate::edges::EdgeMap;
-use crate::pattern::Pattern;
+use crate::pattern::{Pattern, Top};
 use crate::pose::image_pose;
 use crate::raw::RawFrame;
-use common::config::{Config, Pair};
+use common::config::{Config, Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
 use common::layout::topmost_patch;
-use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region};
+use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, Team};
 use std::f64::consts::TAU;
 
 /// A centroid of so many pixels of a class is off by this over the root of their number, 1σ in
@@ -29,10 +29,17 @@ const BALL_CORNERS: usize = 24;
 /// Measures robots and balls again.
 #[derive(Debug, Clone)]
 pub(crate) struct Refiner {
-    robot: EdgeFitter,
+    /// One for each top of the pattern.
+    tops: Vec<TopEdges>,
     ball: EdgeFitter,
-    robot_height_mm: f64,
     ball_height_mm: f64,
+}
+
+/// The edges of a top, and what its patches' centroids say.
+#[derive(Debug, Clone)]
+struct TopEdges {
+    fitter: EdgeFitter,
+    height_mm: f64,
     patches: Vec<Patch>,
 }
 
@@ -50,11 +57,14 @@ impl Refiner {
             let middle = camera.image_from_field(FieldPoint::default(), height_mm);
             camera.pixel_area_mm2(middle, height_mm).sqrt().clamp(1e-3, 1e3)
         };
-        let robots = &config.robots;
-        let outlines: Vec<&[Pair]> =
-            robots.patches.iter().map(|patch| patch.outline_mm.as_slice()).collect();
-        let edges =
-            EdgeMap::new(&outlines, |point| topmost_patch(robots, point), scale(pattern.height_mm));
+        let mut tops: Vec<Option<TopEdges>> = vec![None; pattern.tops.len()];
+        let listed = config.robots.identities.iter().zip(&pattern.identities);
+        let listed = listed.map(|(configured, found)| (found.top, config.top_of(configured)));
+        let usual = Team::ALL.map(|team| (pattern.usual_top_index(team), config.top_of_team(team)));
+        for (index, top) in listed.chain(usual) {
+            let edges = || TopEdges::new(&pattern.tops[index], top.patches, scale(top.height_mm));
+            tops[index].get_or_insert_with(edges);
+        }
         let radius_mm = config.ball.diameter_mm / 2.0;
         // The polygon's area is that of the circle.
         let step = TAU / BALL_CORNERS as f64;
@@ -65,31 +75,20 @@ impl Refiner {
             .collect();
         let in_ball = |[x, y]: Pair| (x.hypot(y) < radius_mm).then_some(0);
         let circle = EdgeMap::new(&[&circle], in_ball, scale(radius_mm));
-        let area: f64 = pattern.patches.iter().map(|patch| patch.area_mm2).sum();
-        let middle = [0, 1].map(|axis| {
-            let moment = pattern.patches.iter().map(|p| p.area_mm2 * p.centroid_mm[axis]);
-            moment.sum::<f64>() / area
-        });
-        let patches = pattern.patches.iter().map(|patch| Patch {
-            area_mm2: patch.area_mm2,
-            lever_mm: (patch.centroid_mm[0] - middle[0]).hypot(patch.centroid_mm[1] - middle[1]),
-        });
         Self {
-            robot: EdgeFitter::new(edges, pattern.height_mm),
+            tops: tops.into_iter().flatten().collect(),
             ball: EdgeFitter::new(circle, radius_mm),
-            robot_height_mm: pattern.height_mm,
             ball_height_mm: radius_mm,
-            patches: patches.collect(),
         }
     }
 
     /// Measures the robots of `seen` by their edges in `frame`, where they can be, looking first where
-    /// they are `expected`; gives all of them their covariance.
+    /// they are `expected`, which also names their top; gives all of them their covariance.
     pub fn refine_robots(
         &mut self,
         camera: &CameraModel,
         frame: Option<&RawFrame>,
-        expected: impl Fn(&DetectedRobot) -> Option<Pose>,
+        expected: impl Fn(&DetectedRobot) -> (usize, Option<Pose>),
         seen: &mut DetectionFrame,
     ) {
         let (robots, regions) = seen.robots_and_regions_mut();
@@ -98,16 +97,18 @@ impl Refiner {
                 position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
                 orientation: f64::from(robot.orientation),
             };
-            let deviations = self.deviations(camera, robot, regions);
+            let (top, expected) = expected(robot);
+            let Some(edges) = self.tops.get_mut(top) else { continue };
+            let deviations = edges.deviations(camera, robot, regions);
             let begin = Deviations {
                 position_mm: START_FACTOR * deviations.position_mm,
                 heading_rad: START_FACTOR * deviations.heading_rad,
             };
-            let expected = expected(robot);
+            let fitter = &mut edges.fitter;
             let fitted = frame
-                .and_then(|frame| self.robot.fit(camera, frame, &start, &begin, expected.as_ref()));
+                .and_then(|frame| fitter.fit(camera, frame, &start, &begin, expected.as_ref()));
             let fitted = fitted.unwrap_or_else(|| deviations.around(start));
-            let (image, heading) = image_pose(camera, &fitted.pose, self.robot_height_mm);
+            let (image, heading) = image_pose(camera, &fitted.pose, edges.height_mm);
             *robot = DetectedRobot {
                 x_mm: fitted.pose.position.x_mm as f32,
                 y_mm: fitted.pose.position.y_mm as f32,
@@ -154,6 +155,28 @@ impl Refiner {
             };
         }
     }
+}
+
+impl TopEdges {
+    fn new(top: &Top, configured: &[PatchConfig], mm_per_px: f64) -> Self {
+        let outlines: Vec<&[Pair]> =
+            configured.iter().map(|patch| patch.outline_mm.as_slice()).collect();
+        let edges = EdgeMap::new(&outlines, |point| topmost_patch(configured, point), mm_per_px);
+        let area: f64 = top.patches.iter().map(|patch| patch.area_mm2).sum();
+        let middle = [0, 1].map(|axis| {
+            let moment = top.patches.iter().map(|p| p.area_mm2 * p.centroid_mm[axis]);
+            moment.sum::<f64>() / area
+        });
+        let patches = top.patches.iter().map(|patch| Patch {
+            area_mm2: patch.area_mm2,
+            lever_mm: (patch.centroid_mm[0] - middle[0]).hypot(patch.centroid_mm[1] - middle[1]),
+        });
+        Self {
+            fitter: EdgeFitter::new(edges, top.height_mm),
+            height_mm: top.height_mm,
+            patches: patches.collect(),
+        }
+    }
 
     /// How uncertain a pose is that was fitted to the centroids of its patches.
     fn deviations(
@@ -163,7 +186,7 @@ impl Refiner {
         regions: &[Region],
     ) -> Deviations {
         let position = FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm));
-        let mm_per_px = mm_per_px(camera, position, self.robot_height_mm);
+        let mm_per_px = mm_per_px(camera, position, self.height_mm);
         let is_missing = |region: &u32| *region as usize >= regions.len();
         if robot.patch_regions[..self.patches.len()].iter().any(is_missing) {
             // Not of centroids, but laid over broken patches where most pixels agree.

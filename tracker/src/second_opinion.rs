@@ -12,9 +12,9 @@ use crate::agreement::{Accepted, Surroundings};
 use crate::footprint;
 use crate::measure::Measure;
 use crate::pairing::Scene;
-use crate::pattern::Pattern;
+use crate::pattern::{Pattern, Top};
 use common::geometry::Pose;
-use common::messages::{DetectionFrame, MAX_PATCHES, Team};
+use common::messages::{DetectionFrame, MAX_PATCHES};
 
 /// Most team patches that get a second opinion in a frame; each takes up to a third of a millisecond.
 pub(crate) const MAX_OPINIONS: usize = 32;
@@ -25,6 +25,8 @@ const MIN_TEAM_AGREEMENT: f32 = 0.3;
 /// … and of the identification patches together so much: one may be too dark to have a colour, if
 /// the others are good.
 const MIN_MEAN_AGREEMENT: f32 = -0.05;
+/// Another colour that fills so much of a patch contradicts the robot that would wear the patch.
+const CONTRADICTION: f32 = 0.5;
 /// From a pose at which less of the team patch agrees nothing good comes.
 const MIN_START: f32 = 0.0;
 /// Robots that agree less than the best by this before their own pose is fitted will not overtake it.
@@ -43,37 +45,38 @@ pub(crate) struct Opinion {
     pub misfit: f64,
 }
 
-/// Asks the pixels around a team patch which robot it is. `paired` are poses of robots that were
-/// paired with it, if any. Returns whether there was reason to look.
+/// Asks the pixels around a team patch of a kind which robot it is. `paired` are poses of robots that
+/// were paired with it, if any. Returns whether there was reason to look.
 pub(crate) fn ask(
     scene: &Scene,
     frame: &DetectionFrame,
-    team: Team,
+    team_kind: usize,
     team_patch: &Measure,
     paired: &[Pose],
     surroundings: &mut Surroundings,
     opinions: &mut Vec<Opinion>,
 ) -> bool {
     let pattern = scene.pattern;
+    let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
     opinions.clear();
-    let by_shape = footprint::poses(&pattern.patches[pattern.team_patch], team_patch);
+    let by_shape = footprint::poses(&top.patches[top.team_patch], team_patch);
     // A floor beside the pitch may be full of what looks like team patches.
     let is_inside = |pose: &&Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
     let starts = by_shape.iter().flatten().chain(paired).filter(is_inside);
     if starts.clone().next().is_none() {
         return false;
     }
-    surroundings.look_at(pattern, scene.camera, frame, team_patch.position);
-    let any = accepted_by_any(pattern, team);
+    surroundings.look_at(top, scene.camera, frame, team_patch.position);
+    let any = accepted_by_any(pattern, team_kind);
     let total = |accepted: &Accepted, pose: &Pose| -> f32 {
-        surroundings.agreement(&pattern.shares, accepted, pose).iter().sum()
+        surroundings.agreement(&top.shares, accepted, pose).iter().sum()
     };
     let better = |a: &&Pose, b: &&Pose| total(&any, a).total_cmp(&total(&any, b));
     let Some(&start) = starts.clone().max_by(better) else { return false };
-    if surroundings.agreement(&pattern.shares, &any, &start)[pattern.team_patch] < MIN_START {
+    if surroundings.agreement(&top.shares, &any, &start)[top.team_patch] < MIN_START {
         return true;
     }
-    let near = surroundings.best_near(&pattern.shares, &any, start);
+    let near = surroundings.best_near(&top.shares, &any, start);
 
     // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better.
     let start_of = |accepted: &Accepted| {
@@ -81,7 +84,7 @@ pub(crate) fn ask(
         let candidates = candidates.map(|pose| (total(accepted, pose), *pose));
         candidates.fold((f32::NEG_INFINITY, near), |a, b| if b.0 > a.0 { b } else { a })
     };
-    let wearers = || (0..pattern.identities.len()).filter(|&i| pattern.identities[i].team == team);
+    let wearers = || pattern.wearers(team_kind).iter().copied();
     let at_once = wearers().map(|identity| start_of(&accepted_by(pattern, identity)).0);
     let at_once = at_once.fold(f32::NEG_INFINITY, f32::max);
     let mut best = f32::NEG_INFINITY;
@@ -91,25 +94,36 @@ pub(crate) fn ask(
         if agreement < at_once - WORTH_FITTING {
             continue;
         }
-        let pose = surroundings.fit(&pattern.shares, &accepted, start);
-        let agreement = surroundings.agreement(&pattern.shares, &accepted, &pose);
-        let agreement = &agreement[..pattern.patches.len()];
+        let pose = surroundings.fit(&top.shares, &accepted, start);
+        let agreement = surroundings.agreement(&top.shares, &accepted, &pose);
+        let agreement = &agreement[..top.patches.len()];
         best = best.max(agreement.iter().sum());
-        if is_believable(pattern, agreement) {
+        if is_believable(top, agreement)
+            && !is_contradicted(top, &surroundings.colors_inside(&top.shares, &accepted, &pose))
+        {
             let misfit = agreement.iter().map(|&part| 1.0 - f64::from(part)).sum();
             opinions.push(Opinion { identity, pose, misfit });
         }
     }
     // Whoever is ruled out may still have been the best: then nobody is sure.
-    let full = pattern.patches.len() as f64;
+    let full = top.patches.len() as f64;
     opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
     true
 }
 
-fn is_believable(pattern: &Pattern, agreement: &[f32]) -> bool {
-    let own = agreement[pattern.team_patch];
+fn is_believable(top: &Top, agreement: &[f32]) -> bool {
+    let own = agreement[top.team_patch];
     let mean = (agreement.iter().sum::<f32>() - own) / (agreement.len() - 1) as f32;
     own >= MIN_TEAM_AGREEMENT && mean >= MIN_MEAN_AGREEMENT
+}
+
+/// Whether a patch of another colour lies where a robot would wear one of its own. One that is missing
+/// says nothing: it may be too dark to have a colour.
+fn is_contradicted(top: &Top, inside: &[[f32; 2]; MAX_PATCHES]) -> bool {
+    let patches = inside.iter().enumerate().take(top.patches.len());
+    patches
+        .filter(|&(patch, _)| patch != top.team_patch)
+        .any(|(_, [own, other])| *other >= CONTRADICTION && own < other)
 }
 
 /// The colours of a robot.
@@ -121,14 +135,12 @@ fn accepted_by(pattern: &Pattern, identity: usize) -> Accepted {
     accepted
 }
 
-/// The colours of all robots of a team, patch by patch.
-fn accepted_by_any(pattern: &Pattern, team: Team) -> Accepted {
+/// The colours of all robots that wear a team patch of a kind, patch by patch.
+fn accepted_by_any(pattern: &Pattern, team_kind: usize) -> Accepted {
     let mut accepted = [0; MAX_PATCHES];
-    for (identity, wearer) in pattern.identities.iter().enumerate() {
-        if wearer.team == team {
-            let own = accepted_by(pattern, identity);
-            accepted.iter_mut().zip(own).for_each(|(bits, own)| *bits |= own);
-        }
+    for &identity in pattern.wearers(team_kind) {
+        let own = accepted_by(pattern, identity);
+        accepted.iter_mut().zip(own).for_each(|(bits, own)| *bits |= own);
     }
     accepted
 }

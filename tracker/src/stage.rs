@@ -116,8 +116,9 @@ impl Tracker {
         };
         self.pairing.find(&scene, out);
         let expected = |robot: &DetectedRobot| {
-            let identity = self.pattern.identity_of(robot.team, robot.robot_id)?;
-            self.prior.pose(identity).copied()
+            let identity = self.pattern.identity_of(robot.team, robot.robot_id);
+            let top = identity.map_or(0, |identity| self.pattern.identities[identity].top);
+            (top, identity.and_then(|identity| self.prior.pose(identity)).copied())
         };
         self.refiner.refine_robots(&self.camera, frame.as_ref(), expected, out);
         self.unknown.clear();
@@ -128,7 +129,7 @@ impl Tracker {
         let rejections = &mut self.rejections;
         explain_team_patches(&self.pattern, &self.pairing, &self.unknown, rejections);
         explain_lonely_patches(&self.pattern, &self.pairing, &mut self.rejections);
-        self.ball_finder.find(&self.camera, &self.pitch, out, &mut self.rejections);
+        self.ball_finder.find(&self.pattern, &self.camera, &self.pitch, out, &mut self.rejections);
         self.refiner.refine_balls(&self.camera, frame.as_ref(), out);
         self.rejections.write(out);
     }

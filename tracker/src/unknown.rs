@@ -8,6 +8,7 @@
 use crate::candidates::Candidate;
 use crate::measure::distance_mm;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
+use crate::pattern::Top;
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 use std::f64::consts::PI;
 
@@ -22,7 +23,15 @@ const ANY_HEADING: f64 = PI * PI / 3.0;
 /// Finds them, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct UnknownRobots {
-    found: Vec<(Team, Candidate)>,
+    found: Vec<Found>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    team: Team,
+    /// Index into the pattern's tops.
+    top: usize,
+    candidate: Candidate,
 }
 
 impl UnknownRobots {
@@ -36,23 +45,27 @@ impl UnknownRobots {
         self.found.clear();
         let pattern = scene.pattern;
         for team in Team::ALL {
-            // The likeliest size first.
-            for candidate in pairing.finder.of_kind(pattern.team_kind(team)) {
-                if scene.pitch.contains(candidate.measure.position, 0.0)
-                    && !is_of_known(scene, pairing, candidate)
-                    && !self.is_of_found(scene, candidate)
-                {
-                    self.found.push((team, *candidate));
+            for &kind in pattern.team_kinds(team) {
+                let top = pattern.kinds[kind].top;
+                // The likeliest size first.
+                for candidate in pairing.finder.of_kind(kind) {
+                    if scene.pitch.contains(candidate.measure.position, 0.0)
+                        && !is_of_known(scene, pairing, candidate)
+                        && !self.is_of_found(&pattern.tops[top], candidate)
+                    {
+                        self.found.push(Found { team, top, candidate: *candidate });
+                    }
                 }
             }
         }
         // The centre lies as far from the patch as the patch from it, nobody knows which way.
-        let [x, y] = pattern.patches[pattern.team_patch].centroid_mm;
-        let place = (x * x + y * y) / 2.0 + MEASURED_MM * MEASURED_MM;
-        let covariance = [place, 0.0, 0.0, place, 0.0, ANY_HEADING].map(|term| term as f32);
-        for &(team, candidate) in &self.found {
+        for &Found { team, top, candidate } in &self.found {
+            let top = &pattern.tops[top];
+            let [x, y] = top.patches[top.team_patch].centroid_mm;
+            let place = (x * x + y * y) / 2.0 + MEASURED_MM * MEASURED_MM;
+            let covariance = [place, 0.0, 0.0, place, 0.0, ANY_HEADING].map(|term| term as f32);
             let (measure, mut patch_regions) = (&candidate.measure, [u32::MAX; MAX_PATCHES]);
-            patch_regions[pattern.team_patch] = candidate.seed().region;
+            patch_regions[top.team_patch] = candidate.seed().region;
             frame.push_robot(DetectedRobot {
                 team: team as u32,
                 robot_id: DetectedRobot::UNKNOWN_ID,
@@ -61,7 +74,7 @@ impl UnknownRobots {
                 confidence: (CONFIDENCE * (-candidate.misfit).exp()) as f32,
                 x_px: measure.image.x_px as f32,
                 y_px: measure.image.y_px as f32,
-                patch_count: pattern.patches.len() as u32,
+                patch_count: top.patches.len() as u32,
                 patch_regions,
                 covariance,
                 ..DetectedRobot::default()
@@ -75,12 +88,12 @@ impl UnknownRobots {
 
     /// Whether a region is in one of them.
     pub fn use_region(&self, region: u32) -> bool {
-        self.found.iter().any(|(_, candidate)| candidate.uses_region(region))
+        self.found.iter().any(|found| found.candidate.uses_region(region))
     }
 
-    fn is_of_found(&self, scene: &Scene, candidate: &Candidate) -> bool {
-        let least_mm = TEAM_PATCH_DISTANCE * scene.pattern.team_patch_size_mm();
-        self.found.iter().any(|(_, other)| {
+    fn is_of_found(&self, top: &Top, candidate: &Candidate) -> bool {
+        let least_mm = TEAM_PATCH_DISTANCE * top.team_patch_size_mm();
+        self.found.iter().any(|Found { candidate: other, .. }| {
             other.overlaps(candidate)
                 || distance_mm(other.measure.position, candidate.measure.position) < least_mm
         })
@@ -92,7 +105,7 @@ fn is_of_known(scene: &Scene, pairing: &Pairing, candidate: &Candidate) -> bool 
     let pattern = scene.pattern;
     pairing.robots().any(|robot| {
         distance_mm(robot.pose.position, candidate.measure.position) < pattern.size_mm / 2.0
-            || (0..pattern.patches.len())
+            || (0..pattern.top_of(robot.identity).patches.len())
                 .filter_map(|patch| pairing.candidate(pattern, robot, patch))
                 .any(|own| own.overlaps(candidate))
     })

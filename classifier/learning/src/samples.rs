@@ -189,9 +189,10 @@ impl<'a> Gatherer<'a> {
             team: label.team.name(),
             id: label.id,
         })?;
+        let top = self.config.top_of(identity);
         let mut names = identity.colors.iter();
-        let mut classes = Vec::with_capacity(robots.patches.len());
-        for patch in &robots.patches {
+        let mut classes = Vec::with_capacity(top.patches.len());
+        for patch in top.patches {
             let name = match patch.role {
                 PatchRole::Team => Some(self.config.teams.color(label.team)),
                 PatchRole::Identification => names.next().map(String::as_str),
@@ -200,18 +201,18 @@ impl<'a> Gatherer<'a> {
         }
 
         let center = ImagePoint::new(label.x_px, label.y_px);
-        let pose = pose_of(&self.camera, label, robots.height_mm);
-        let px_per_mm = 1.0 / self.camera.pixel_area_mm2(center, robots.height_mm).sqrt();
+        let pose = pose_of(&self.camera, label, top.height_mm);
+        let px_per_mm = 1.0 / self.camera.pixel_area_mm2(center, top.height_mm).sqrt();
         let rim_mm = RIM_PX / px_per_mm;
         let first = self.samples.patches;
         self.samples.patches += classes.len() as u32;
         let reach_px = ROBOT_REACH * robots.size_mm / 2.0 * px_per_mm;
         for (index, point) in picture.around(center, reach_px) {
-            let [x, y] = robot_point(&pose, self.camera.field_from_image(point, robots.height_mm));
-            let here = topmost_patch(robots, [x, y]);
+            let [x, y] = robot_point(&pose, self.camera.field_from_image(point, top.height_mm));
+            let here = topmost_patch(top.patches, [x, y]);
             let is_inside = (0..8).all(|step| {
                 let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
-                topmost_patch(robots, [x + rim_mm * cos, y + rim_mm * sin]) == here
+                topmost_patch(top.patches, [x + rim_mm * cos, y + rim_mm * sin]) == here
             });
             let class = here.filter(|_| is_inside).and_then(|patch| classes[patch]);
             if let (Some(class), Some(patch)) = (class, here)
@@ -226,7 +227,7 @@ impl<'a> Gatherer<'a> {
                 for step in 0..8 {
                     let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
                     for reach in [0.5, 1.0].map(|part| part * RIM_REACH_PX / px_per_mm) {
-                        let patch = topmost_patch(robots, [x + reach * cos, y + reach * sin]);
+                        let patch = topmost_patch(top.patches, [x + reach * cos, y + reach * sin]);
                         if let Some(class) = patch.and_then(|patch| classes[patch]) {
                             beside |= 1u32.checked_shl(class.into()).unwrap_or(0);
                         }

@@ -38,7 +38,7 @@ const HEADER: &str = "\
 
 /// Longest line of comments and lists.
 const WIDTH: usize = 96;
-/// Elements with so few keys are written in one line each, others as [[tables]].
+/// Elements that all have so few keys are written in one line each, others as [[tables]].
 const MOST_INLINE_KEYS: usize = 3;
 
 /// How much is explained.
@@ -57,7 +57,7 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
     let mut first = !path.is_empty();
     for (key, property) in node.properties() {
         let value = table.get(key);
-        if value.is_some_and(|value| is_section(property, value)) {
+        if value.is_some_and(|value| is_section(value)) {
             continue;
         }
         // A heading and its first key belong together.
@@ -94,7 +94,7 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
                 out.push_str(&format!("[{path}]\n"));
                 write_table(out, property, section, &path, comments);
             }
-            Some(value @ Value::Array(elements)) if is_section(property, value) => {
+            Some(value @ Value::Array(elements)) if is_section(value) => {
                 write_gap(out, path);
                 let path = key_path(path, key);
                 write_comment(out, "", property.description());
@@ -130,18 +130,15 @@ fn write_gap(out: &mut String, parent: &str) {
 }
 
 /// Whether a key gets a heading of its own, and so has to stand behind the simple keys.
-fn is_section(property: Node, value: &Value) -> bool {
+fn is_section(value: &Value) -> bool {
     match value {
         Value::Table(_) => true,
         Value::Array(elements) => {
-            !elements.is_empty() && keys_of_elements(property) > MOST_INLINE_KEYS
+            let keys = |element: &Value| element.as_table().map_or(0, toml::Table::len);
+            elements.iter().any(|element| keys(element) > MOST_INLINE_KEYS)
         }
         _ => false,
     }
-}
-
-fn keys_of_elements(property: Node) -> usize {
-    property.element().map_or(0, |element| element.properties().count())
 }
 
 /// The keys of a list's elements, where these are written in one line each.
@@ -272,9 +269,12 @@ mod tests {
         ));
         assert!(text.contains(
             "\n\
-             #   team    \"yellow\" or \"blue\".\n\
-             #   id      Number in the team.\n\
-             #   colors  One colour for each identification patch, in the order of the patches.\n\
+             #   team       \"yellow\" or \"blue\".\n\
+             #   id         Number in the team.\n\
+             #   colors     One colour for each identification patch, in the order of the patches.\n\
+             #   patches    Its own patches, where they are not `robots.patches`: robots may be told apart by\n\
+             #              shapes.\n\
+             #   height_mm  Height of its top above the floor, where it is not that of its team.\n\
              identities = [\n    \
                  { team = \"yellow\", id = 0, colors = [\"green\"] },\n"
         ));
@@ -325,14 +325,14 @@ mod tests {
             let hue_deg = hue_deg.map(|hue| hue.map(|h| if h.is_finite() { h.into() } else { 0.0 }));
             config.colors[2] = ColorConfig { name: name.clone(), hue_deg, ..config.colors[2].clone() };
             config.robots.identities[0].colors = vec![name.clone(); 20];
-            config.teams.blue = name;
+            config.teams.blue = name.as_str().into();
             config.field.length_mm = numbers[0];
             config.geometry.points[0].field_mm = [numbers[1], numbers[2]];
             config.robots.patches[0].outline_mm = vec![[numbers[3], 0.5]; 30];
             config.synthetic.seed = seed;
             config.camera.v4l2.controls = [
-                (config.teams.blue.clone(), SettingValue::Number(numbers[0])),
-                ("gain".into(), SettingValue::Text(config.teams.blue.clone())),
+                (name.clone(), SettingValue::Number(numbers[0])),
+                ("gain".into(), SettingValue::Text(name)),
                 ("white_balance".into(), SettingValue::Switch(seed % 2 == 0)),
             ].into();
             let text = commented_toml(&config);

@@ -151,6 +151,6 @@ fn identities(count: u32, colors: impl Fn(u32) -> Vec<String>) -> Vec<IdentityCo
     Team::ALL
         .into_iter()
         .flat_map(|team| (0..count).map(move |id| (team, id)))
-        .map(|(team, id)| IdentityConfig { team, id, colors: colors(id) })
+        .map(|(team, id)| IdentityConfig::new(team, id, colors(id)))
         .collect()
 }

@@ -76,7 +76,8 @@ impl<'a> Document<'a> {
             }],
         };
         let spans = DeTable::parse(text).map_err(syntax)?.into_inner();
-        let values = text.parse::<toml::Table>().map_err(syntax)?;
+        let mut values = text.parse::<toml::Table>().map_err(syntax)?;
+        write_out_short_forms(&mut values);
         Ok(Self { text, origin, spans, values })
     }
 
@@ -218,6 +219,15 @@ impl Found {
     }
 }
 
+/// Writes `teams.yellow = "orange"` as `teams.yellow = { color = "orange" }`.
+fn write_out_short_forms(values: &mut toml::Table) {
+    let Some(toml::Value::Table(teams)) = values.get_mut("teams") else { return };
+    for (_, team) in teams.iter_mut().filter(|(_, team)| team.is_str()) {
+        let color = std::mem::replace(team, toml::Value::Boolean(false));
+        *team = toml::Value::Table(toml::Table::from_iter([("color".into(), color)]));
+    }
+}
+
 /// Whether `path` is that of the target or of something around it.
 fn leads_to(path: &str, target: &str) -> bool {
     target.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
@@ -248,6 +258,7 @@ fn merge_tables(base: &mut toml::Table, overrides: toml::Table) {
 mod tests {
     use super::*;
     use crate::config::{FieldConfig, commented_toml};
+    use crate::messages::Team;
     use proptest::prelude::*;
 
     fn parse(text: &str) -> Config {
@@ -309,10 +320,59 @@ mod tests {
     }
 
     #[test]
+    fn a_team_is_a_colour_or_a_table() {
+        let config = parse(
+            "[teams]\nyellow = \"orange\"\n[teams.blue]\nheight_mm = 150\n[ball]\ncolor = \"red\"\n",
+        );
+        assert_eq!(
+            (config.teams.yellow.color.as_str(), config.teams.yellow.height_mm),
+            ("orange", None)
+        );
+        assert_eq!(
+            (config.teams.blue.color.as_str(), config.teams.blue.height_mm),
+            ("blue", Some(150.0))
+        );
+        assert_eq!(config.tallest_robot_mm(), 150.0);
+        assert_eq!(
+            headlines("[teams.blue]\nheight = 150\n"),
+            ["match.toml:2:1: teams.blue.height: there is no such key"]
+        );
+        assert_eq!(
+            headlines("[teams]\nblue = 3\n"),
+            ["match.toml:2:8: teams.blue: must be a table, not 3"]
+        );
+    }
+
+    #[test]
+    fn a_robot_may_bring_its_own_top() {
+        let robot = |more: &str| {
+            format!(
+                "[[robots.identities]]\nteam = \"blue\"\nid = 4\ncolors = [\"red\", \"blue\"]\n{more}\n"
+            )
+        };
+        let patches = "patches = [\n  \
+             { role = \"team\", outline_mm = [[30, 30], [0, 30], [0, -30], [30, -30]] },\n  \
+             { role = \"identification\", outline_mm = [[-5, 30], [-30, 30], [-30, -30], [-5, -30]] },\n  \
+             { role = \"identification\", outline_mm = [[-20, 5], [-30, 5], [-30, -5], [-20, -5]] },\n]";
+        let config = parse(&robot(&format!("height_mm = 120\n{patches}")));
+        let top = config.top(Team::Blue as u32, 4);
+        assert_eq!((top.patches.len(), top.height_mm), (3, 120.0));
+        // Two colours are one too many for the preset's patches.
+        let refused = headlines(&robot(""));
+        assert!(refused[0].contains("that is 1, has 2"), "{refused:?}");
+        let hidden = patches.replace("[-20, 5]", "[-29.9, 5]").replace("[-20, -5]", "[-29.9, -5]");
+        let refused = headlines(&robot(&hidden.replace("[-30, 5], [-30, -5], ", "[-29.9, -5], ")));
+        assert!(
+            refused[0].contains("identities[0].patches[2].outline_mm: nothing of"),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
     fn problems_inside_lists_have_their_own_lines() {
         let colors = commented_toml(&Config::default());
         let start = colors.find("[[colors]]").unwrap();
-        let end = colors.find("# The colours of the two teams").unwrap();
+        let end = colors.find("# The two teams").unwrap();
         let colors = colors[start..end].replace("red = [59, 140]", "red = [140, 59]");
         let line = 1 + colors.lines().position(|line| line == "red = [140, 59]").unwrap();
         assert_eq!(

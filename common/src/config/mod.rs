@@ -16,11 +16,11 @@ mod load;
 mod presets;
 mod problem;
 mod processes;
+mod robots;
 mod schema;
 mod synthetic;
 mod validate;
 
-use crate::messages::{MAX_PATCHES, MAX_ROBOTS, Team};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +33,9 @@ pub use load::{ConfigError, check, check_file};
 pub use presets::Preset;
 pub use problem::Problem;
 pub use processes::{SchedulingConfig, SpareStage, StageCpus, SupervisorConfig, WakeUpStrategy};
+pub use robots::{
+    IdentityConfig, PatchConfig, PatchRole, RobotShape, RobotsConfig, TeamConfig, TeamsConfig, Top,
+};
 pub use synthetic::SyntheticConfig;
 
 /// A point or vector: `[x, y]`.
@@ -59,7 +62,7 @@ pub struct Config {
     /// The colours on the pitch, at most 32. Where boxes overlap, the colour listed first wins.
     #[schemars(length(min = 1, max = 32))]
     pub colors: Vec<ColorConfig>,
-    /// The colours of the two teams.
+    /// The two teams.
     pub teams: TeamsConfig,
     /// The ball.
     pub ball: BallConfig,
@@ -240,26 +243,6 @@ impl ColorConfig {
     }
 }
 
-/// The colours of the two teams.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct TeamsConfig {
-    /// Colour of the yellow team's patches.
-    pub yellow: String,
-    /// Colour of the blue team's patches.
-    pub blue: String,
-}
-
-impl TeamsConfig {
-    /// The colour a team wears.
-    pub fn color(&self, team: Team) -> &str {
-        match team {
-            Team::Yellow => &self.yellow,
-            Team::Blue => &self.blue,
-        }
-    }
-}
-
 /// The ball.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -269,67 +252,6 @@ pub struct BallConfig {
     /// A golf ball: 42.7.
     #[schemars(range(min = 1, max = 1000))]
     pub diameter_mm: f64,
-}
-
-/// What a patch is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum PatchRole {
-    /// Carries the team's colour.
-    Team,
-    /// Carries an identification colour.
-    Identification,
-}
-
-/// One colour patch on a robot's top.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PatchConfig {
-    /// "team" or "identification".
-    pub role: PatchRole,
-    /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch lies on top
-    /// of those listed before it.
-    #[schemars(length(min = 3, max = 64), inner(inner(range(min = -1000, max = 1000))))]
-    pub outline_mm: Vec<Pair>,
-}
-
-/// Which identification colours a robot wears.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct IdentityConfig {
-    /// "yellow" or "blue".
-    pub team: Team,
-    /// Number in the team.
-    #[schemars(range(max = 31))]
-    pub id: u32,
-    /// One colour for each identification patch, in the order of the patches.
-    #[schemars(length(max = 5))]
-    pub colors: Vec<String>,
-}
-
-/// The robots and the colour patches on their tops.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct RobotsConfig {
-    /// Side of the (square) robot.
-    #[schemars(range(min = 10, max = 500))]
-    pub size_mm: f64,
-    /// Height of its top above the floor.
-    #[schemars(range(min = 0, max = 1000))]
-    pub height_mm: f64,
-    /// Distance along the axle between the centres of the drive wheels (b in eq. 7).
-    #[schemars(range(min = 1, max = 500))]
-    pub wheel_base_mm: f64,
-    /// The patches: exactly one team patch, and any number of identification patches up to five.
-    #[schemars(length(min = 1, max = MAX_PATCHES))]
-    pub patches: Vec<PatchConfig>,
-    /// Report robots of which only the team's colour can be told, without number and heading:
-    /// opponents whose patches nobody knows, robots that have lost a patch. They are in `detections`,
-    /// and followed in `world`, in a list of their own.
-    pub report_unknown: bool,
-    /// The robots that may be on the pitch.
-    #[schemars(length(max = MAX_ROBOTS))]
-    pub identities: Vec<IdentityConfig>,
 }
 
 /// From regions to robots.

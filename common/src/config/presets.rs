@@ -143,8 +143,9 @@ impl Preset {
                 config.geometry =
                     GeometryConfig::with_border(&config.field, &config.camera, 6000.0, 200.0);
                 config.robots = RobotsConfig {
-                    // A disc of 180 mm, as the square of the same area.
-                    size_mm: 160.0,
+                    shape: RobotShape::Round,
+                    size_mm: 180.0,
+                    front_mm: Some(75.0),
                     height_mm: 140.0,
                     wheel_base_mm: 140.0,
                     patches: butterfly(),
@@ -226,7 +227,9 @@ impl Default for BallConfig {
 impl Default for RobotsConfig {
     fn default() -> Self {
         Self {
+            shape: RobotShape::Square,
             size_mm: 75.0,
+            front_mm: None,
             height_mm: 75.0,
             wheel_base_mm: 65.0,
             patches: diagonal_squares(),

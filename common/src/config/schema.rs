@@ -149,9 +149,12 @@ impl<'a> Node<'a> {
         Self { schema, property, target }
     }
 
-    /// "object", "array", "number", "integer", "string" or "boolean"; empty when unknown.
+    /// "object", "array", "number", "integer", "string" or "boolean"; empty when unknown. The first of
+    /// several: the others are short forms that [`super::load`] writes out.
     pub(super) fn kind(self) -> &'a str {
-        self.target.get("type").and_then(Json::as_str).unwrap_or("")
+        let kind = self.target.get("type");
+        let first = kind.and_then(Json::as_array).and_then(|kinds| kinds.first());
+        first.or(kind).and_then(Json::as_str).unwrap_or("")
     }
 
     /// What the key is for.
@@ -306,8 +309,11 @@ fn tidy(schema: &mut Json) {
         Json::Object(object) => {
             // TOML has no null: an optional key is absent.
             if let Some(kind) = object.get_mut("type") {
-                let named = kind.as_array().and_then(|kinds| kinds.iter().find(|&k| k != "null"));
-                if let Some(named) = named.cloned() {
+                let named = kind.as_array_mut().and_then(|kinds| {
+                    kinds.retain(|kind| kind != "null");
+                    (kinds.len() == 1).then(|| kinds[0].take())
+                });
+                if let Some(named) = named {
                     *kind = named;
                 }
             }

@@ -25,7 +25,8 @@ impl Config {
             geometry::check(self, &mut problems);
         }
         // What is seen of a robot takes an area to measure, so it must be a sane one.
-        if none_in(&problems, &["robots.size_mm", "robots.patches"]) {
+        let is_of_patches = |problem: &Problem| problem.path.contains("patches");
+        if none_in(&problems, &["robots.size_mm"]) && !problems.iter().any(is_of_patches) {
             self.check_layout(&mut problems);
         }
         problems
@@ -118,8 +119,8 @@ impl Config {
             problems.extend(self.check_color(path, self.teams.color(team)));
         }
         problems.extend(self.check_color("ball.color".into(), &self.ball.color));
-        if self.teams.yellow == self.teams.blue {
-            let message = format!("both teams wear {}", quoted(&self.teams.blue));
+        if self.teams.yellow.color == self.teams.blue.color {
+            let message = format!("both teams wear {}", quoted(&self.teams.blue.color));
             problems.push(Problem::new("teams.blue", message).related("teams.yellow"));
         }
         if let Some(team) = self.team_wearing(&self.ball.color) {

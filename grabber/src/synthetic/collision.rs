@@ -1,6 +1,8 @@
-//! Who touches whom: robots are squares, the ball is a disc, the field is a box.
+//! Who touches whom: robots are squares or discs with a flat front, the ball is a disc, the field is a
+//! box.
 
 use super::motion::Twist;
+use common::body::Body;
 use common::geometry::{FieldPoint, Pose};
 
 /// Robots keep this far apart and from the walls.
@@ -16,10 +18,11 @@ pub struct Walls {
 }
 
 impl Walls {
-    /// Whether a square robot stands inside the walls.
-    pub fn hold_robot(&self, pose: &Pose, half_size_mm: f64) -> bool {
+    /// Whether a robot stands inside the walls. A disc counts whole: its front is flat only ahead.
+    pub fn hold_robot(&self, pose: &Pose, body: &Body) -> bool {
         let (sin, cos) = pose.orientation.sin_cos();
-        let reach = half_size_mm * (sin.abs() + cos.abs()) + GAP_MM;
+        let along = if body.is_round() { 1.0 } else { sin.abs() + cos.abs() };
+        let reach = body.half_mm() * along + GAP_MM;
         pose.position.x_mm.abs() + reach <= self.half_length_mm
             && pose.position.y_mm.abs() + reach <= self.half_width_mm
     }
@@ -43,29 +46,10 @@ impl Walls {
     }
 }
 
-/// Whether two square robots of the same size overlap or nearly touch (separating axes).
-pub fn robots_touch(a: &Pose, b: &Pose, half_size_mm: f64) -> bool {
-    squares_overlap(a, b, half_size_mm + GAP_MM)
-}
-
-/// Whether two squares of half side `half_mm` share a point.
-pub fn squares_overlap(a: &Pose, b: &Pose, half_mm: f64) -> bool {
-    let (dx, dy) = (b.position.x_mm - a.position.x_mm, b.position.y_mm - a.position.y_mm);
-    let distance2 = dx * dx + dy * dy;
-    if distance2 >= 8.0 * half_mm * half_mm {
-        return false;
-    }
-    if distance2 < 4.0 * half_mm * half_mm {
-        // Their inscribed circles overlap.
-        return true;
-    }
-    let (sin, cos) = (b.orientation - a.orientation).sin_cos();
-    // Half the extent of one square along an axis of the other, plus the other's own half side.
-    let reach = half_mm * (1.0 + sin.abs() + cos.abs());
-    [a.orientation, b.orientation].iter().all(|axis| {
-        let (sin, cos) = axis.sin_cos();
-        (dx * cos + dy * sin).abs() < reach && (dy * cos - dx * sin).abs() < reach
-    })
+/// Whether two robots overlap or nearly touch.
+pub fn robots_touch(a: &Pose, b: &Pose, body: &Body) -> bool {
+    let body = body.grown(GAP_MM);
+    body.overlaps(a, &body, b)
 }
 
 /// How a ball touches a robot.
@@ -80,32 +64,25 @@ pub struct BallContact {
 }
 
 impl BallContact {
-    /// The contact between a ball and a square robot, if they touch.
-    pub fn find(
-        robot: &Pose,
-        half_size_mm: f64,
-        center: FieldPoint,
-        radius_mm: f64,
-    ) -> Option<Self> {
+    /// The contact between a ball and a robot, if they touch.
+    pub fn find(robot: &Pose, body: &Body, center: FieldPoint, radius_mm: f64) -> Option<Self> {
         let (dx, dy) = (center.x_mm - robot.position.x_mm, center.y_mm - robot.position.y_mm);
-        let far = half_size_mm * std::f64::consts::SQRT_2 + radius_mm;
+        let far = body.reach_mm() + radius_mm;
         if dx * dx + dy * dy >= far * far {
             return None;
         }
         let (sin, cos) = robot.orientation.sin_cos();
         let (x, y) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        let near = [x.clamp(-half_size_mm, half_size_mm), y.clamp(-half_size_mm, half_size_mm)];
+        let near =
+            if body.is_round() { near_disc(body, [x, y]) } else { near_square(body, [x, y]) };
         let (away_x, away_y) = (x - near[0], y - near[1]);
         let distance = away_x.hypot(away_y);
         let (depth_mm, [nx, ny], [ax, ay]) = if distance > 1e-9 {
             (radius_mm - distance, [away_x / distance, away_y / distance], near)
-        } else if x.abs() > y.abs() {
-            // The centre itself is inside: out through the nearest side.
-            let side = half_size_mm.copysign(x);
-            (radius_mm + half_size_mm - x.abs(), [1f64.copysign(x), 0.0], [side, y])
         } else {
-            let side = half_size_mm.copysign(y);
-            (radius_mm + half_size_mm - y.abs(), [0.0, 1f64.copysign(y)], [x, side])
+            // The centre itself is inside: out through the nearest side.
+            let (normal, side) = way_out(body, [x, y]);
+            (radius_mm + body.depth_mm([x, y]), normal, side)
         };
         let rotate = |x: f64, y: f64| [x * cos - y * sin, x * sin + y * cos];
         (depth_mm > 0.0).then(|| Self { depth_mm, normal: rotate(nx, ny), arm_mm: rotate(ax, ay) })
@@ -135,33 +112,61 @@ impl BallContact {
     }
 }
 
+/// The point of a square that is nearest.
+fn near_square(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
+    let half = body.half_mm();
+    [x.clamp(-half, half), y.clamp(-half, half)]
+}
+
+/// The point of a disc with a flat front that is nearest.
+fn near_disc(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
+    let (radius, front) = (body.half_mm(), body.front_mm());
+    let half_front = (radius * radius - front * front).max(0.0).sqrt();
+    // Ahead of the front, all that is nearest lies on it.
+    if x > front && y.abs() <= half_front * x / front {
+        return [front, y.clamp(-half_front, half_front)];
+    }
+    let inward = (radius / x.hypot(y).max(1e-9)).min(1.0);
+    [inward * x, inward * y]
+}
+
+/// From a point inside: the direction out through the nearest side, and where that meets it.
+fn way_out(body: &Body, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+    let half = body.half_mm();
+    if body.is_round() {
+        let (radius, front) = (x.hypot(y), body.front_mm());
+        if front - x < half - radius || radius < 1e-9 {
+            return ([1.0, 0.0], [front, y]);
+        }
+        ([x / radius, y / radius], [half * x / radius, half * y / radius])
+    } else if x.abs() > y.abs() {
+        ([1f64.copysign(x), 0.0], [half.copysign(x), y])
+    } else {
+        ([0.0, 1f64.copysign(y)], [x, half.copysign(y)])
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use common::config::{Config, RobotShape, RobotsConfig};
 
     fn pose(x_mm: f64, y_mm: f64, degrees: f64) -> Pose {
         Pose { position: FieldPoint::new(x_mm, y_mm), orientation: degrees.to_radians() }
     }
 
-    #[test]
-    fn squares_touch_exactly_where_they_should() {
-        // Side by side: the sum of two half sides. Corner against side: half side and half diagonal.
-        for (degrees, touch) in [(0.0, 20.0), (45.0, 10.0 + 10.0 * 2f64.sqrt())] {
-            let a = pose(5.0, 7.0, 0.0);
-            assert!(squares_overlap(&a, &pose(5.0 + touch - 0.01, 7.0, degrees), 10.0));
-            assert!(!squares_overlap(&a, &pose(5.0 + touch + 0.01, 7.0, degrees), 10.0));
-        }
-        // Two squares on their corners.
-        let apart = 20.0 * 2f64.sqrt();
-        assert!(squares_overlap(&pose(0.0, 0.0, 45.0), &pose(apart - 0.01, 0.0, 45.0), 10.0));
-        assert!(!squares_overlap(&pose(0.0, 0.0, 45.0), &pose(apart + 0.01, 0.0, 45.0), 10.0));
+    /// Of half side or radius 10, a disc with its front at 8.
+    fn body(shape: RobotShape) -> Body {
+        let front_mm = (shape == RobotShape::Round).then_some(8.0);
+        let robots = RobotsConfig { shape, size_mm: 20.0, front_mm, ..Config::default().robots };
+        Body::new(&robots, &[])
     }
 
     #[test]
     fn walls_count_corners() {
         let walls = Walls { half_length_mm: 100.0, half_width_mm: 50.0 };
-        assert!(walls.hold_robot(&pose(89.0, 39.0, 0.0), 10.0));
-        assert!(!walls.hold_robot(&pose(89.0, 0.0, 45.0), 10.0));
+        assert!(walls.hold_robot(&pose(89.0, 39.0, 0.0), &body(RobotShape::Square)));
+        assert!(!walls.hold_robot(&pose(89.0, 0.0, 45.0), &body(RobotShape::Square)));
         assert!(walls.hold_ball(FieldPoint::new(0.0, -40.0), 10.0));
         assert!(!walls.hold_ball(FieldPoint::new(0.0, -40.1), 10.0));
     }
@@ -169,9 +174,10 @@ mod tests {
     #[test]
     fn a_ball_bounces_off_a_side_and_is_carried_along() {
         let robot = pose(0.0, 0.0, 90.0);
+        let square = body(RobotShape::Square);
         // In front of the robot (which looks along y), 1 mm too near.
-        let contact =
-            BallContact::find(&robot, 10.0, FieldPoint::new(2.0, 14.0), 5.0).expect("they touch");
+        let contact = BallContact::find(&robot, &square, FieldPoint::new(2.0, 14.0), 5.0)
+            .expect("they touch");
         assert!((contact.depth_mm - 1.0).abs() < 1e-9);
         assert!(contact.normal[0].abs() < 1e-9 && (contact.normal[1] - 1.0).abs() < 1e-9);
         let pushed =
@@ -179,9 +185,25 @@ mod tests {
         // Approach 400, so it leaves with 200 relative to the robot.
         assert!((pushed[1] - 500.0).abs() < 1e-9);
         assert_eq!(contact.bounce([0.0, 900.0], &robot, Twist::default(), 0.5), [0.0, 900.0]);
-        assert!(BallContact::find(&robot, 10.0, FieldPoint::new(2.0, 15.1), 5.0).is_none());
+        assert!(BallContact::find(&robot, &square, FieldPoint::new(2.0, 15.1), 5.0).is_none());
         // A corner reaches less far than both sides together.
-        assert!(BallContact::find(&robot, 10.0, FieldPoint::new(13.6, 13.6), 5.0).is_none());
-        assert!(BallContact::find(&robot, 10.0, FieldPoint::new(13.5, 13.5), 5.0).is_some());
+        assert!(BallContact::find(&robot, &square, FieldPoint::new(13.6, 13.6), 5.0).is_none());
+        assert!(BallContact::find(&robot, &square, FieldPoint::new(13.5, 13.5), 5.0).is_some());
+    }
+
+    #[test]
+    fn a_ball_touches_rim_and_front_of_a_round_robot() {
+        let (robot, disc) = (pose(0.0, 0.0, 90.0), body(RobotShape::Round));
+        let depth = |x, y| {
+            let contact = BallContact::find(&robot, &disc, FieldPoint::new(x, y), 5.0);
+            contact.map_or(0.0, |contact| contact.depth_mm)
+        };
+        // It looks along y: its front is nearer there than its rim elsewhere.
+        assert!((depth(2.0, 12.0) - 1.0).abs() < 1e-9);
+        assert!((depth(0.0, -14.0) - 1.0).abs() < 1e-9 && (depth(14.0, 0.0) - 1.0).abs() < 1e-9);
+        assert_eq!(depth(0.0, 13.1), 0.0);
+        // The centre of the ball inside: out by the nearest side.
+        let inside = BallContact::find(&robot, &disc, FieldPoint::new(0.0, 7.0), 5.0).unwrap();
+        assert!((inside.depth_mm - 6.0).abs() < 1e-9 && inside.normal[1] > 0.99);
     }
 }

@@ -164,8 +164,8 @@ impl SyntheticMatch {
 
     fn describe(&mut self) {
         let ball = self.play.ball;
-        let poses = self.play.robots.iter().map(|robot| robot.pose);
-        self.truth.ball_visible = self.renderer.shows_ball(ball.position, poses).into();
+        let shows_ball = self.renderer.shows_ball(ball.position, &self.play.robots);
+        self.truth.ball_visible = shows_ball.into();
         self.truth.ball_x_mm = ball.position.x_mm;
         self.truth.ball_y_mm = ball.position.y_mm;
         [self.truth.ball_vx_mm_s, self.truth.ball_vy_mm_s] = ball.velocity_mm_s;
@@ -181,7 +181,7 @@ impl SyntheticMatch {
                 v_mm_s: robot.twist.v_mm_s,
                 omega: robot.twist.omega,
                 frames_still: robot.frames_still,
-                visible: self.renderer.shows_robot(&robot.pose).into(),
+                visible: self.renderer.shows_robot(robot).into(),
             };
             if robot.is_obeying() {
                 continue;
@@ -211,7 +211,8 @@ fn with_unknown_opponents(config: &Config) -> Config {
         config.robots.identities.extend(opponents.map(|(id, robot)| IdentityConfig {
             team,
             id,
-            colors: robot.colors.clone(),
+            height_mm: None,
+            ..robot.clone()
         }));
     }
     config

@@ -10,6 +10,7 @@ use super::motion::{CommandDelay, Twist, WheelSpeeds};
 use super::random::Random;
 use super::slip::{Slip, SlipRate};
 use super::{SyntheticError, not_negative, positive};
+use common::body::Body;
 use common::config::Config;
 use common::geometry::{FieldPoint, Pose};
 use common::messages::Team;
@@ -89,6 +90,7 @@ pub struct Play {
     /// The ball.
     pub ball: Ball,
     walls: Walls,
+    body: Body,
     size_mm: f64,
     wheel_base_mm: f64,
     ball_radius_mm: f64,
@@ -119,6 +121,7 @@ impl Play {
             robots: Vec::with_capacity(robots.identities.len()),
             ball: Ball { position: FieldPoint::default(), velocity_mm_s: [0.0; 2] },
             walls,
+            body: Body::new(robots, &[]),
             size_mm,
             wheel_base_mm: positive("robots.wheel_base_mm", robots.wheel_base_mm)?,
             ball_radius_mm: positive("ball.diameter_mm", config.ball.diameter_mm)? / 2.0,
@@ -216,7 +219,7 @@ impl Play {
                 .map(|other| other.position.distance(pose.position))
                 .fold(pose.position.distance(self.ball.position), f64::min);
             if free > 1.5 * room_mm
-                && self.walls.hold_robot(&pose, 0.8 * self.size_mm)
+                && self.walls.hold_robot(&pose, &self.body.scaled(1.6))
                 && best.as_ref().is_none_or(|&(best, _)| free > best)
             {
                 best = Some((free, pose));
@@ -308,21 +311,21 @@ impl Play {
 
     /// Whether a robot can move to `pose`; if so, the ball as it is after that.
     fn try_robot(&self, index: usize, pose: Pose, twist: Twist) -> Option<Ball> {
-        let half = self.size_mm / 2.0;
-        if !self.walls.hold_robot(&pose, half) {
+        let body = &self.body;
+        if !self.walls.hold_robot(&pose, body) {
             return None;
         }
         let mut others = self.robots.iter().enumerate().filter(|&(other, _)| other != index);
-        if others.clone().any(|(_, other)| robots_touch(&pose, &other.pose, half)) {
+        if others.clone().any(|(_, other)| robots_touch(&pose, &other.pose, body)) {
             return None;
         }
         let radius = self.ball_radius_mm;
-        let Some(contact) = BallContact::find(&pose, half, self.ball.position, radius) else {
+        let Some(contact) = BallContact::find(&pose, body, self.ball.position, radius) else {
             return Some(self.ball);
         };
         let position = self.push_out(&pose, self.ball.position)?;
         // A ball that cannot give way (between two robots) stops the robot.
-        if others.any(|(_, other)| BallContact::find(&other.pose, half, position, radius).is_some())
+        if others.any(|(_, other)| BallContact::find(&other.pose, body, position, radius).is_some())
         {
             return None;
         }
@@ -336,7 +339,7 @@ impl Play {
         let radius = self.ball_radius_mm;
         let mut ball = ball;
         for _ in 0..6 {
-            let Some(contact) = BallContact::find(pose, self.size_mm / 2.0, ball, radius) else {
+            let Some(contact) = BallContact::find(pose, &self.body, ball, radius) else {
                 return Some(ball);
             };
             let push = contact.depth_mm + 1e-6;
@@ -371,9 +374,8 @@ impl Play {
         };
         reflect(&mut position.x_mm, &mut velocity[0], self.walls.half_length_mm);
         reflect(&mut position.y_mm, &mut velocity[1], self.walls.half_width_mm);
-        let half = self.size_mm / 2.0;
         for robot in &self.robots {
-            let contact = BallContact::find(&robot.pose, half, position, self.ball_radius_mm);
+            let contact = BallContact::find(&robot.pose, &self.body, position, self.ball_radius_mm);
             if let Some(contact) = contact {
                 velocity = contact.bounce(velocity, &robot.pose, robot.twist, ROBOT_RESTITUTION);
                 position = self.ball.position;

@@ -8,14 +8,15 @@ use super::light::Light;
 use super::motion::Twist;
 use super::optics::{Optics, SPOT_PX, SoftEdge};
 use super::pitch;
-use super::play::Play;
+use super::play::{Play, Robot};
 use super::random::{Random, hash};
 use super::shape::{BODY, Outline, PARTS, SIDE, Shape};
 use super::sprite::{Layer, Palette, Rect, draw_ball, draw_robot};
 use super::{SyntheticError, positive};
-use common::config::{Config, PatchRole};
+use common::config::{Config, PatchRole, Top};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::rolling_shutter::RollingShutter;
+use std::sync::Arc;
 
 /// The robots' own colours, between the patches and on the sides.
 pub(super) const BODY_COLOR: [u8; 3] = [24, 25, 27];
@@ -37,7 +38,8 @@ struct Sprite {
 #[derive(Debug, Clone)]
 pub struct Renderer {
     optics: Optics,
-    shape: Shape,
+    /// By index into `robots.identities`; equal ones are shared.
+    shapes: Vec<Arc<Shape>>,
     ball_color: [u8; 3],
     ball_radius_mm: f64,
     /// By index into `robots.identities`.
@@ -61,8 +63,9 @@ impl Renderer {
         let model = CameraModel::new(&config.geometry, camera.width, camera.height)?;
         let lens_mm = config.geometry.camera_mm;
         let ball_radius_mm = config.ball.diameter_mm / 2.0;
+        let tallest_mm = config.tallest_robot_mm();
         for (key, height) in
-            [("robots.height_mm", config.robots.height_mm), ("ball.diameter_mm", ball_radius_mm)]
+            [("robots.height_mm", tallest_mm), ("ball.diameter_mm", ball_radius_mm)]
         {
             if !(height >= 0.0 && height < 0.9 * lens_mm[2]) {
                 return Err(SyntheticError::Impossible { key, value: height });
@@ -80,17 +83,27 @@ impl Renderer {
             edge: SoftEdge::new(),
         };
         // The scale hardly changes over the picture, so one table serves everywhere.
-        let middle = optics.model.image_from_field(FieldPoint::default(), config.robots.height_mm);
-        let area_mm2 = optics.model.pixel_area_mm2(middle, config.robots.height_mm);
+        let middle = optics.model.image_from_field(FieldPoint::default(), tallest_mm);
+        let area_mm2 = optics.model.pixel_area_mm2(middle, tallest_mm);
         let spot_mm = positive("geometry.points", area_mm2.sqrt() * SPOT_PX)?;
         let background = pitch::paint(&config.field, &optics);
+        let mut tops: Vec<(Top, Arc<Shape>)> = Vec::new();
+        let mut shapes = Vec::with_capacity(config.robots.identities.len());
+        for identity in &config.robots.identities {
+            let top = config.top_of(identity);
+            if !tops.iter().any(|(known, _)| *known == top) {
+                tops.push((top, Arc::new(Shape::new(&config.robots, top, spot_mm))));
+            }
+            let of_top = tops.iter().filter(|(known, _)| *known == top);
+            shapes.extend(of_top.map(|(_, shape)| shape.clone()));
+        }
         let palettes = (0..config.robots.identities.len())
             .map(|identity| palette(config, identity))
             .collect::<Result<_, _>>()?;
         let robots = config.robots.identities.len();
         Ok(Self {
             optics,
-            shape: Shape::new(&config.robots, spot_mm),
+            shapes,
             ball_color: looks(config, &config.ball.color)?,
             ball_radius_mm,
             palettes,
@@ -120,39 +133,41 @@ impl Renderer {
     }
 
     /// Whether all of a robot's top is in the picture.
-    pub fn shows_robot(&self, pose: &Pose) -> bool {
-        let reach = f64::from(self.shape.reach_mm);
+    pub fn shows_robot(&self, robot: &Robot) -> bool {
+        let shape = &self.shapes[robot.identity];
+        let reach = f64::from(shape.reach_mm);
         [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].into_iter().all(|(x, y)| {
-            let corner = pose.field_from_robot([x * reach, y * reach]);
-            self.shows(self.optics.model.image_from_field(corner, self.shape.height_mm))
+            let corner = robot.pose.field_from_robot([x * reach, y * reach]);
+            self.shows(self.optics.model.image_from_field(corner, shape.height_mm))
         })
     }
 
     /// Whether all of the ball is in the picture and no robot stands between it and the camera.
-    pub fn shows_ball(&self, ball: FieldPoint, robots: impl Iterator<Item = Pose>) -> bool {
+    pub fn shows_ball(&self, ball: FieldPoint, robots: &[Robot]) -> bool {
         let radius = self.ball_radius_mm;
         let all_inside =
             [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(x, y)| {
                 let rim = FieldPoint::new(ball.x_mm + x * radius, ball.y_mm + y * radius);
                 self.shows(self.optics.model.image_from_field(rim, radius))
             });
-        let mut robots = robots;
-        all_inside && !robots.any(|robot| self.hides_ball(&robot, ball))
+        all_inside && !robots.iter().any(|robot| self.hides_ball(robot, ball))
     }
 
     /// Whether a robot may hide some of the ball: the ball, swept along its line of sight up to the
     /// height of the robot, touches it.
-    fn hides_ball(&self, robot: &Pose, ball: FieldPoint) -> bool {
+    fn hides_ball(&self, robot: &Robot, ball: FieldPoint) -> bool {
+        let (shape, robot) = (&self.shapes[robot.identity], &robot.pose);
         let [lens_x, lens_y, lens_height] = self.optics.lens_mm;
-        let climb = (self.shape.height_mm - self.ball_radius_mm).max(0.0)
-            / (lens_height - self.ball_radius_mm);
+        let climb =
+            (shape.height_mm - self.ball_radius_mm).max(0.0) / (lens_height - self.ball_radius_mm);
         let (dx, dy) = (ball.x_mm - robot.position.x_mm, ball.y_mm - robot.position.y_mm);
         let (step_x, step_y) = ((lens_x - ball.x_mm) * climb, (lens_y - ball.y_mm) * climb);
         let (sin, cos) = robot.orientation.sin_cos();
         let into_robot = |x: f64, y: f64| [(x * cos + y * sin) as f32, (y * cos - x * sin) as f32];
-        let half = self.shape.reach_mm + self.ball_radius_mm as f32;
+        let overhang_mm = f64::from(shape.reach_mm) - shape.body.half_mm();
+        let swollen = shape.body.grown(overhang_mm.max(0.0) + self.ball_radius_mm);
         let [x, y] = into_robot(dx, dy);
-        Outline::new(half, into_robot(step_x, step_y)).depth(x, y) > 0.0
+        Outline::new(&swollen, into_robot(step_x, step_y)).depth(x, y) > 0.0
     }
 
     fn shows(&self, point: ImagePoint) -> bool {
@@ -171,7 +186,7 @@ impl Renderer {
             let before = sprite.layer.rect;
             draw_robot(
                 &self.optics,
-                &self.shape,
+                &self.shapes[robot.identity],
                 &self.palettes[robot.identity],
                 robot.pose,
                 robot.twist,
@@ -243,7 +258,7 @@ fn palette(config: &Config, identity: usize) -> Result<Palette, SyntheticError> 
     let robot = &config.robots.identities[identity];
     let mut colors = [BODY_COLOR; PARTS];
     let mut identification = robot.colors.iter();
-    for (part, patch) in config.robots.patches.iter().enumerate().take(BODY) {
+    for (part, patch) in config.top_of(robot).patches.iter().enumerate().take(BODY) {
         let name = match patch.role {
             PatchRole::Team => Some(config.teams.color(robot.team)),
             PatchRole::Identification => identification.next().map(String::as_str),

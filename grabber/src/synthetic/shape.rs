@@ -1,8 +1,9 @@
 //! What a robot looks like from above, as the lens would show it: a table of how much of each patch
 //! a spot of light at any place of its top would cover.
 
-use common::config::RobotsConfig;
-use common::layout::topmost_patch;
+use common::body::Body;
+use common::config::{RobotsConfig, Top};
+use common::layout::{reach_mm, topmost_patch};
 use common::messages::MAX_PATCHES;
 
 /// Parts of a robot: the patches, then its body where no patch is, then its sides.
@@ -25,8 +26,8 @@ const REACH: f64 = 3.5;
 /// The top of a robot in its own frame, blurred.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    /// Half the side of the body.
-    pub half_mm: f32,
+    /// The body, whose outline the sides have.
+    pub body: Body,
     /// How far from the centre, along x or y, body and patches reach.
     pub reach_mm: f32,
     /// Height of the top above the floor.
@@ -42,13 +43,10 @@ pub struct Shape {
 
 impl Shape {
     /// Blurs the configured top with a spot of standard deviation `spot_mm`.
-    pub fn new(robots: &RobotsConfig, spot_mm: f64) -> Self {
-        let half_mm = robots.size_mm / 2.0;
-        let reach_mm = robots
-            .patches
-            .iter()
-            .flat_map(|patch| patch.outline_mm.iter().flatten())
-            .fold(half_mm, |reach, &value| reach.max(value.abs()));
+    pub fn new(robots: &RobotsConfig, top: Top, spot_mm: f64) -> Self {
+        // Painted straight, also where the layout looks over a corner.
+        let body = Body::new(robots, &[]);
+        let reach_mm = reach_mm(top.patches).max(body.half_mm());
         let extent_mm = reach_mm + REACH * spot_mm;
         // Interpolation between entries 0.4 standard deviations apart is good to 1 %.
         let step_mm = (0.4 * spot_mm).max(2.0 * extent_mm / (MAX_SIDE - 3) as f64);
@@ -63,9 +61,9 @@ impl Shape {
         let parts: Vec<Option<usize>> = (0..fine_side * fine_side)
             .map(|index| {
                 let (x, y) = (fine_at(index % fine_side), fine_at(index / fine_side));
-                match topmost_patch(robots, [x, y]) {
+                match topmost_patch(top.patches, [x, y]) {
                     Some(patch) if patch < MAX_PATCHES => Some(patch),
-                    _ => (x.abs() <= half_mm && y.abs() <= half_mm).then_some(BODY),
+                    _ => (body.depth_mm([x, y]) >= 0.0).then_some(BODY),
                 }
             })
             .collect();
@@ -90,9 +88,9 @@ impl Shape {
             }
         }
         Self {
-            half_mm: half_mm as f32,
+            body,
             reach_mm: reach_mm as f32,
-            height_mm: robots.height_mm,
+            height_mm: top.height_mm,
             spot_mm: spot_mm as f32,
             entries_per_mm: (1.0 / step_mm) as f32,
             side,
@@ -170,24 +168,43 @@ impl Kernel {
     }
 }
 
-/// The outline of a robot as the camera sees it: its top together with its sides, that is, a square
+/// The outline of a robot as the camera sees it: its top together with its sides, that is, its body
 /// swept along the line of sight.
 #[derive(Debug, Clone, Copy)]
-pub struct Outline {
-    low: [f32; 2],
-    high: [f32; 2],
-    /// Across the sweep.
-    normal: [f32; 2],
-    half_width: f32,
+pub enum Outline {
+    Square {
+        low: [f32; 2],
+        high: [f32; 2],
+        /// Across the sweep.
+        normal: [f32; 2],
+        half_width: f32,
+    },
+    Round {
+        radius: f32,
+        /// Along x, of all the sweep.
+        front: f32,
+        /// Where the centre is swept to, and the square of that way's length.
+        end: [f32; 2],
+        length2: f32,
+    },
 }
 
 impl Outline {
-    /// Of a square of half side `half` around the origin. A line of sight that passes the top at
-    /// some point meets the floor `onward` from there.
-    pub fn new(half: f32, [x, y]: [f32; 2]) -> Self {
+    /// Of a body around the origin. A line of sight that passes the top at some point meets the floor
+    /// `onward` from there.
+    pub fn new(body: &Body, [x, y]: [f32; 2]) -> Self {
+        let half = body.half_mm() as f32;
+        if body.is_round() {
+            return Self::Round {
+                radius: half,
+                front: body.front_mm() as f32 + (-x).max(0.0),
+                end: [-x, -y],
+                length2: x * x + y * y,
+            };
+        }
         let length = x.hypot(y);
         let normal = if length > 1e-3 { [-y / length, x / length] } else { [0.0; 2] };
-        Self {
+        Self::Square {
             low: [-half - x.max(0.0), -half - y.max(0.0)],
             high: [half - x.min(0.0), half - y.min(0.0)],
             normal,
@@ -202,12 +219,22 @@ impl Outline {
     /// How far inside a point lies; negative outside. Exact beside an edge, and too large beyond
     /// corners.
     pub fn depth(&self, x: f32, y: f32) -> f32 {
-        let across = (x * self.normal[0] + y * self.normal[1]).abs();
         // One machine instruction, where `f32::min` spends four on NaN.
         let lesser = |a: f32, b: f32| if a < b { a } else { b };
-        let along_x = lesser(x - self.low[0], self.high[0] - x);
-        let along_y = lesser(y - self.low[1], self.high[1] - y);
-        lesser(lesser(along_x, along_y), self.half_width - across)
+        match self {
+            Self::Square { low, high, normal, half_width } => {
+                let across = (x * normal[0] + y * normal[1]).abs();
+                let along_x = lesser(x - low[0], high[0] - x);
+                let along_y = lesser(y - low[1], high[1] - y);
+                lesser(lesser(along_x, along_y), half_width - across)
+            }
+            Self::Round { radius, front, end, length2 } => {
+                let along = if *length2 > 1e-6 { (x * end[0] + y * end[1]) / length2 } else { 0.0 };
+                let along = along.clamp(0.0, 1.0);
+                let (dx, dy) = (x - along * end[0], y - along * end[1]);
+                lesser(radius - (dx * dx + dy * dy).sqrt(), front - x)
+            }
+        }
     }
 }
 
@@ -216,12 +243,22 @@ mod tests {
     use super::*;
     use common::config::{Config, Preset};
 
+    fn preset_top(robots: &RobotsConfig) -> Top<'_> {
+        Top { patches: &robots.patches, height_mm: robots.height_mm }
+    }
+
+    /// A square of half side 1.
+    fn square() -> Body {
+        let robots = RobotsConfig { size_mm: 2.0, ..Config::default().robots };
+        Body::new(&robots, &[])
+    }
+
     #[test]
     fn the_blurred_parts_keep_area_and_place() {
         for preset in Preset::ALL {
             let robots = preset.config().robots;
             let layout = common::layout::Layout::new(&robots);
-            let shape = Shape::new(&robots, 2.3);
+            let shape = Shape::new(&robots, preset_top(&robots), 2.3);
             for (part, expected) in layout.patches.iter().enumerate() {
                 let (mut area, mut x_sum, mut y_sum) = (0.0, 0.0, 0.0);
                 let step = 0.35 * robots.size_mm / 75.0;
@@ -246,7 +283,8 @@ mod tests {
 
     #[test]
     fn the_parts_of_a_spot_make_the_whole_on_the_robot_and_nothing_beside_it() {
-        let shape = Shape::new(&Config::default().robots, 2.3);
+        let shape =
+            Shape::new(&Config::default().robots, preset_top(&Config::default().robots), 2.3);
         let sum = |x: f32, y: f32| -> f64 {
             shape.weights(x, y).iter().map(|&weight| f64::from(weight)).sum::<f64>()
                 / f64::from(WHOLE)
@@ -264,7 +302,11 @@ mod tests {
     #[test]
     fn extreme_spots_do_no_harm() {
         for spot_mm in [0.01, 0.3, 40.0] {
-            let shape = Shape::new(&Config::default().robots, spot_mm);
+            let shape = Shape::new(
+                &Config::default().robots,
+                preset_top(&Config::default().robots),
+                spot_mm,
+            );
             assert!(shape.side <= MAX_SIDE && shape.weights(18.0, 18.0)[0] > 0);
         }
     }
@@ -272,14 +314,14 @@ mod tests {
     #[test]
     fn outlines_are_swept_squares() {
         // The floor is 3 further on along x: the square is swept to the left.
-        let outline = Outline::new(1.0, [3.0, 0.0]);
+        let outline = Outline::new(&square(), [3.0, 0.0]);
         assert!((outline.depth(-2.0, 0.0) - 1.0).abs() < 1e-6);
         assert!((outline.depth(1.5, 0.0) + 0.5).abs() < 1e-6);
         assert!((outline.depth(-3.0, 1.25) + 0.25).abs() < 1e-6);
         // Along a diagonal, the two other corners are cut.
-        let outline = Outline::new(1.0, [2.0, 2.0]);
+        let outline = Outline::new(&square(), [2.0, 2.0]);
         assert!(outline.depth(-3.0, -3.0).abs() < 1e-6);
         assert!(outline.depth(-2.9, 0.9) < -0.5);
-        assert!(Outline::new(1.0, [0.0, 0.0]).depth(0.0, 0.0) == 1.0);
+        assert!(Outline::new(&square(), [0.0, 0.0]).depth(0.0, 0.0) == 1.0);
     }
 }

@@ -277,8 +277,8 @@ pub fn draw_robot(
         (cos * from_lens[0] + sin * from_lens[1]) as f32,
         (cos * from_lens[1] - sin * from_lens[0]) as f32,
     ];
-    let outline = Outline::new(shape.half_mm, onward);
-    let overhang = shape.reach_mm - shape.half_mm;
+    let outline = Outline::new(&shape.body, onward);
+    let overhang = shape.reach_mm - shape.body.half_mm() as f32;
     let per_sigma = 1.0 / shape.spot_mm;
 
     let rect = layer.rect;

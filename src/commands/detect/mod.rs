@@ -15,6 +15,7 @@ use answer::Answer;
 use classifier::{BayerImage, demosaic};
 use common::config::{CameraConfig, Config};
 use common::messages::{DetectionFrame, MAX_RUNS};
+use common::top_scale::{Measured, TopScale};
 use grabber::pictures::{list_pictures, load_bayer};
 use overlay::Overlay;
 use std::collections::HashSet;
@@ -27,13 +28,14 @@ use std::process::ExitCode;
 pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
     let mut pipeline = Pipeline::new(&config)?;
+    let mut tops = TopScale::new(&config)?;
     let (pictures, mut all_good) = list(&args.images);
     let mut painter = match &args.overlay {
         Some(folder) => Some(Painter::new(folder, &config, &pictures)?),
         None => None,
     };
     for path in &pictures {
-        let answer = match look_at(path, &config, &mut pipeline, painter.as_mut()) {
+        let answer = match look_at(path, &config, &mut pipeline, &mut tops, painter.as_mut()) {
             Ok(answer) => answer,
             Err(error) => {
                 common::tell!("touchline: {error}");
@@ -45,6 +47,9 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         if say!("{text}")? == Reader::Gone {
             break;
         }
+    }
+    if let Some(measured) = tops.measured().filter(Measured::is_off) {
+        common::tell!("touchline: {}", measured.advice());
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -70,6 +75,7 @@ fn look_at(
     path: &Path,
     config: &Config,
     pipeline: &mut Pipeline,
+    tops: &mut TopScale,
     painter: Option<&mut Painter>,
 ) -> Result<Answer, CommandError> {
     let name = path.display();
@@ -81,6 +87,13 @@ fn look_at(
              picture was not looked at; make the colours narrower"
         );
     }
+    if seen.flags & DetectionFrame::SEARCH_CUT != 0 {
+        common::tell!(
+            "touchline: {name}: so many patches that not all combinations could be tried; robots may \
+             be missing; make the colours narrower, or `tracker.patch_tolerance_mm` smaller"
+        );
+    }
+    tops.add(seen);
     if let Some(painter) = painter {
         painter.paint(path, &bayer, seen)?;
     }

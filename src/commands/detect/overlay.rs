@@ -10,9 +10,11 @@
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
 use crate::drawing::canvas::{Area, Canvas, Color, Spot, text_size};
+use common::body::Body;
 use common::config::Config;
+use common::config::{PatchConfig, Top};
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
-use common::layout::{Layout, body_turn};
+use common::layout::Layout;
 use common::messages::{
     DetectedBall, DetectedRobot, DetectionFrame, Region, RejectReason, Rejected, Team,
 };
@@ -38,7 +40,8 @@ const JOINED: Color = [255, 60, 255];
 pub struct Overlay<'a> {
     config: &'a Config,
     camera: CameraModel,
-    layout: Layout,
+    /// Of each arrangement of patches that robots have.
+    layouts: Vec<(&'a [PatchConfig], Layout)>,
     scale: u32,
 }
 
@@ -46,10 +49,17 @@ impl<'a> Overlay<'a> {
     /// For pictures of the configured size.
     pub fn new(config: &'a Config) -> Result<Self, GeometryError> {
         let (width, height) = (config.camera.width, config.camera.height);
+        let mut layouts: Vec<(&[PatchConfig], Layout)> = Vec::new();
+        for identity in &config.robots.identities {
+            let Top { patches, .. } = config.top_of(identity);
+            if !layouts.iter().any(|(known, _)| *known == patches) {
+                layouts.push((patches, Layout::new(patches)));
+            }
+        }
         Ok(Self {
             config,
             camera: CameraModel::new(&config.geometry, width, height)?,
-            layout: Layout::new(&config.robots),
+            layouts,
             scale: ((WIDTH_PX + width / 2) / width.max(1)).clamp(1, MAX_SCALE),
         })
     }
@@ -106,9 +116,13 @@ impl<'a> Overlay<'a> {
 
     /// Length of a robot's side in the overlay, at a place in the picture.
     fn robot_size(&self, x_px: f64, y_px: f64) -> f32 {
-        let robots = &self.config.robots;
-        let pixel = self.camera.pixel_area_mm2(ImagePoint::new(x_px, y_px), robots.height_mm);
-        let size = robots.size_mm / pixel.max(1e-6).sqrt() * f64::from(self.scale);
+        self.length(self.config.robots.size_mm, self.config.robots.height_mm, x_px, y_px)
+    }
+
+    /// A length at a height above a place in the picture.
+    fn length(&self, length_mm: f64, height_mm: f64, x_px: f64, y_px: f64) -> f32 {
+        let pixel = self.camera.pixel_area_mm2(ImagePoint::new(x_px, y_px), height_mm);
+        let size = length_mm / pixel.max(1e-6).sqrt() * f64::from(self.scale);
         (size as f32).clamp(4.0, 1000.0)
     }
 }
@@ -202,20 +216,21 @@ impl Drawing<'_> {
             position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
             orientation: f64::from(robot.orientation),
         };
+        let top = overlay.config.top(robot.team, robot.robot_id);
         let at = |point: [f64; 2]| {
             let point = pose.field_from_robot(point);
-            overlay.image_spot(overlay.camera.image_from_field(point, config.height_mm))
+            overlay.image_spot(overlay.camera.image_from_field(point, top.height_mm))
         };
-        let half = config.size_mm / 2.0;
-        let (sin, cos) = body_turn(config).sin_cos();
-        let body = [[half, half], [-half, half], [-half, -half], [half, -half]]
-            .map(|[x, y]| at([cos * x - sin * y, sin * x + cos * y]));
+        let outline = Body::new(config, top.patches).outline();
+        let body: Vec<Spot> = outline.into_iter().map(at).collect();
         self.canvas.polygon(&body, 1.0, overlay.team_color(robot.team));
 
         let size = overlay.robot_size(f64::from(robot.x_px), f64::from(robot.y_px));
+        let layout = overlay.layouts.iter().find(|(patches, _)| *patches == top.patches);
+        let expected = layout.into_iter().flat_map(|(_, layout)| &layout.patches);
         let patches = robot.patch_regions.iter().take(robot.patch_count as usize);
         let patches: Vec<Spot> = patches
-            .zip(&overlay.layout.patches)
+            .zip(expected)
             .filter_map(|(&region, patch)| Some((seen.regions().get(region as usize)?, patch)))
             .map(|(region, patch)| {
                 let seen = overlay.spot(f64::from(region.x_px), f64::from(region.y_px));

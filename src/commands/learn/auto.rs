@@ -38,7 +38,8 @@ pub fn learn(config: &Config, lessons: &mut [Lesson]) -> Result<Vec<ColorConfig>
     let worn: Vec<ColorConfig> =
         config.colors.iter().filter(|color| super::is_worn(config, &color.name)).cloned().collect();
     let is_strong = |color: &ColorConfig| {
-        [&config.teams.yellow, &config.teams.blue, &config.ball.color].contains(&&color.name)
+        [&config.teams.yellow.color, &config.teams.blue.color, &config.ball.color]
+            .contains(&&color.name)
     };
     let mut best: Option<Found> = None;
     for (number, least) in (1..).zip(BEGINNINGS) {

@@ -191,8 +191,8 @@ fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> 
 
 /// Whether somebody on the pitch wears a colour.
 fn is_worn(config: &Config, name: &str) -> bool {
-    config.teams.yellow == name
-        || config.teams.blue == name
+    config.teams.yellow.color == name
+        || config.teams.blue.color == name
         || config.ball.color == name
         || config.robots.identities.iter().any(|identity| identity.colors.iter().any(|c| c == name))
 }

@@ -10,6 +10,7 @@ use super::{CommandError, load_config};
 use crate::cli::ScoreArgs;
 use common::config::Config;
 use common::geometry::CameraModel;
+use common::top_scale::TopScale;
 use grabber::pictures::load_bayer;
 use learning::labels::{ImageLabels, Labels};
 use report::Report;
@@ -35,17 +36,21 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height)?;
     let judge = Judge { config: &config, camera: &camera, tolerances };
     let mut pictures = Vec::new();
+    let mut tops = TopScale::new(&config)?;
     let mut all_good = true;
     for image in labels.iter().flat_map(|labels| &labels.images) {
         match look_at(image, &config, &mut pipeline, &judge) {
-            Ok(score) => pictures.push(score),
+            Ok(score) => {
+                tops.add(pipeline.seen());
+                pictures.push(score);
+            }
             Err(error) => {
                 common::tell!("touchline: {error}");
                 all_good = false;
             }
         }
     }
-    let report = Report::new(pictures, tolerances);
+    let report = Report::new(pictures, tolerances, tops.measured());
     let text =
         if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
     say!("{text}")?;

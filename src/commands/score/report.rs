@@ -1,6 +1,7 @@
 //! The scores of all pictures together: for programs as JSON, for people as text.
 
 use super::verdict::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
+use common::top_scale::Measured;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -11,6 +12,8 @@ pub struct Report {
     pub tolerances: Tolerances,
     pub pictures: Vec<PictureScore>,
     pub total: Total,
+    #[serde(skip)]
+    pub tops: Option<Measured>,
 }
 
 /// All pictures together.
@@ -34,12 +37,19 @@ pub struct Total {
     pub ball_phantoms: usize,
     /// Of the balls that were right.
     pub ball_rms_px: Option<f64>,
+    /// How large robots' tops are against the configured layout, in the median.
+    pub top_scale: Option<f64>,
 }
 
 impl Report {
-    pub fn new(pictures: Vec<PictureScore>, tolerances: Tolerances) -> Self {
-        let total = Total::of(&pictures);
-        Self { tolerances, pictures, total }
+    pub fn new(
+        pictures: Vec<PictureScore>,
+        tolerances: Tolerances,
+        tops: Option<Measured>,
+    ) -> Self {
+        let top_scale = tops.map(|tops| (tops.scale * 1e3).round() / 1e3);
+        let total = Total { top_scale, ..Total::of(&pictures) };
+        Self { tolerances, pictures, total, tops }
     }
 
     /// The same to read.
@@ -72,6 +82,9 @@ impl Report {
             Some(px) => writeln!(text, " (within {ball_px} px; rms {px:.2} px)"),
             None => writeln!(text),
         };
+        if let Some(measured) = self.tops.filter(Measured::is_off) {
+            let _ = writeln!(text, "  {}", measured.advice());
+        }
         text
     }
 }
@@ -101,6 +114,7 @@ impl Total {
             balls_right: is(BallOutcome::Right).count(),
             ball_phantoms: is(BallOutcome::Phantom).count(),
             ball_rms_px: rms(is(BallOutcome::Right).filter_map(|ball| ball.off_px)),
+            top_scale: None,
         }
     }
 }

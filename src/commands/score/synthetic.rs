@@ -16,7 +16,7 @@ use serde::Serialize;
 type Change = fn(&mut Config);
 
 /// The scenes, by name.
-const SCENES: [(&str, Change); 17] = [
+const SCENES: [(&str, Change); 18] = [
     ("standard", |_| {}),
     ("light-0.5", |config| config.synthetic.brightness = 0.5),
     ("light-0.75", |config| config.synthetic.brightness = 0.75),
@@ -32,6 +32,7 @@ const SCENES: [(&str, Change); 17] = [
     ("blur", |config| config.camera.exposure_us = 10_000),
     ("3v3", |config| config.robots.identities.retain(|identity| identity.id < 3)),
     ("vsss", |config| *config = Preset::Vsss3v3.config()),
+    ("tall-opponents", |config| config.teams.blue.height_mm = Some(150.0)),
     ("11v11", |config| *config = Preset::MirosotLarge.config()),
     ("crowd", |config| {
         // Twenty-two robots where ten should be: they stand in each other's way everywhere.
@@ -139,7 +140,7 @@ impl SceneScore {
     /// A line to read; [`HEADING`] goes above.
     pub fn text(&self) -> String {
         format!(
-            "{:<12} {:>6.2} % {:>6} {:>9.2} mm {:>7.2}° {:>8.1} % {:>8.2} mm\n",
+            "{:<14} {:>6.2} % {:>6} {:>9.2} mm {:>7.2}° {:>8.1} % {:>8.2} mm\n",
             self.scene,
             100.0 * self.found_ratio,
             self.wrong_identity,
@@ -153,4 +154,4 @@ impl SceneScore {
 
 /// What the columns of [`SceneScore::text`] are.
 pub const HEADING: &str =
-    "scene           found  wrong     error (rms)        ball found  error (rms)\n";
+    "scene             found  wrong     error (rms)        ball found  error (rms)\n";

@@ -296,8 +296,8 @@ impl Judge<'_> {
 
     /// Side of a robot's top as it appears.
     fn robot_size_px(&self, label: &RobotLabel) -> f64 {
-        let robots = &self.config.robots;
-        robots.size_mm / self.camera.pixel_area_mm2(place(label), robots.height_mm).sqrt()
+        let height_mm = self.config.top(label.team as u32, label.id).height_mm;
+        self.config.robots.size_mm / self.camera.pixel_area_mm2(place(label), height_mm).sqrt()
     }
 }
 

@@ -4,9 +4,10 @@
 #![allow(dead_code)] // Each test program uses a part of it.
 
 use bytemuck::Zeroable;
-use common::config::{Config, Pair, PatchConfig, PatchRole};
+use common::body::Body;
+use common::config::{Config, Pair, PatchConfig, PatchRole, Top};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::layout::{body_turn, topmost_patch};
+use common::layout::topmost_patch;
 use common::messages::{
     DetectedRobot, DetectionFrame, RejectReason, Run, RunsHeader, Team, WorldFrame,
 };
@@ -104,26 +105,30 @@ impl Picture {
     /// Paints a robot's whole top, background where it has no patch.
     pub fn paint_robot(&mut self, robot: &Robot) {
         let classes = self.classes_of(robot);
-        self.paint_top(&robot.pose, &classes);
+        let config = self.config.clone();
+        let top = config.top(robot.team as u32, robot.id);
+        self.paint_patches(&robot.pose, top, &classes);
     }
 
     /// Paints a robot's top with the classes given for its patches; one more is for what of the
     /// body they leave free, which is background otherwise.
     pub fn paint_top(&mut self, pose: &Pose, classes: &[Option<u8>]) {
-        let robots = self.config.robots.clone();
-        let half = robots.size_mm / 2.0;
-        let free = classes.get(robots.patches.len()).copied().flatten();
-        let turn = body_turn(&robots);
-        self.paint(pose.position, robots.size_mm * 0.75, robots.height_mm, |point| {
+        let config = self.config.clone();
+        self.paint_patches(pose, config.top_of_team(Team::Yellow), classes);
+    }
+
+    fn paint_patches(&mut self, pose: &Pose, top: Top, classes: &[Option<u8>]) {
+        let free = classes.get(top.patches.len()).copied().flatten();
+        let body = Body::new(&self.config.robots, top.patches);
+        let reach = body.reach_mm().max(self.config.robots.size_mm * 0.75);
+        self.paint(pose.position, reach, top.height_mm, |point| {
             let (dx, dy) = (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
-            let seen_from = |orientation: f64| {
-                let (sin, cos) = orientation.sin_cos();
-                [cos * dx + sin * dy, cos * dy - sin * dx]
-            };
-            if seen_from(pose.orientation + turn).iter().any(|value| value.abs() > half) {
+            let (sin, cos) = pose.orientation.sin_cos();
+            let point = [cos * dx + sin * dy, cos * dy - sin * dx];
+            if !body.contains(point) {
                 return None;
             }
-            let patch = topmost_patch(&robots, seen_from(pose.orientation));
+            let patch = topmost_patch(top.patches, point);
             Some(patch.map_or(free, |patch| classes[patch]))
         });
     }
@@ -137,7 +142,8 @@ impl Picture {
             .find(|identity| (identity.team, identity.id) == (robot.team, robot.id))
             .unwrap();
         let mut colors = identity.colors.iter();
-        robots
+        self.config
+            .top_of(identity)
             .patches
             .iter()
             .map(|patch| {

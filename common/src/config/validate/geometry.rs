@@ -7,7 +7,7 @@ use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 /// What makes the geometry unusable.
 pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
     let lens_height = config.geometry.camera_mm[2];
-    let tallest = config.robots.height_mm.max(config.ball.diameter_mm);
+    let tallest = config.tallest_robot_mm().max(config.ball.diameter_mm);
     if lens_height <= tallest {
         let message = format!(
             "the lens must hang above robots and ball ({tallest} mm), its height is {lens_height} mm"

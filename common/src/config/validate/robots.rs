@@ -1,8 +1,7 @@
 //! The robots: patches that show, identities that can be told apart.
 
 use super::super::problem::Problem;
-use super::super::{Config, IdentityConfig, Pair, PatchRole};
-use super::none_in;
+use super::super::{Config, IdentityConfig, Pair, PatchConfig, PatchRole, RobotShape};
 use crate::layout::Layout;
 
 impl Config {
@@ -12,19 +11,41 @@ impl Config {
             let message = format!("the wheels stand outside a robot of {} mm", robots.size_mm);
             problems.push(Problem::new("robots.wheel_base_mm", message).related("robots.size_mm"));
         }
-        let team_patches =
-            robots.patches.iter().filter(|patch| patch.role == PatchRole::Team).count();
+        if let Some(front_mm) = robots.front_mm {
+            let radius_mm = robots.size_mm / 2.0;
+            let message = match robots.shape {
+                RobotShape::Square => Some("is for robots of shape = \"round\"".to_string()),
+                RobotShape::Round if front_mm > radius_mm => {
+                    Some(format!("lies beyond the rim of a robot of {} mm", robots.size_mm))
+                }
+                RobotShape::Round => None,
+            };
+            let problem = |message| Problem::new("robots.front_mm", message);
+            problems.extend(message.map(|m| problem(m).related("robots.size_mm")));
+        }
+        self.check_patches(&robots.patches, "robots.patches", problems);
+        for (index, identity) in robots.identities.iter().enumerate() {
+            if let Some(patches) = &identity.patches {
+                let path = format!("robots.identities[{index}].patches");
+                self.check_patches(patches, &path, problems);
+            }
+        }
+    }
+
+    fn check_patches(&self, patches: &[PatchConfig], path: &str, problems: &mut Vec<Problem>) {
+        let team_patches = patches.iter().filter(|patch| patch.role == PatchRole::Team).count();
         if team_patches != 1 {
             let message =
                 format!("exactly one patch must have the role \"team\", {team_patches} have it");
-            problems.push(Problem::new("robots.patches", message));
+            problems.push(Problem::new(path, message));
         }
         // Tops may overhang, but coordinates twice as far out are measured from a corner.
-        let reach = 0.75 * robots.size_mm;
-        for (index, patch) in robots.patches.iter().enumerate() {
+        let size_mm = self.robots.size_mm;
+        let reach = 0.75 * size_mm;
+        for (index, patch) in patches.iter().enumerate() {
             if patch.outline_mm.iter().flatten().any(|value| value.abs() > reach) {
-                let message = format!("lies outside a robot of {} mm", robots.size_mm);
-                let path = format!("robots.patches[{index}].outline_mm");
+                let message = format!("lies outside a robot of {size_mm} mm");
+                let path = format!("{path}[{index}].outline_mm");
                 let help = "corners count from the robot's centre, x forward, y left";
                 problems.push(Problem::new(path, message).help(help).related("robots.size_mm"));
             }
@@ -32,7 +53,6 @@ impl Config {
     }
 
     pub(super) fn check_identities(&self, problems: &mut Vec<Problem>) {
-        let patches = self.identification_patches();
         let identities = &self.robots.identities;
         for (index, identity) in identities.iter().enumerate() {
             let path = format!("robots.identities[{index}]");
@@ -43,6 +63,7 @@ impl Config {
                 let message = format!("{message} robots.identities[{first}]");
                 problems.push(Problem::new(format!("{path}.id"), message));
             }
+            let patches = identification_patches(self.top_of(identity).patches);
             if identity.colors.len() != patches {
                 let message = format!(
                     "needs one colour for each identification patch, that is {patches}, has {}",
@@ -59,25 +80,34 @@ impl Config {
 
     /// Every patch shows, and every robot looks different from every other, however it is turned.
     pub(super) fn check_layout(&self, problems: &mut Vec<Problem>) {
-        let layout = Layout::new(&self.robots);
-        for (index, patch) in layout.patches.iter().enumerate() {
-            // A hundredth of what the smallest useful patch has.
-            if patch.area_mm2 < 1.0 {
-                let path = format!("robots.patches[{index}].outline_mm");
-                let message = "nothing of this patch shows: it has no area, or others cover it";
-                problems.push(Problem::new(path, message));
+        let common = Layout::new(&self.robots);
+        check_visible(&common, "robots.patches", problems);
+        let own: Vec<Option<Layout>> = self
+            .robots
+            .identities
+            .iter()
+            .map(|identity| identity.patches.as_deref().map(Layout::new))
+            .collect();
+        for (index, layout) in own.iter().enumerate() {
+            if let Some(layout) = layout {
+                let path = format!("robots.identities[{index}].patches");
+                check_visible(layout, &path, problems);
             }
         }
-        if !none_in(problems, &["robots.patches"]) {
+        if problems.iter().any(|problem| problem.path.contains("patches")) {
             return;
         }
-        self.check_looks(&layout, problems);
+        let layouts: Vec<&Layout> = own.iter().map(|own| own.as_ref().unwrap_or(&common)).collect();
+        self.check_looks(&layouts, problems);
     }
 
-    fn check_looks(&self, layout: &Layout, problems: &mut Vec<Problem>) {
+    fn check_looks(&self, layouts: &[&Layout], problems: &mut Vec<Problem>) {
         let robots = &self.robots.identities;
-        let tops: Vec<Top> = robots.iter().map(|robot| Top::new(layout, &robot.colors)).collect();
-        let complete = |index: usize| robots[index].colors.len() == self.identification_patches();
+        let robots_and_layouts = robots.iter().zip(layouts);
+        let tops: Vec<Top> =
+            robots_and_layouts.map(|(robot, layout)| Top::new(layout, &robot.colors)).collect();
+        let complete =
+            |index: usize| robots[index].colors.len() + 1 == layouts[index].patches.len();
         for (index, robot) in robots.iter().enumerate().filter(|&(index, _)| complete(index)) {
             let path = format!("robots.identities[{index}].colors");
             let alike = (0..index)
@@ -120,25 +150,46 @@ impl Config {
             let message = "no robot is listed: none will be found";
             warnings.push(Problem::new("robots.identities", message));
         }
-        if self.identification_patches() == 0 {
+        if identification_patches(&self.robots.patches) == 0 {
             let message = "without an identification patch no heading can be told";
             warnings.push(Problem::new("robots.patches", message));
         }
     }
+}
 
-    fn identification_patches(&self) -> usize {
-        let patches = &self.robots.patches;
-        patches.iter().filter(|patch| patch.role == PatchRole::Identification).count()
+fn identification_patches(patches: &[PatchConfig]) -> usize {
+    patches.iter().filter(|patch| patch.role == PatchRole::Identification).count()
+}
+
+fn check_visible(layout: &Layout, path: &str, problems: &mut Vec<Problem>) {
+    for (index, patch) in layout.patches.iter().enumerate() {
+        // A hundredth of what the smallest useful patch has.
+        if patch.area_mm2 < 1.0 {
+            let message = "nothing of this patch shows: it has no area, or others cover it";
+            problems.push(Problem::new(format!("{path}[{index}].outline_mm"), message));
+        }
     }
 }
 
-/// A robot's top as the tracker compares it: the coloured centroids, seen from the team patch.
+/// A robot's top as the tracker compares it: the coloured centroids, seen from the team patch, and the
+/// patches' sizes.
 struct Top<'a> {
-    dots: Vec<(Pair, &'a str)>,
+    team_mm2: f64,
+    dots: Vec<Dot<'a>>,
+}
+
+/// An identification patch.
+#[derive(Clone, Copy)]
+struct Dot<'a> {
+    place: Pair,
+    area_mm2: f64,
+    color: &'a str,
 }
 
 /// Centroids closer than this are taken for the same.
 const SAME_PLACE_MM: f64 = 2.0;
+/// Patches whose areas differ by a smaller factor are taken for the same.
+const SAME_AREA: f64 = 1.25;
 /// A smaller turn is none.
 const MIN_TURN_DEG: f64 = 5.0;
 
@@ -150,20 +201,27 @@ impl<'a> Top<'a> {
             .patches
             .iter()
             .filter(|patch| patch.role == PatchRole::Identification)
-            .map(|patch| [patch.centroid_mm[0] - team_x, patch.centroid_mm[1] - team_y])
-            .zip(colors.iter().map(String::as_str))
+            .zip(colors)
+            .map(|(patch, color)| Dot {
+                place: [patch.centroid_mm[0] - team_x, patch.centroid_mm[1] - team_y],
+                area_mm2: patch.area_mm2,
+                color,
+            })
             .collect();
-        Self { dots }
+        Self { team_mm2: team.map_or(0.0, |patch| patch.area_mm2), dots }
     }
 
     /// By how many degrees, at least `min_deg`, this top must be turned to look like `other`.
     fn turned_onto(&self, other: &Top, min_deg: f64) -> Option<f64> {
+        if self.dots.len() != other.dots.len() || !is_same_area(self.team_mm2, other.team_mm2) {
+            return None;
+        }
         // The dot furthest out fixes the turn best.
-        let furthest = |dots: &[(Pair, &'a str)]| {
-            let radius = |&(dot, _): &(Pair, &str)| f64::hypot(dot[0], dot[1]);
+        let furthest = |dots: &[Dot<'a>]| {
+            let radius = |dot: &Dot| f64::hypot(dot.place[0], dot.place[1]);
             dots.iter().copied().max_by(|a, b| radius(a).total_cmp(&radius(b)))
         };
-        let Some(([x, y], _)) = furthest(&self.dots) else {
+        let Some(Dot { place: [x, y], .. }) = furthest(&self.dots) else {
             // Nothing but the team patch: all look alike, and no turn shows.
             return (min_deg == 0.0).then_some(0.0);
         };
@@ -172,7 +230,7 @@ impl<'a> Top<'a> {
         let turns: Vec<f64> = if x.hypot(y) < SAME_PLACE_MM {
             vec![min_deg]
         } else {
-            let onto = |&(dot, _): &(Pair, &str)| (angle(dot) - angle([x, y])).rem_euclid(360.0);
+            let onto = |dot: &Dot| (angle(dot.place) - angle([x, y])).rem_euclid(360.0);
             other.dots.iter().map(onto).collect()
         };
         turns
@@ -181,16 +239,24 @@ impl<'a> Top<'a> {
             .find(|turn| self.dots.iter().all(|&dot| other.shows(turned(dot, *turn))))
     }
 
-    fn shows(&self, ([x, y], color): (Pair, &str)) -> bool {
-        self.dots.iter().any(|&([other_x, other_y], other_color)| {
-            (x - other_x).hypot(y - other_y) < SAME_PLACE_MM && color == other_color
+    fn shows(&self, dot: Dot) -> bool {
+        self.dots.iter().any(|other| {
+            let [dx, dy] = [0, 1].map(|axis| dot.place[axis] - other.place[axis]);
+            dx.hypot(dy) < SAME_PLACE_MM
+                && is_same_area(dot.area_mm2, other.area_mm2)
+                && dot.color == other.color
         })
     }
 }
 
-fn turned(([x, y], color): (Pair, &str), degrees: f64) -> (Pair, &str) {
+fn is_same_area(a: f64, b: f64) -> bool {
+    a.max(b) < SAME_AREA * a.min(b)
+}
+
+fn turned(dot: Dot, degrees: f64) -> Dot {
     let (sin, cos) = degrees.to_radians().sin_cos();
-    ([cos * x - sin * y, sin * x + cos * y], color)
+    let [x, y] = dot.place;
+    Dot { place: [cos * x - sin * y, sin * x + cos * y], ..dot }
 }
 
 fn robot_name(robot: &IdentityConfig) -> String {
@@ -199,7 +265,7 @@ fn robot_name(robot: &IdentityConfig) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{ColorConfig, PatchConfig};
+    use super::super::super::ColorConfig;
     use super::super::tests::{accepted, refused};
     use super::*;
     use crate::messages::{MAX_PATCHES, MAX_ROBOTS, Team};
@@ -214,10 +280,9 @@ mod tests {
     }
 
     fn wear(config: &mut Config, colors: &[&[&str]]) {
-        let robots = colors.iter().enumerate().map(|(id, colors)| IdentityConfig {
-            team: Team::Blue,
-            id: id as u32,
-            colors: colors.iter().map(|&color| color.into()).collect(),
+        let robots = colors.iter().enumerate().map(|(id, colors)| {
+            let colors = colors.iter().map(|&color| color.into()).collect();
+            IdentityConfig::new(Team::Blue, id as u32, colors)
         });
         config.robots.identities = robots.collect();
     }
@@ -245,10 +310,9 @@ mod tests {
             config.teams.yellow = "c1".into();
             config.teams.blue = "c2".into();
             config.robots.identities = (0..=MAX_ROBOTS as u32)
-                .map(|number| IdentityConfig {
-                    team: Team::ALL[number as usize % 2],
-                    id: number / 2,
-                    colors: vec![format!("c{}", 3 + number / 2)],
+                .map(|number| {
+                    let team = Team::ALL[number as usize % 2];
+                    IdentityConfig::new(team, number / 2, vec![format!("c{}", 3 + number / 2)])
                 })
                 .collect();
         });

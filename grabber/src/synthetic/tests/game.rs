@@ -299,9 +299,8 @@ fn impossible_matches_are_refused_with_a_reason() {
         SyntheticError::Geometry(_)
     ));
     let many = |config: &mut Config| {
-        config.robots.identities = (0..33)
-            .map(|id| IdentityConfig { team: Team::Blue, id, colors: vec!["red".into()] })
-            .collect();
+        config.robots.identities =
+            (0..33).map(|id| IdentityConfig::new(Team::Blue, id, vec!["red".into()])).collect();
     };
     assert_eq!(refused(&many), SyntheticError::TooManyRobots { robots: 33 });
 }

@@ -1,0 +1,214 @@
+//! The body of a robot as seen from above: a square, or a disc whose front may be cut off straight.
+
+use crate::config::{Pair, PatchConfig, RobotShape, RobotsConfig};
+use crate::geometry::Pose;
+use crate::layout::body_turn;
+use std::f64::consts::{FRAC_PI_4, PI, TAU};
+
+/// A body in the frame of its robot's layout.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    shape: RobotShape,
+    /// Half the side of a square, radius of a disc.
+    half_mm: f64,
+    /// From the centre to the front.
+    front_mm: f64,
+    /// How a square is turned against the frame of the layout; see [`body_turn`].
+    turn: f64,
+}
+
+impl Body {
+    /// The body of a robot that has these patches on its top.
+    pub fn new(robots: &RobotsConfig, patches: &[PatchConfig]) -> Self {
+        let half_mm = robots.size_mm / 2.0;
+        let (front_mm, turn) = match robots.shape {
+            RobotShape::Square => (half_mm, body_turn(robots.size_mm, patches)),
+            RobotShape::Round => (robots.front_mm.unwrap_or(half_mm).min(half_mm), 0.0),
+        };
+        Self { shape: robots.shape, half_mm, front_mm, turn }
+    }
+
+    /// Half the side of a square, radius of a disc.
+    pub fn half_mm(&self) -> f64 {
+        self.half_mm
+    }
+
+    /// From the centre to the front.
+    pub fn front_mm(&self) -> f64 {
+        self.front_mm
+    }
+
+    /// Whether it is a disc, be its front flat or not.
+    pub fn is_round(&self) -> bool {
+        self.shape == RobotShape::Round
+    }
+
+    /// The same form, so much larger all around.
+    pub fn grown(&self, by_mm: f64) -> Self {
+        Self { half_mm: self.half_mm + by_mm, front_mm: self.front_mm + by_mm, ..*self }
+    }
+
+    /// The same form in another size.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { half_mm: factor * self.half_mm, front_mm: factor * self.front_mm, ..*self }
+    }
+
+    /// From the centre to the farthest point.
+    pub fn reach_mm(&self) -> f64 {
+        match self.shape {
+            RobotShape::Square => self.half_mm * std::f64::consts::SQRT_2,
+            RobotShape::Round => self.half_mm,
+        }
+    }
+
+    /// How far a point of the robot's frame lies inside, measured across the nearest side; negative
+    /// outside.
+    pub fn depth_mm(&self, [x, y]: Pair) -> f64 {
+        match self.shape {
+            RobotShape::Square => {
+                let (sin, cos) = self.turn.sin_cos();
+                let (x, y) = (cos * x + sin * y, cos * y - sin * x);
+                self.half_mm - x.abs().max(y.abs())
+            }
+            RobotShape::Round => (self.half_mm - x.hypot(y)).min(self.front_mm - x),
+        }
+    }
+
+    /// Whether a point of the robot's frame lies on it.
+    pub fn contains(&self, point: Pair) -> bool {
+        self.depth_mm(point) > 0.0
+    }
+
+    /// Its corners, counter-clockwise; a disc is given as a polygon.
+    pub fn outline(&self) -> Vec<Pair> {
+        const CORNERS: u32 = 32;
+        match self.shape {
+            RobotShape::Square => (0..4)
+                .map(|corner| self.turn + FRAC_PI_4 + f64::from(corner) * PI / 2.0)
+                .map(|angle| [self.reach_mm() * angle.cos(), self.reach_mm() * angle.sin()])
+                .collect(),
+            RobotShape::Round => {
+                let cut = self.cut();
+                let step = (TAU - 2.0 * cut) / f64::from(CORNERS);
+                (0..=CORNERS)
+                    .map(|corner| cut + f64::from(corner) * step)
+                    .map(|angle| [self.half_mm * angle.cos(), self.half_mm * angle.sin()])
+                    .collect()
+            }
+        }
+    }
+
+    /// Whether two bodies of one form and size share a point.
+    ///
+    /// They do unless some direction separates them: for squares it is enough to try their sides, and
+    /// discs with a flat front are tried in directions some degrees apart.
+    pub fn overlaps(&self, a: &Pose, other: &Self, b: &Pose) -> bool {
+        let (dx, dy) = (b.position.x_mm - a.position.x_mm, b.position.y_mm - a.position.y_mm);
+        let distance2 = dx * dx + dy * dy;
+        let reach = self.reach_mm() + other.reach_mm();
+        let core = self.front_mm.min(self.half_mm) + other.front_mm.min(other.half_mm);
+        if distance2 >= reach * reach {
+            return false;
+        }
+        if distance2 < core * core {
+            return true;
+        }
+        match self.shape {
+            RobotShape::Square => {
+                let (a_turned, b_turned) = (a.orientation + self.turn, b.orientation + other.turn);
+                let (sin, cos) = (a_turned - b_turned).sin_cos();
+                // Half the extent of one along an axis of the other, plus the other's own half side.
+                let reach = self.half_mm.max(other.half_mm) * (1.0 + sin.abs() + cos.abs());
+                [a_turned, b_turned].iter().all(|axis| {
+                    let (sin, cos) = axis.sin_cos();
+                    (dx * cos + dy * sin).abs() < reach && (dy * cos - dx * sin).abs() < reach
+                })
+            }
+            RobotShape::Round => {
+                const STEPS: i32 = 20;
+                let toward = dy.atan2(dx);
+                (-STEPS..=STEPS).all(|step| {
+                    let turn = f64::from(step) / f64::from(STEPS) * PI / 2.0;
+                    let apart = distance2.sqrt() * turn.cos();
+                    let axis = toward + turn;
+                    self.support_mm(axis - a.orientation)
+                        + other.support_mm(axis + PI - b.orientation)
+                        > apart
+                })
+            }
+        }
+    }
+
+    /// How far a disc with a flat front reaches in a direction of the robot's frame.
+    fn support_mm(&self, angle: f64) -> f64 {
+        let from_front = angle.sin().atan2(angle.cos()).abs();
+        self.half_mm * (self.cut() - from_front).max(0.0).cos()
+    }
+
+    /// Angle at the centre between the middle of the front and its end.
+    fn cut(&self) -> f64 {
+        (self.front_mm / self.half_mm).clamp(-1.0, 1.0).acos()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Preset};
+    use crate::geometry::FieldPoint;
+    use crate::layout::contains;
+
+    fn pose(x: f64, y: f64, degrees: f64) -> Pose {
+        Pose { position: FieldPoint::new(x, y), orientation: degrees.to_radians() }
+    }
+
+    fn body(config: &Config) -> Body {
+        Body::new(&config.robots, &config.robots.patches)
+    }
+
+    #[test]
+    fn squares_touch_exactly_where_they_should() {
+        let body = body(&Config::default());
+        for (degrees, touch) in [(0.0, 75.0), (45.0, 37.5 + 37.5 * 2f64.sqrt())] {
+            let a = pose(5.0, 7.0, 0.0);
+            assert!(body.overlaps(&a, &body, &pose(5.0 + touch - 0.01, 7.0, degrees)));
+            assert!(!body.overlaps(&a, &body, &pose(5.0 + touch + 0.01, 7.0, degrees)));
+        }
+    }
+
+    #[test]
+    fn round_robots_touch_at_their_rims_and_flat_fronts() {
+        let body = body(&Preset::SslDivisionB.config());
+        let a = pose(100.0, -50.0, 0.0);
+        // (heading of a, of the one ahead of it, distance at which they touch)
+        for (heading_a, heading_b, touch) in
+            [(180.0, 0.0, 180.0), (0.0, 0.0, 165.0), (0.0, 180.0, 150.0), (180.0, 180.0, 165.0)]
+        {
+            let a = Pose { orientation: f64::to_radians(heading_a), ..a };
+            let at = |distance: f64| pose(100.0 + distance, -50.0, heading_b);
+            assert!(body.overlaps(&a, &body, &at(touch - 0.5)), "{heading_a} {heading_b}");
+            assert!(!body.overlaps(&a, &body, &at(touch + 0.5)), "{heading_a} {heading_b}");
+        }
+        // Beside each other, the fronts in line.
+        assert!(!body.overlaps(&a, &body, &pose(100.0, 130.5, 0.0)));
+        assert!(body.overlaps(&a, &body, &pose(100.0, 129.5, 0.0)));
+    }
+
+    #[test]
+    fn outline_and_depth_agree() {
+        for config in Preset::ALL.map(Preset::config) {
+            let body = body(&config);
+            let outline = body.outline();
+            for step in 0..360 {
+                let (sin, cos) = f64::from(step).to_radians().sin_cos();
+                for radius in [0.3, 0.6, 0.75, 0.85, 1.02, 1.3] {
+                    let point = [radius * body.reach_mm() * cos, radius * body.reach_mm() * sin];
+                    // The polygon's sides lie half a millimetre inside the disc.
+                    if body.depth_mm(point).abs() > 1.0 {
+                        assert_eq!(contains(&outline, point), body.contains(point), "{point:?}");
+                    }
+                }
+            }
+        }
+    }
+}

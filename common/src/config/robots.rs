@@ -1,0 +1,200 @@
+//! The robots: teams, bodies, the patches on their tops and who wears which colours.
+
+use super::{Config, Pair};
+use crate::messages::{MAX_PATCHES, MAX_ROBOTS, Team};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The two teams.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TeamsConfig {
+    /// The yellow team; `yellow = "orange"` is short for its colour.
+    pub yellow: TeamConfig,
+    /// The blue team; `blue = "cyan"` is short for its colour.
+    pub blue: TeamConfig,
+}
+
+/// A team.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("type" = ["object", "string"]))]
+pub struct TeamConfig {
+    /// Colour of its patches; left out, it is the preset's.
+    #[serde(default)]
+    #[schemars(length(min = 1))]
+    pub color: String,
+    /// Height of its robots' tops above the floor, where it is not `robots.height_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1000), extend("examples" = [150]))]
+    pub height_mm: Option<f64>,
+}
+
+impl TeamsConfig {
+    /// A team.
+    pub fn of(&self, team: Team) -> &TeamConfig {
+        match team {
+            Team::Yellow => &self.yellow,
+            Team::Blue => &self.blue,
+        }
+    }
+
+    /// The colour a team wears.
+    pub fn color(&self, team: Team) -> &str {
+        &self.of(team).color
+    }
+}
+
+impl From<&str> for TeamConfig {
+    fn from(color: &str) -> Self {
+        Self { color: color.into(), height_mm: None }
+    }
+}
+
+/// What a patch is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum PatchRole {
+    /// Carries the team's colour.
+    Team,
+    /// Carries an identification colour.
+    Identification,
+}
+
+/// One colour patch on a robot's top.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PatchConfig {
+    /// "team" or "identification".
+    pub role: PatchRole,
+    /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch lies on top
+    /// of those listed before it.
+    #[schemars(length(min = 3, max = 64), inner(inner(range(min = -1000, max = 1000))))]
+    pub outline_mm: Vec<Pair>,
+}
+
+/// Which identification colours a robot wears.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct IdentityConfig {
+    /// "yellow" or "blue".
+    pub team: Team,
+    /// Number in the team.
+    #[schemars(range(max = 31))]
+    pub id: u32,
+    /// One colour for each identification patch, in the order of the patches.
+    #[schemars(length(max = 5))]
+    pub colors: Vec<String>,
+    /// Its own patches, where they are not `robots.patches`: robots may be told apart by shapes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 1, max = MAX_PATCHES), extend("examples" = [[
+        {"role": "team", "outline_mm": [[35, 35], [2, 35], [2, -35], [35, -35]]},
+        {"role": "identification", "outline_mm": [[-2, 35], [-35, 35], [-35, -35], [-2, -35]]},
+    ]]))]
+    pub patches: Option<Vec<PatchConfig>>,
+    /// Height of its top above the floor, where it is not that of its team.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1000), extend("examples" = [140]))]
+    pub height_mm: Option<f64>,
+}
+
+impl IdentityConfig {
+    /// A robot with the patches and the height of all.
+    pub fn new(team: Team, id: u32, colors: Vec<String>) -> Self {
+        Self { team, id, colors, patches: None, height_mm: None }
+    }
+}
+
+/// The outline of a robot's body from above.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum RobotShape {
+    /// A square.
+    #[default]
+    Square,
+    /// A disc, whose front may be cut off straight.
+    Round,
+}
+
+/// The robots and the colour patches on their tops.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RobotsConfig {
+    /// "square" or "round".
+    pub shape: RobotShape,
+    /// Side of a square robot, diameter of a round one.
+    #[schemars(range(min = 10, max = 500))]
+    pub size_mm: f64,
+    /// Distance from the centre to the front of a round robot whose front is flat; one without is round
+    /// all around.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1, max = 250), extend("examples" = [75]))]
+    pub front_mm: Option<f64>,
+    /// Height of their tops above the floor; teams and robots may have heights of their own.
+    #[schemars(range(min = 0, max = 1000))]
+    pub height_mm: f64,
+    /// Distance along the axle between the centres of the drive wheels (b in eq. 7).
+    #[schemars(range(min = 1, max = 500))]
+    pub wheel_base_mm: f64,
+    /// The patches: exactly one team patch, and any number of identification patches up to five.
+    #[schemars(length(min = 1, max = MAX_PATCHES))]
+    pub patches: Vec<PatchConfig>,
+    /// Report robots of which only the team's colour can be told, without number and heading:
+    /// opponents whose patches nobody knows, robots that have lost a patch. They are in `detections`,
+    /// and followed in `world`, in a list of their own.
+    pub report_unknown: bool,
+    /// The robots that may be on the pitch.
+    #[schemars(length(max = MAX_ROBOTS))]
+    pub identities: Vec<IdentityConfig>,
+}
+
+impl AsRef<[PatchConfig]> for RobotsConfig {
+    /// The patches of robots that have none of their own.
+    fn as_ref(&self) -> &[PatchConfig] {
+        &self.patches
+    }
+}
+
+/// What a robot's top shows and how high it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Top<'a> {
+    /// The patches, those on top last.
+    pub patches: &'a [PatchConfig],
+    /// Above the floor.
+    pub height_mm: f64,
+}
+
+impl Config {
+    /// The top of a listed robot.
+    pub fn top_of<'a>(&'a self, identity: &'a IdentityConfig) -> Top<'a> {
+        let of_team = self.top_of_team(identity.team);
+        Top {
+            patches: identity.patches.as_deref().unwrap_or(of_team.patches),
+            height_mm: identity.height_mm.unwrap_or(of_team.height_mm),
+        }
+    }
+
+    /// The top of a robot of which only the team is known.
+    pub fn top_of_team(&self, team: Team) -> Top<'_> {
+        let robots = &self.robots;
+        let height_mm = self.teams.of(team).height_mm.unwrap_or(robots.height_mm);
+        Top { patches: &robots.patches, height_mm }
+    }
+
+    /// The top of a robot by the numbers that messages carry.
+    pub fn top(&self, team: u32, id: u32) -> Top<'_> {
+        let is_it = |identity: &&IdentityConfig| (identity.team as u32, identity.id) == (team, id);
+        match (self.robots.identities.iter().find(is_it), Team::from_number(team)) {
+            (Some(identity), _) => self.top_of(identity),
+            (None, Some(team)) => self.top_of_team(team),
+            (None, None) => Top { patches: &self.robots.patches, height_mm: self.robots.height_mm },
+        }
+    }
+
+    /// Height of the tallest robot there may be.
+    pub fn tallest_robot_mm(&self) -> f64 {
+        let listed = self.robots.identities.iter().map(|identity| self.top_of(identity));
+        let teams = Team::ALL.map(|team| self.top_of_team(team));
+        listed.chain(teams).map(|top| top.height_mm).fold(0.0, f64::max)
+    }
+}
