@@ -67,6 +67,16 @@ impl Layout {
             .collect();
         Self { patches }
     }
+
+    /// The team patch.
+    pub fn team_patch(&self) -> Option<&VisiblePatch> {
+        self.patches.iter().find(|patch| patch.role == PatchRole::Team)
+    }
+
+    /// The identification patches, in the order of a robot's colours.
+    pub fn identification_patches(&self) -> impl Iterator<Item = &VisiblePatch> {
+        self.patches.iter().filter(|patch| patch.role == PatchRole::Identification)
+    }
 }
 
 /// Index of the patch that shows at a point of the robot's top, if any.

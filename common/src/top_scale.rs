@@ -1,124 +1,198 @@
 //! How large robots' tops are against the configured layout, measured over many robots.
 //!
-//! A layout that was entered in another size than the tops have is no error that stops anything: patches
-//! may lie off their places by the tolerance, and robots are found, a centimetre or two off. What tells
-//! is the scale that brings the layout onto the measured centroids. For one robot it is as uncertain as a
-//! centroid is; the median over many robots is not.
+//! A layout that was entered in another size than the tops have need not stop anything: patches may lie off
+//! their places by the tolerance, and robots are found, a centimetre or two off; or none is found, and
+//! nothing says why. So the scale is measured without asking which robots were found. Each pair of a region
+//! in a team's colour and one in an identification colour votes for the scale at which their distance is
+//! that of a team patch and an identification patch of those colours, if at that scale both regions have
+//! about the area of those patches. Pairs that are patches of one robot agree on the scale; all others are
+//! spread, and fewer.
 
-use crate::config::{Config, Pair, PatchConfig, Top};
+use crate::config::Config;
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 use crate::layout::Layout;
-use crate::messages::{DetectedRobot, DetectionFrame};
+use crate::messages::DetectionFrame;
+use std::ops::RangeInclusive;
 
-/// Fewer measurements tell nothing.
-const LEAST_MEASUREMENTS: u64 = 3;
+/// Fewer votes tell nothing.
+const LEAST_VOTES: u64 = 3;
 /// Scales nearer to 1 are not told of: patches bleed, and heights are not exact.
 const WORTH_TELLING: f64 = 0.06;
-/// The median is counted in steps of this, from 0 to [`MOST`].
-const STEP: f64 = 0.005;
-const MOST: f64 = 3.0;
-/// A region whose area is so many times that of its patch is more than the patch.
-const MERGED_RATIO: f64 = 1.6;
+/// The configured scale is believed unless another one has so many times its votes.
+const MORE_VOTES: f64 = 1.5;
+/// Square root of a region's area against its patch's, at the right scale: rims are often lost.
+const SIZES: RangeInclusive<f64> = 0.65..=1.25;
+/// Scales that are tried.
+const SCALES: RangeInclusive<f64> = 0.4..=2.5;
+/// Votes are counted in steps of this, as a natural logarithm …
+const STEP: f64 = 0.01;
+/// … and so many steps to each side belong together.
+const SPREAD: usize = 3;
+/// A frame with more regions of patches' colours than this is noise.
+const MOST_REGIONS: usize = 400;
 
-/// Collects measurements.
+/// Collects votes.
 #[derive(Debug, Clone)]
 pub struct TopScale {
     camera: CameraModel,
-    /// Team and number of each robot, with its height and the patches of its top.
-    robots: Vec<(u32, u32, f64, Vec<Dot>)>,
-    /// How many measurements fell into each step.
-    counts: Vec<u64>,
-    total: u64,
+    /// Heights of tops, each once.
+    heights_mm: Vec<f64>,
+    pairs: Vec<PatchPair>,
+    votes: Vec<u64>,
+    /// Reused allocation.
+    regions: Vec<Measured>,
 }
 
-/// A patch of a top.
+/// A team patch and an identification patch of one robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct PatchPair {
+    /// Colour classes of the two.
+    classes: [u32; 2],
+    areas_mm2: [f64; 2],
+    distance_mm: f64,
+    /// Index into the heights.
+    height: usize,
+}
+
+/// A region on the plane of a height.
 #[derive(Debug, Clone, Copy)]
-struct Dot {
-    place_mm: Pair,
+struct Measured {
+    class: u32,
+    place: FieldPoint,
     area_mm2: f64,
 }
 
-/// What the measurements say.
+/// What the votes say.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// How many times as large as configured.
+pub struct Scale {
+    /// How many times as large as configured tops are.
     pub scale: f64,
-    /// Robots measured, each in every frame.
-    pub measurements: u64,
+    /// Pairs of patches that say so, each in every frame.
+    pub votes: u64,
 }
 
 impl TopScale {
     /// For pictures of the configured camera.
     pub fn new(config: &Config) -> Result<Self, GeometryError> {
-        let camera = &config.camera;
-        let mut layouts: Vec<(&[PatchConfig], Vec<Dot>)> = Vec::new();
-        let mut robots = Vec::new();
+        let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height)?;
+        let class = |name: &str| config.colors.iter().position(|color| color.name == name);
+        let (mut heights_mm, mut pairs) = (Vec::new(), Vec::new());
+        let mut layouts: Vec<(&[_], Layout)> = Vec::new();
         for identity in &config.robots.identities {
-            let Top { patches, height_mm } = config.top_of(identity);
-            let known = layouts.iter().position(|(known, _)| *known == patches);
-            let known = known.unwrap_or_else(|| {
-                let dots = Layout::new(patches)
-                    .patches
-                    .into_iter()
-                    .map(|patch| Dot { place_mm: patch.centroid_mm, area_mm2: patch.area_mm2 });
-                layouts.push((patches, dots.collect()));
-                layouts.len() - 1
+            let top = config.top_of(identity);
+            if !layouts.iter().any(|(known, _)| *known == top.patches) {
+                layouts.push((top.patches, Layout::new(top.patches)));
+            }
+            let layout = layouts.iter().find(|(known, _)| *known == top.patches);
+            let Some((_, layout)) = layout else { continue };
+            let height = heights_mm.iter().position(|known| *known == top.height_mm);
+            let height = height.unwrap_or_else(|| {
+                heights_mm.push(top.height_mm);
+                heights_mm.len() - 1
             });
-            let dots = layouts[known].1.clone();
-            robots.push((identity.team as u32, identity.id, height_mm, dots));
+            let (Some(team), Some(team_class)) =
+                (layout.team_patch(), class(config.teams.color(identity.team)))
+            else {
+                continue;
+            };
+            for (patch, color) in layout.identification_patches().zip(&identity.colors) {
+                let Some(class) = class(color) else { continue };
+                let [dx, dy] = [0, 1].map(|axis| patch.centroid_mm[axis] - team.centroid_mm[axis]);
+                let pair = PatchPair {
+                    classes: [team_class as u32, class as u32],
+                    // Equal but for the grid that they are measured on.
+                    areas_mm2: [team.area_mm2, patch.area_mm2].map(f64::round),
+                    distance_mm: dx.hypot(dy).round(),
+                    height,
+                };
+                if pair.distance_mm > 0.0 && !pairs.contains(&pair) {
+                    pairs.push(pair);
+                }
+            }
         }
-        Ok(Self {
-            camera: CameraModel::new(&config.geometry, camera.width, camera.height)?,
-            robots,
-            counts: vec![0; (MOST / STEP) as usize],
-            total: 0,
-        })
+        let bins = bin(*SCALES.end()) + 1;
+        Ok(Self { camera, heights_mm, pairs, votes: vec![0; bins], regions: Vec::new() })
     }
 
-    /// Measures the robots of a frame.
+    /// Counts the votes of a frame.
     pub fn add(&mut self, seen: &DetectionFrame) {
-        for robot in seen.robots() {
-            let Some(scale) = self.scale_of(seen, robot) else { continue };
-            if let Some(count) = self.counts.get_mut((scale / STEP) as usize) {
-                *count += 1;
-                self.total += 1;
+        let mut regions = std::mem::take(&mut self.regions);
+        for height in 0..self.heights_mm.len() {
+            self.measure(seen, height, &mut regions);
+            if regions.len() > MOST_REGIONS {
+                continue;
+            }
+            for pair in self.pairs.iter().filter(|pair| pair.height == height) {
+                let of = |class: u32| regions.iter().filter(move |region| region.class == class);
+                for team in of(pair.classes[0]) {
+                    for other in of(pair.classes[1]) {
+                        let distance_mm = team.place.distance(other.place);
+                        let scale = distance_mm / pair.distance_mm;
+                        let fits = |region: &Measured, area_mm2: f64| {
+                            SIZES.contains(&((region.area_mm2 / area_mm2).sqrt() / scale))
+                        };
+                        if SCALES.contains(&scale)
+                            && fits(team, pair.areas_mm2[0])
+                            && fits(other, pair.areas_mm2[1])
+                        {
+                            self.votes[bin(scale)] += 1;
+                        }
+                    }
+                }
+            }
+        }
+        self.regions = regions;
+    }
+
+    /// The scale that most pairs agree on, when there are enough.
+    pub fn measured(&self) -> Option<Scale> {
+        let around = |center: usize, spread: usize| {
+            center.saturating_sub(spread)..(center + spread + 1).min(self.votes.len())
+        };
+        let votes = |bins: std::ops::Range<usize>| self.votes[bins].iter().sum::<u64>();
+        let bins = 0..self.votes.len();
+        let most = bins.max_by_key(|&center| votes(around(center, SPREAD)))?;
+        let configured = bin(1.0);
+        let believed = around(configured, (WORTH_TELLING / STEP) as usize);
+        let other_wins =
+            votes(around(most, SPREAD)) as f64 > MORE_VOTES * votes(believed.clone()) as f64;
+        let bins = if other_wins { around(most, SPREAD) } else { believed };
+        let count = votes(bins.clone());
+        if count < LEAST_VOTES {
+            return None;
+        }
+        let sum: f64 = bins.map(|bin| self.votes[bin] as f64 * scale_of(bin)).sum();
+        Some(Scale { scale: sum / count as f64, votes: count })
+    }
+
+    /// The regions of patches' colours on the plane of a height.
+    fn measure(&self, seen: &DetectionFrame, height: usize, regions: &mut Vec<Measured>) {
+        regions.clear();
+        let height_mm = self.heights_mm[height];
+        for region in seen.regions() {
+            if self.pairs.iter().any(|pair| pair.classes.contains(&region.class)) {
+                let image = ImagePoint::new(region.x_px.into(), region.y_px.into());
+                let pixel_mm2 = self.camera.pixel_area_mm2(image, height_mm);
+                regions.push(Measured {
+                    class: region.class,
+                    place: self.camera.field_from_image(image, height_mm),
+                    area_mm2: f64::from(region.pixel_count) * pixel_mm2,
+                });
             }
         }
     }
-
-    /// The median of all measurements, when there are enough.
-    pub fn measured(&self) -> Option<Measured> {
-        let mut below = 0;
-        let median = self.counts.iter().position(|count| {
-            below += count;
-            2 * below >= self.total
-        });
-        let scale = (median? as f64 + 0.5) * STEP;
-        (self.total >= LEAST_MEASUREMENTS).then_some(Measured { scale, measurements: self.total })
-    }
-
-    /// The scale that brings a robot's layout onto the centroids of its patches: of all similarities the
-    /// one that fits best, weighted by area.
-    fn scale_of(&self, seen: &DetectionFrame, robot: &DetectedRobot) -> Option<f64> {
-        let is_it =
-            |known: &&(u32, u32, f64, Vec<Dot>)| (known.0, known.1) == (robot.team, robot.robot_id);
-        let (_, _, height_mm, dots) = self.robots.iter().find(is_it)?;
-        let patches = robot.patch_regions.iter().zip(dots).filter_map(|(&region, dot)| {
-            let region = seen.regions().get(region as usize)?;
-            let image = ImagePoint::new(region.x_px.into(), region.y_px.into());
-            let pixel_mm2 = self.camera.pixel_area_mm2(image, *height_mm);
-            // Whatever the scale, all patches are larger or smaller alike; one that is not is grown
-            // together with something.
-            let area_mm2 = f64::from(region.pixel_count) * pixel_mm2;
-            Some((dot, self.camera.field_from_image(image, *height_mm), area_mm2 / dot.area_mm2))
-        });
-        let least = patches.clone().map(|(_, _, ratio)| ratio).fold(f64::INFINITY, f64::min);
-        let patches = patches.filter(|(_, _, ratio)| *ratio <= MERGED_RATIO * least);
-        similarity(patches.map(|(dot, place, _)| (dot.place_mm, place, dot.area_mm2)))
-    }
 }
 
-impl Measured {
+/// Where votes for a scale are counted.
+fn bin(scale: f64) -> usize {
+    ((scale / SCALES.start()).ln() / STEP).round().max(0.0) as usize
+}
+
+fn scale_of(bin: usize) -> f64 {
+    SCALES.start() * (bin as f64 * STEP).exp()
+}
+
+impl Scale {
     /// Whether tops have another size than configured.
     pub fn is_off(&self) -> bool {
         (self.scale - 1.0).abs() > WORTH_TELLING
@@ -127,92 +201,85 @@ impl Measured {
     /// What is wrong and what to do, for people.
     pub fn advice(&self) -> String {
         format!(
-            "robots' tops are {:.2} times as large as configured (median of {} measurements), which puts \
-             robots off by millimetres; correct the patches (`outline_mm`, all corners times {:.2}), or \
-             the geometry if the pitch itself has another size",
-            self.scale, self.measurements, self.scale
+            "robots' tops look {:.2} times as large as configured ({} pairs of patches say so), which puts \
+             robots off or loses them; multiply the patches' corners (`outline_mm`) by {:.2}, or correct the \
+             geometry if the pitch has another size, too",
+            self.scale, self.votes, self.scale
         )
     }
-}
-
-/// The scale of the similarity that fits best; `None` with fewer than two places.
-fn similarity(patches: impl Iterator<Item = (Pair, FieldPoint, f64)> + Clone) -> Option<f64> {
-    let (mut weight, mut layout, mut measured) = (0.0, [0.0; 2], [0.0; 2]);
-    for ([x, y], place, w) in patches.clone() {
-        weight += w;
-        layout = [layout[0] + w * x, layout[1] + w * y];
-        measured = [measured[0] + w * place.x_mm, measured[1] + w * place.y_mm];
-    }
-    let layout = layout.map(|sum| sum / weight);
-    let measured = measured.map(|sum| sum / weight);
-    let (mut along, mut across, mut spread) = (0.0, 0.0, 0.0);
-    for ([x, y], place, w) in patches {
-        let (px, py) = (x - layout[0], y - layout[1]);
-        let (qx, qy) = (place.x_mm - measured[0], place.y_mm - measured[1]);
-        along += w * (px * qx + py * qy);
-        across += w * (px * qy - py * qx);
-        spread += w * (px * px + py * py);
-    }
-    let scale = along.hypot(across) / spread;
-    (spread > 1e-9 && scale.is_finite()).then_some(scale)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Preset;
     use crate::geometry::Pose;
-    use crate::messages::{MAX_PATCHES, Region};
+    use crate::messages::Region;
     use bytemuck::Zeroable;
 
-    /// A frame of the first robot at some poses, its patches `scale` times as far from its centre as
-    /// configured.
-    fn frame(config: &Config, scale: f64, count: usize) -> Box<DetectionFrame> {
+    /// All robots of a configuration in a grid, their patches `scale` times as large as configured and
+    /// as far from the centre; regions alone.
+    fn frame(config: &Config, scale: f64) -> Box<DetectionFrame> {
         let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height);
-        let (camera, layout) = (camera.unwrap(), Layout::new(&config.robots));
+        let camera = camera.unwrap();
         let mut frame = Box::new(DetectionFrame::zeroed());
-        for index in 0..count {
-            let position = FieldPoint::new(index as f64 * 150.0 - 400.0, 60.0);
-            let pose = Pose { position, orientation: index as f64 };
-            let mut patch_regions = [u32::MAX; MAX_PATCHES];
-            for (patch, region) in layout.patches.iter().zip(&mut patch_regions) {
+        for (index, identity) in config.robots.identities.iter().enumerate() {
+            let top = config.top_of(identity);
+            let layout = Layout::new(top.patches);
+            let pitch_mm = config.field.width_mm / 8.0;
+            let [x, y] = [index % 6, index / 6].map(|step| (step as f64 - 2.5) * pitch_mm);
+            let pose = Pose { position: FieldPoint::new(x, y), orientation: index as f64 };
+            let mut colors = identity.colors.iter().map(String::as_str);
+            for patch in &layout.patches {
+                let color = match patch.role {
+                    crate::config::PatchRole::Team => config.teams.color(identity.team),
+                    crate::config::PatchRole::Identification => colors.next().unwrap(),
+                };
+                let class = config.colors.iter().position(|known| known.name == color).unwrap();
                 let place = pose.field_from_robot(patch.centroid_mm.map(|value| scale * value));
-                let image = camera.image_from_field(place, config.robots.height_mm);
-                *region = frame.region_count;
+                let image = camera.image_from_field(place, top.height_mm);
+                let pixel_mm2 = camera.pixel_area_mm2(image, top.height_mm);
                 frame.regions[frame.region_count as usize] = Region {
+                    class: class as u32,
                     x_px: image.x_px as f32,
                     y_px: image.y_px as f32,
-                    pixel_count: (100.0 * scale * scale) as u32,
+                    // Some of the rim is lost.
+                    pixel_count: (0.8 * scale * scale * patch.area_mm2 / pixel_mm2) as u32,
                     ..Region::default()
                 };
                 frame.region_count += 1;
             }
-            frame.push_robot(DetectedRobot { patch_regions, ..DetectedRobot::default() });
         }
         frame
     }
 
     #[test]
     fn tops_of_another_size_are_told_of() {
-        let config = Config::default();
-        for (scale, is_off) in [(1.0, false), (1.03, false), (1.4, true), (0.8, true)] {
-            let mut tops = TopScale::new(&config).unwrap();
-            assert_eq!(tops.measured(), None);
-            tops.add(&frame(&config, scale, 5));
-            let measured = tops.measured().unwrap();
-            assert!((measured.scale - scale).abs() < 0.01, "{measured:?} for {scale}");
-            assert_eq!((measured.measurements, measured.is_off()), (5, is_off));
+        for config in Preset::ALL.map(Preset::config) {
+            for (scale, is_off) in
+                [(1.0, false), (1.03, false), (1.15, true), (1.4, true), (1.7, true), (0.7, true)]
+            {
+                let mut tops = TopScale::new(&config).unwrap();
+                assert_eq!(tops.measured(), None);
+                tops.add(&frame(&config, scale));
+                let measured = tops.measured().unwrap();
+                let name = config.preset.name();
+                assert!(
+                    (measured.scale / scale - 1.0).abs() < 0.03,
+                    "{name} {scale}: {measured:?}"
+                );
+                assert_eq!(measured.is_off(), is_off, "{name} {scale}: {measured:?}");
+            }
         }
-        assert!(Measured { scale: 1.4, measurements: 5 }.advice().contains("1.40 times"));
+        assert!(Scale { scale: 1.4, votes: 5 }.advice().contains("1.40 times"));
     }
 
     #[test]
-    fn two_robots_and_unknown_ones_tell_nothing() {
-        let config = Config::default();
+    fn one_robot_tells_nothing() {
+        let mut config = Config::default();
         let mut tops = TopScale::new(&config).unwrap();
-        let mut seen = frame(&config, 1.4, 4);
-        seen.robots[2].robot_id = DetectedRobot::UNKNOWN_ID;
-        seen.robots[3].patch_regions[0] = u32::MAX;
-        tops.add(&seen);
+        config.robots.identities.truncate(1);
+        tops.add(&frame(&config, 1.4));
         assert_eq!(tops.measured(), None);
     }
 }

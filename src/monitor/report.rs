@@ -3,7 +3,7 @@
 
 use super::view::Event;
 use common::messages::LightCorrection;
-use common::top_scale::Measured;
+use common::top_scale::Scale;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -283,19 +283,19 @@ pub struct Found {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Tops {
-    /// How many times as large as configured, in the median.
+    /// How many times as large as configured.
     pub scale: f64,
-    /// Robots measured, each in every frame.
-    pub measurements: u64,
+    /// Pairs of patches that say so, each in every frame.
+    pub votes: u64,
     /// What is wrong and what to do; empty when the size is right.
     pub problem: String,
 }
 
-impl From<Measured> for Tops {
-    fn from(measured: Measured) -> Self {
+impl From<Scale> for Tops {
+    fn from(measured: Scale) -> Self {
         let problem = if measured.is_off() { measured.advice() } else { String::new() };
         let scale = (measured.scale * 1000.0).round() / 1000.0;
-        Self { scale, measurements: measured.measurements, problem }
+        Self { scale, votes: measured.votes, problem }
     }
 }
 

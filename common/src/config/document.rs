@@ -57,7 +57,7 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
     let mut first = !path.is_empty();
     for (key, property) in node.properties() {
         let value = table.get(key);
-        if value.is_some_and(|value| is_section(value)) {
+        if value.is_some_and(is_section) {
             continue;
         }
         // A heading and its first key belong together.

@@ -15,7 +15,7 @@ use answer::Answer;
 use classifier::{BayerImage, demosaic};
 use common::config::{CameraConfig, Config};
 use common::messages::{DetectionFrame, MAX_RUNS};
-use common::top_scale::{Measured, TopScale};
+use common::top_scale::{Scale, TopScale};
 use grabber::pictures::{list_pictures, load_bayer};
 use overlay::Overlay;
 use std::collections::HashSet;
@@ -48,7 +48,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
             break;
         }
     }
-    if let Some(measured) = tops.measured().filter(Measured::is_off) {
+    if let Some(measured) = tops.measured().filter(Scale::is_off) {
         common::tell!("touchline: {}", measured.advice());
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -1,7 +1,7 @@
 //! The scores of all pictures together: for programs as JSON, for people as text.
 
 use super::verdict::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
-use common::top_scale::Measured;
+use common::top_scale::Scale;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ pub struct Report {
     pub pictures: Vec<PictureScore>,
     pub total: Total,
     #[serde(skip)]
-    pub tops: Option<Measured>,
+    pub tops: Option<Scale>,
 }
 
 /// All pictures together.
@@ -42,11 +42,7 @@ pub struct Total {
 }
 
 impl Report {
-    pub fn new(
-        pictures: Vec<PictureScore>,
-        tolerances: Tolerances,
-        tops: Option<Measured>,
-    ) -> Self {
+    pub fn new(pictures: Vec<PictureScore>, tolerances: Tolerances, tops: Option<Scale>) -> Self {
         let top_scale = tops.map(|tops| (tops.scale * 1e3).round() / 1e3);
         let total = Total { top_scale, ..Total::of(&pictures) };
         Self { tolerances, pictures, total, tops }
@@ -82,7 +78,7 @@ impl Report {
             Some(px) => writeln!(text, " (within {ball_px} px; rms {px:.2} px)"),
             None => writeln!(text),
         };
-        if let Some(measured) = self.tops.filter(Measured::is_off) {
+        if let Some(measured) = self.tops.filter(Scale::is_off) {
             let _ = writeln!(text, "  {}", measured.advice());
         }
         text

@@ -133,6 +133,10 @@ impl Config {
 
     pub(super) fn warn_of_shared_colors(&self, warnings: &mut Vec<Problem>) {
         for (index, identity) in self.robots.identities.iter().enumerate() {
+            // Robots told apart by shapes may well have the team's colour in several of them.
+            if identity.patches.is_some() {
+                continue;
+            }
             for (place, color) in identity.colors.iter().enumerate() {
                 let taken = match self.team_wearing(color) {
                     Some(team) => format!("the {} team's patches", team.name()),
