@@ -27,19 +27,14 @@ struct FakeCamera {
 
 impl FakeCamera {
     /// A camera that loses so many of a thousand packets.
-    fn start(lost_per_thousand: u32) -> Option<Self> {
+    fn start(lost_per_thousand: u32) -> Self {
         let child = Command::new(PROGRAM)
             .args(["-i", "127.0.0.1", "-s", SERIAL, "-r", &lost_per_thousand.to_string()])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
-            .spawn();
-        match child {
-            Ok(child) => Some(Self { child }),
-            Err(error) => {
-                eprintln!("SKIPPED: {PROGRAM}: {error}; `apt-get install aravis-tools` has it");
-                None
-            }
-        }
+            .spawn()
+            .unwrap_or_else(|error| panic!("{PROGRAM}: {error}; `apt-get install aravis-tools`"));
+        Self { child }
     }
 
     fn kill(&mut self) {
@@ -93,46 +88,38 @@ fn run(name: &str, config: &str, frames: u64) -> Value {
     serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap()
 }
 
-/// As [`run`], up to three times, until the report is like that of a run that nothing disturbed: without
+/// As [`run`], up to five times, until the report is like that of a run that nothing disturbed: without
 /// a processor for too long, the system drops packets, and counts them, or the grabber comes too late.
-/// `None`, and said, where the system dropped packets each time.
 fn undisturbed_run(
     name: &str,
     config: &str,
     frames: u64,
     is_undisturbed: impl Fn(&Value) -> bool,
-) -> Option<Value> {
-    let mut unexplained = None;
-    for attempt in 0..3 {
+) -> Value {
+    let mut disturbed = vec![];
+    for attempt in 0..5 {
         let before = dropped_by_the_system();
         let report = run(&format!("{name}-{attempt}"), config, frames);
-        let is_explained = dropped_by_the_system() > before;
         if is_undisturbed(&report) {
-            return Some(report);
+            return report;
         }
-        if !is_explained {
-            unexplained = Some(report);
-        }
+        disturbed.push((dropped_by_the_system() - before, report));
     }
-    if unexplained.is_none() {
-        eprintln!("SKIPPED: three times, the system dropped packets; this machine is too busy");
-    }
-    unexplained
+    panic!("every run was disturbed; (packets the system dropped, report): {disturbed:#?}");
 }
 
 #[test]
+#[ignore = "needs a GigE camera to play: Debian's aravis-tools"]
 fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(_camera) = FakeCamera::start(0) else { return };
+    let _camera = FakeCamera::start(0);
     let seconds = std::env::var("TOUCHLINE_SECONDS").ok().and_then(|text| text.parse().ok());
     let seconds: u64 = seconds.unwrap_or(5);
     let is_whole = |report: &Value| {
         let device = &report["camera"]["device"];
         device["incomplete"] == 0 && device["lost"] == 0
     };
-    let Some(report) = undisturbed_run("genicam", &config(|_| {}), seconds * 100, is_whole) else {
-        return;
-    };
+    let report = undisturbed_run("genicam", &config(|_| {}), seconds * 100, is_whole);
     let device = &report["camera"]["device"];
     assert_eq!((&device["incomplete"], &device["lost"]), (&0.into(), &0.into()), "{report:#}");
     assert_eq!(report["frames"]["captured"], seconds * 100, "{report:#}");
@@ -149,14 +136,15 @@ fn a_gige_camera_streams_through_the_whole_group_without_a_loss() {
 }
 
 #[test]
+#[ignore = "needs a GigE camera to play: Debian's aravis-tools"]
 fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(_camera) = FakeCamera::start(5) else { return };
+    let _camera = FakeCamera::start(5);
     let config = config(|config| config.camera.genicam.packet_resend = false);
     // Hardly a frame is lost whole, unless the grabber comes too late.
     let is_on_time =
         |report: &Value| report["camera"]["device"]["lost"].as_u64().is_some_and(|lost| lost < 10);
-    let Some(report) = undisturbed_run("genicam-loss", &config, 800, is_on_time) else { return };
+    let report = undisturbed_run("genicam-loss", &config, 800, is_on_time);
     let count = |value: &Value| value.as_u64().unwrap();
     let device = &report["camera"]["device"];
     let (incomplete, lost) = (count(&device["incomplete"]), count(&device["lost"]));
@@ -178,9 +166,10 @@ fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
 }
 
 #[test]
+#[ignore = "needs a GigE camera to play: Debian's aravis-tools"]
 fn a_camera_that_dies_and_comes_back_streams_again() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(mut camera) = FakeCamera::start(0) else { return };
+    let mut camera = FakeCamera::start(0);
     let mut group = Group::start("genicam-back", &config(|_| {}), &["--source", SOURCE]);
     let status = group.wait_until_working();
     let grabber = Group::pid_of(&status, "grabber");
@@ -202,9 +191,10 @@ fn a_camera_that_dies_and_comes_back_streams_again() {
 }
 
 #[test]
+#[ignore = "needs a GigE camera to play: Debian's aravis-tools"]
 fn what_the_camera_does_not_have_is_refused_with_a_reason() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(_camera) = FakeCamera::start(0) else { return };
+    let _camera = FakeCamera::start(0);
     let refused = |name: &str, state: &str, reason: &str, change: fn(&mut Config)| {
         let mut group = Group::start(name, &config(change), &["--source", SOURCE]);
         let status = group.wait_for("a refusal", |status| camera_state(status) == state);

@@ -1,10 +1,10 @@
 //! A group and the computer it runs on: shared memory, rights, other users, the service manager.
 //!
-//! What needs to be root is skipped, loudly, when it is not.
+//! What only root can try is ignored unless asked for; `scripts/check` asks when it is root.
 
 mod support;
 
-use rustix::process::{Signal, getuid};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, chown, symlink};
@@ -17,14 +17,6 @@ use support::{Group, PATIENCE, Scratch, shared_memory, touchline};
 
 /// Nobody's number, on every Linux.
 const NOBODY: u32 = 65534;
-
-fn is_root(test: &str) -> bool {
-    let is_root = getuid().is_root();
-    if !is_root {
-        eprintln!("SKIPPED: {test}: only root can try this");
-    }
-    is_root
-}
 
 /// The program where every user can reach it.
 fn program_for_all(scratch: &Scratch) -> PathBuf {
@@ -48,24 +40,18 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs a script of the shell in a place of its own whose /dev/shm has so many megabytes; `None`
-/// where the system does not allow it. `$T` is the program, `$D` a directory.
-fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Option<Output> {
-    let mount = format!("mount -t tmpfs -o size={megabytes}m tmpfs /dev/shm");
-    let in_own_place = |script: &str| {
-        Command::new("unshare")
-            .args(["-m", "sh", "-c", script])
-            .env("T", env!("CARGO_BIN_EXE_touchline"))
-            .env("D", &scratch.path)
-            .env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"))
-            .env("XDG_STATE_HOME", scratch.path.join("state"))
-            .output()
-    };
-    if !in_own_place(&mount).is_ok_and(|output| output.status.success()) {
-        eprintln!("SKIPPED: this system does not allow a /dev/shm of one's own (unshare, mount)");
-        return None;
-    }
-    Some(in_own_place(&format!("{mount} || exit 99\n{script}")).unwrap())
+/// Runs a script of the shell in a mount namespace of its own whose /dev/shm has so many megabytes. `$T`
+/// is the program, `$D` a directory.
+fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Output {
+    let mount = format!("mount -t tmpfs -o size={megabytes}m tmpfs /dev/shm || exit 99");
+    Command::new("unshare")
+        .args(["-m", "sh", "-c", &format!("{mount}\n{script}")])
+        .env("T", env!("CARGO_BIN_EXE_touchline"))
+        .env("D", &scratch.path)
+        .env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"))
+        .env("XDG_STATE_HOME", scratch.path.join("state"))
+        .output()
+        .unwrap()
 }
 
 /// `touchline … | head`: whoever reads may have seen enough before all is said.
@@ -96,10 +82,11 @@ fn nobody_has_to_read_to_the_end() {
 }
 
 #[test]
+#[ignore = "needs root, for a /dev/shm of its own"]
 fn too_little_shared_memory_is_said_before_anything_starts() {
     let scratch = Scratch::new("small-shm");
     let script = r#""$T" run --frames 40 --quiet; code=$?; ls /dev/shm; exit $code"#;
-    let Some(output) = with_shared_memory(&scratch, 20, script) else { return };
+    let output = with_shared_memory(&scratch, 20, script);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("20 MB are free") && said.contains("--shm-size="), "{said}");
@@ -108,6 +95,7 @@ fn too_little_shared_memory_is_said_before_anything_starts() {
 }
 
 #[test]
+#[ignore = "needs root, for a /dev/shm of its own"]
 fn shared_memory_that_others_fill_in_a_match_costs_nothing() {
     let scratch = Scratch::new("full-shm");
     // The tracker falls when there is not a byte left: its spare has all it needs.
@@ -126,7 +114,7 @@ fn shared_memory_that_others_fill_in_a_match_costs_nothing() {
         sleep 1; kill -9 "$tracker" || exit 97; sleep 2
         rm /dev/shm/filler
         wait $group; code=$?; ls /dev/shm; exit $code"#;
-    let Some(output) = with_shared_memory(&scratch, 100, script) else { return };
+    let output = with_shared_memory(&scratch, 100, script);
     assert!(output.status.success(), "{output:?}");
     assert_eq!(text(&output.stdout), "", "something was left in shared memory");
     let report = fs::read(scratch.path.join("report.json")).unwrap();
@@ -217,10 +205,8 @@ fn nothing_of_a_running_group_is_for_other_users() {
 }
 
 #[test]
+#[ignore = "needs root, to be another user"]
 fn other_users_neither_look_nor_harm() {
-    if !is_root("other_users_neither_look_nor_harm") {
-        return;
-    }
     let mut group = Group::start("strangers", "", &[]);
     let before = group.wait_until_working();
     let program = program_for_all(&group.scratch);
@@ -248,10 +234,8 @@ fn other_users_neither_look_nor_harm() {
 }
 
 #[test]
+#[ignore = "needs root, to be another user"]
 fn a_runtime_directory_that_somebody_else_prepared_is_refused() {
-    if !is_root("a_runtime_directory_that_somebody_else_prepared_is_refused") {
-        return;
-    }
     let scratch = Scratch::new("prepared");
     let program = program_for_all(&scratch);
     let run = ["run", "--frames", "10", "--quiet"];
@@ -352,20 +336,16 @@ fn a_service_manager_hears_when_the_group_is_ready_lives_and_ends() {
 }
 
 #[test]
+#[ignore = "needs systemd-analyze"]
 fn the_unit_file_is_understood() {
     let scratch = Scratch::new("unit");
     let unit = fs::read_to_string("scripts/touchline@.service").unwrap();
     let unit = unit.replace("/usr/local/bin/touchline", env!("CARGO_BIN_EXE_touchline"));
     let unit = scratch.write("touchline@match.service", &unit);
-    match Command::new("systemd-analyze").arg("verify").arg(&unit).output() {
-        Ok(output) => {
-            let said = text(&output.stderr);
-            let complaints: Vec<&str> =
-                said.lines().filter(|line| line.contains("touchline@")).collect();
-            assert_eq!(complaints, Vec::<&str>::new());
-        }
-        Err(error) => eprintln!("SKIPPED: systemd-analyze: {error}"),
-    }
+    let output = Command::new("systemd-analyze").arg("verify").arg(&unit).output().unwrap();
+    let said = text(&output.stderr);
+    let complaints: Vec<&str> = said.lines().filter(|line| line.contains("touchline@")).collect();
+    assert_eq!(complaints, Vec::<&str>::new());
 }
 
 /// The wall clock may be set at any moment, so nothing is decided by it: whoever reads it is on this

@@ -1,7 +1,7 @@
 //! Real cameras of Video for Linux, played by the kernel's driver `vivid`.
 //!
-//! Skipped unless `TOUCHLINE_VIVID` names a device of it; `scripts/test-v4l2` starts a virtual machine
-//! that has one.
+//! They need a device of it, named by `TOUCHLINE_VIVID`; `scripts/test-v4l2` starts a virtual machine that
+//! has one, and runs them there.
 
 mod support;
 
@@ -22,13 +22,11 @@ const BARS: [(u32, &str); 6] =
 const BAR_PX: u32 = 640 / 8;
 
 /// The device, and the rate that the machine can bear.
-fn vivid() -> Option<(String, f64)> {
-    let Ok(device) = std::env::var("TOUCHLINE_VIVID") else {
-        eprintln!("SKIPPED: set TOUCHLINE_VIVID to a device of vivid, or run scripts/test-v4l2");
-        return None;
-    };
+fn vivid() -> (String, f64) {
+    let device = std::env::var("TOUCHLINE_VIVID")
+        .expect("TOUCHLINE_VIVID names a device of vivid; scripts/test-v4l2 has one");
     let fps = std::env::var("TOUCHLINE_VIVID_FPS").ok().and_then(|fps| fps.parse().ok());
-    Some((device, fps.unwrap_or(25.0)))
+    (device, fps.unwrap_or(25.0))
 }
 
 /// A configuration that knows pure colours, and has the camera show bars of them without text.
@@ -137,7 +135,7 @@ fn coverage(detections: &DetectionFrame, config: &Config) -> Vec<(&'static str, 
 }
 
 fn check_format(format: &str, expected: (PixelFormat, BayerOrder), transfer: &str) {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let config = config(fps, format);
     let mut group = start(&format!("vivid-{format}"), &config, &device);
     // Past the start, at which everybody has much to do.
@@ -183,6 +181,7 @@ fn check_format(format: &str, expected: (PixelFormat, BayerOrder), transfer: &st
 const DIRECT: &str = "straight into shared memory";
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn bayer_streams_straight_into_shared_memory_with_the_right_colours() {
     for (format, order) in [
         ("RGGB", BayerOrder::Rggb),
@@ -195,6 +194,7 @@ fn bayer_streams_straight_into_shared_memory_with_the_right_colours() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn deep_bayer_streams_with_the_right_colours() {
     for (format, pixel_format) in [
         ("RG10", PixelFormat::Bayer10),
@@ -211,6 +211,7 @@ fn deep_bayer_streams_with_the_right_colours() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn yuv_and_rgb_stream_with_the_right_colours() {
     for (format, pixel_format) in [
         ("YUYV", PixelFormat::Yuyv),
@@ -224,8 +225,9 @@ fn yuv_and_rgb_stream_with_the_right_colours() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn a_driver_that_cannot_write_to_shared_memory_is_copied_from() {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let mut config = config(fps, "RGGB");
     config.camera.v4l2.direct = false;
     let mut group = start("vivid-copied", &config, &device);
@@ -238,8 +240,9 @@ fn a_driver_that_cannot_write_to_shared_memory_is_copied_from() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn cameras_are_listed_with_formats_and_controls() {
-    let Some((device, _)) = vivid() else { return };
+    let (device, _) = vivid();
     let scratch = Scratch::new("vivid-list");
     let output = output_of(&scratch, &["cameras", "--json"]);
     let listing: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -263,7 +266,7 @@ fn cameras_are_listed_with_formats_and_controls() {
 
 /// A group whose camera cannot stream as configured says why, in the status.
 fn refused(name: &str, state: &str, reason: &str, change: impl FnOnce(&mut Config)) {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let mut config = config(fps, "RGGB");
     change(&mut config);
     let mut group = start(name, &config, &device);
@@ -278,6 +281,7 @@ fn refused(name: &str, state: &str, reason: &str, change: impl FnOnce(&mut Confi
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn what_the_camera_cannot_do_is_refused_with_a_reason() {
     refused("vivid-size", "wrong_format", "it has", |config| {
         config.camera.width = 642;
@@ -296,8 +300,9 @@ fn what_the_camera_cannot_do_is_refused_with_a_reason() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn a_camera_in_use_is_had_when_it_is_free() {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let config = config(fps, "RGGB");
     let scratch = Scratch::new("vivid-busy");
     let file = scratch.write("config.toml", &commented_toml(&config));
@@ -327,8 +332,9 @@ fn a_camera_in_use_is_had_when_it_is_free() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn a_camera_that_is_unplugged_is_back_without_a_restart() {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let driver = Path::new("/sys/bus/platform/drivers/vivid");
     let plug = |action: &str| std::fs::write(driver.join(action), "vivid.0").unwrap();
     let config = config(fps, "RGGB");
@@ -357,8 +363,9 @@ fn a_camera_that_is_unplugged_is_back_without_a_restart() {
 }
 
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn frames_that_the_driver_drops_are_counted_and_the_camera_is_called_slow() {
-    let Some((device, fps)) = vivid() else { return };
+    let (device, fps) = vivid();
     let mut config = config(fps, "RGGB");
     let controls = &mut config.camera.v4l2.controls;
     controls.insert("percentage_of_dropped_buffers".into(), SettingValue::Number(40.0));
@@ -374,12 +381,11 @@ fn frames_that_the_driver_drops_are_counted_and_the_camera_is_called_slow() {
 /// The wall clock may be set at any moment: nothing of the pipeline may go by it, and the times of a
 /// recording go on as they began.
 #[test]
+#[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn a_clock_that_is_set_in_the_middle_of_a_match_does_not_matter() {
-    let Some((device, fps)) = vivid() else { return };
-    if std::env::var_os("TOUCHLINE_SET_CLOCK").is_none() {
-        eprintln!("SKIPPED: TOUCHLINE_SET_CLOCK does not allow to set this machine's clock");
-        return;
-    }
+    let (device, fps) = vivid();
+    let may_set = std::env::var_os("TOUCHLINE_SET_CLOCK").is_some();
+    assert!(may_set, "TOUCHLINE_SET_CLOCK allows this test to set the machine's clock");
     let mut group = start("vivid-clock", &config(fps, "RGGB"), &device);
     group.wait_for("a steady stream", |status| status["frames"]["world"].as_u64() > Some(30));
     let file = group.scratch.path.join("match.mcap");
