@@ -179,9 +179,9 @@ pub struct RunArgs {
     #[arg(long, value_name = "N", value_parser = parse_fps)]
     pub fps: Option<f64>,
     /// End after so many frames
-    #[arg(long, value_name = "N", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
-    /// End after so many seconds
+    /// End after so many seconds of the clock, whatever the camera does
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pub seconds: Option<f64>,
     /// Name of the group; groups of different names never meet

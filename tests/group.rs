@@ -279,6 +279,16 @@ fn stages_are_restarted_on_request_without_losing_a_frame() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("classifier"), "{output:?}");
 }
 
+#[test]
+fn a_run_of_some_seconds_ends_then_even_when_there_is_no_camera() {
+    let started = Instant::now();
+    let args = ["--source", "v4l2:/dev/no-such-camera", "--seconds", "2.5"];
+    let mut group = Group::start("no-camera", "", &args);
+    assert!(group.wait_until_ended().success(), "{}", group.stderr());
+    assert!(started.elapsed() >= Duration::from_millis(2500), "{:?}", started.elapsed());
+    group.assert_nothing_left();
+}
+
 /// A stage that is asked to end while others are still getting ready has not failed to start.
 #[test]
 fn a_restart_of_a_group_that_is_still_starting_does_not_end_it() {

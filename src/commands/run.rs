@@ -5,6 +5,7 @@ use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use crate::monitor::{Monitor, Output, summary};
 use crate::supervisor::{self, Launch, Outcome, Record, Until};
+use common::clock::monotonic_ns;
 use common::config::Config;
 use common::descriptors;
 use common::instance::Instance;
@@ -75,8 +76,8 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
     if matches!(source, Source::Synthetic) && is_other_light(&config) {
         follow_painted_light(&mut config);
     }
-    let frames = args.frames.or(args.seconds.map(|seconds| frames_in(seconds, config.camera.fps)));
-    Ok((Launch { instance: instance.clone(), source, frames }, config))
+    let ends_at_ns = args.seconds.map(|seconds| monotonic_ns() + (seconds * 1e9) as u64);
+    Ok((Launch { instance: instance.clone(), source, frames: args.frames, ends_at_ns }, config))
 }
 
 /// The group that an earlier supervisor has left behind, as that one ran it.
@@ -90,7 +91,8 @@ fn left_behind(instance: &Instance) -> Result<(Launch, Config), CommandError> {
     };
     let config = load_config(Some(&instance.config_path()))?;
     let source = record.source.parse()?;
-    Ok((Launch { instance: instance.clone(), source, frames: record.frames }, config))
+    let Record { frames, ends_at_ns, .. } = record;
+    Ok((Launch { instance: instance.clone(), source, frames, ends_at_ns }, config))
 }
 
 /// Becomes another program, which takes over the group: the same process with the same terminal,
@@ -110,10 +112,6 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
     let error = run(program);
     common::tell!("touchline: {}: {error}; the old program goes on", program.display());
     format!("the supervisor cannot go on: {}", run(this)).into()
-}
-
-fn frames_in(seconds: f64, fps: f64) -> u64 {
-    ((seconds * fps).round() as u64).max(1)
 }
 
 /// Stages do not share the caller's idea of relative paths for ever: a supervisor may be restarted

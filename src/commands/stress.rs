@@ -125,8 +125,12 @@ fn run_at(config: &Config, args: &StressArgs, fps: f64) -> Result<Run, CommandEr
     let source = Source::Loop(LOOP_FRAMES.min(affordable));
     let frames = (fps * args.seconds).max(FEWEST_FRAMES) as u64;
     let instance = Instance::new(&args.instance)?;
-    let launch =
-        Launch { instance: instance.clone(), source: source.clone(), frames: Some(frames) };
+    let launch = Launch {
+        instance: instance.clone(),
+        source: source.clone(),
+        frames: Some(frames),
+        ends_at_ns: None,
+    };
     let outcome = supervisor::run(launch, &config, Until::Finished, |view| {
         Monitor::start(&instance, source.to_string(), &config, view, Output::Quiet)
     })?;

@@ -31,6 +31,8 @@ pub struct Launch {
     pub source: Source,
     /// How many frames the grabber is to capture.
     pub frames: Option<u64>,
+    /// When the group is to end, monotonic clock: whatever the camera does.
+    pub ends_at_ns: Option<u64>,
 }
 
 /// One process of the group.

@@ -205,7 +205,9 @@ impl<'a> Group<'a> {
             if let Some(program) = upgrade {
                 return Ok(Ending::Upgrade(program));
             }
-            if until == Until::Finished && self.finished && self.results_are_out() {
+            let is_time = self.launch.ends_at_ns.is_some_and(|end| monotonic_ns() >= end);
+            let has_finished = until == Until::Finished && self.finished && self.results_are_out();
+            if is_time || has_finished {
                 return Ok(Ending::Over);
             }
         }

@@ -21,6 +21,9 @@ pub struct Record {
     pub source: String,
     /// How many frames are to be captured.
     pub frames: Option<u64>,
+    /// When the group is to end, on the machine's monotonic clock.
+    #[serde(default)]
+    pub ends_at_ns: Option<u64>,
     /// The processes.
     pub members: Vec<Member>,
     /// How often each stage's processes were replaced.
@@ -43,10 +46,16 @@ pub struct Member {
 impl Record {
     /// That of a group without processes.
     pub fn new(launch: &Launch) -> Self {
-        Self { source: launch.source.to_string(), frames: launch.frames, ..Self::default() }
+        Self {
+            source: launch.source.to_string(),
+            frames: launch.frames,
+            ends_at_ns: launch.ends_at_ns,
+            ..Self::default()
+        }
     }
 
-    /// Whether a group of this record does what is asked for.
+    /// Whether a group of this record does what is asked for. When it is to end makes no difference: the
+    /// successor's time counts.
     pub fn serves(&self, launch: &Launch) -> bool {
         self.source == launch.source.to_string() && self.frames == launch.frames
     }
@@ -86,6 +95,7 @@ mod tests {
         let record = Record {
             source: "synthetic".into(),
             frames: Some(7),
+            ends_at_ns: Some(8_000_000_000),
             members: vec![Member { stage: "tracker".into(), pid: 12, spare: true }],
             restarts: [("tracker".to_string(), 3)].into(),
             events: vec![Event::new(EventKind::TakenOver, "tracker", 12, "taken over", "")],
