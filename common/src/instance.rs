@@ -24,7 +24,7 @@ const MAX_DIRECTORY: usize = 107 - "/control-4294967295".len();
 #[derive(Debug, thiserror::Error)]
 pub enum InstanceError {
     /// The name does not fit into file names.
-    #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-'")]
+    #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-', not beginning with '-'")]
     Name(String),
     /// The runtime directory is not ours alone.
     #[error(
@@ -71,6 +71,8 @@ impl Instance {
     /// after several.
     pub fn below(base: &Path, name: &str) -> Result<Self, InstanceError> {
         let valid = (1..=MAX_NAME).contains(&name.len())
+            // A name that begins with a dash looks like an option to the programs that get it.
+            && !name.starts_with('-')
             && name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-'));
         if !valid {
             return Err(InstanceError::Name(name.into()));

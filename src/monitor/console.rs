@@ -4,6 +4,7 @@
 use super::report::{Breakdown, CameraDevice, Errors, Found, Gateway, Light, Percentiles, Report};
 use super::view::Event;
 use common::messages::ProcessKind;
+use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -20,9 +21,15 @@ pub enum Output {
 }
 
 impl Output {
-    /// What suits standard output.
+    /// What suits standard output: a terminal that can move its cursor is redrawn in place.
     pub fn for_stdout() -> Self {
-        if std::io::stdout().is_terminal() { Self::Display } else { Self::Lines }
+        let term = std::env::var_os("TERM");
+        Self::suiting(std::io::stdout().is_terminal(), term.as_deref())
+    }
+
+    fn suiting(is_terminal: bool, term: Option<&OsStr>) -> Self {
+        let moves_cursor = term.is_some_and(|term| term != "dumb" && !term.is_empty());
+        if is_terminal && moves_cursor { Self::Display } else { Self::Lines }
     }
 }
 
@@ -61,7 +68,7 @@ impl Display {
                 }
             }
             Output::Display => {
-                let text = fit(&display(report));
+                let text = fit(&display(report), terminal_size());
                 let screen = format!("{}{text}", self.erase());
                 self.drawn_lines = text.lines().count();
                 print(&screen);
@@ -92,14 +99,22 @@ fn print(text: &str) {
     common::tell::show(text.into());
 }
 
-/// Cuts lines to the terminal's width: a line that wraps would upset the counting of lines.
-fn fit(text: &str) -> String {
-    let width = rustix::termios::tcgetwinsize(std::io::stdout())
-        .ok()
-        .map(|size| usize::from(size.ws_col))
-        .filter(|&columns| columns > 0)
-        .unwrap_or(100);
-    text.lines().map(|line| line.chars().take(width).collect::<String>() + "\n").collect()
+/// Columns and rows of the terminal.
+fn terminal_size() -> [usize; 2] {
+    let size = rustix::termios::tcgetwinsize(std::io::stdout()).ok();
+    // A terminal that does not know its size says 0.
+    let or = |given: Option<u16>, usual| {
+        given.map(usize::from).filter(|&count| count > 0).unwrap_or(usual)
+    };
+    [or(size.map(|size| size.ws_col), 100), or(size.map(|size| size.ws_row), 50)]
+}
+
+/// Cuts a text to the terminal's size. A line that wraps, or one that scrolls the display off the
+/// screen, would upset the counting of lines by which the display is erased.
+fn fit(text: &str, [columns, rows]: [usize; 2]) -> String {
+    // The cursor stands on the row below the last line.
+    let lines = text.lines().take(rows.saturating_sub(1).max(1));
+    lines.map(|line| line.chars().take(columns).collect::<String>() + "\n").collect()
 }
 
 fn display(report: &Report) -> String {
@@ -381,4 +396,30 @@ fn line(report: &Report) -> String {
             write!(text, "  error {:.2} mm {:.2}°", world.position_rms_mm, world.heading_rms_deg);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_terminal_that_can_move_its_cursor_is_redrawn_in_place() {
+        let suiting =
+            |is_terminal, term: Option<&str>| Output::suiting(is_terminal, term.map(OsStr::new));
+        assert_eq!(suiting(true, Some("xterm-256color")), Output::Display);
+        for term in [Some("dumb"), Some(""), None] {
+            assert_eq!(suiting(true, term), Output::Lines, "{term:?}");
+        }
+        assert_eq!(suiting(false, Some("xterm")), Output::Lines);
+    }
+
+    #[test]
+    fn the_display_never_scrolls_its_own_beginning_off_the_screen() {
+        let text = "a line of 20 letters\n".repeat(20);
+        for [columns, rows] in [[80, 24], [80, 17], [10, 5], [3, 1]] {
+            let fitted = fit(&text, [columns, rows]);
+            assert!(fitted.lines().count() <= (rows - 1).max(1), "{rows} rows: {fitted}");
+            assert!(fitted.lines().all(|line| line.len() <= columns));
+        }
+    }
 }

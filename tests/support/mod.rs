@@ -19,7 +19,7 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// A directory that disappears with the test.
+/// A directory that disappears with the test, unless `TOUCHLINE_KEEP_SCRATCH` is set, to look at it.
 pub struct Scratch {
     pub path: PathBuf,
 }
@@ -41,6 +41,9 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
+        if std::env::var_os("TOUCHLINE_KEEP_SCRATCH").is_some() {
+            return;
+        }
         let _ = fs::remove_dir_all(&self.path);
     }
 }
