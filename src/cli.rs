@@ -378,11 +378,16 @@ pub enum ConfigCommand {
         #[arg(long)]
         force: bool,
     },
-    /// Says whether a configuration can be used, and if not, why, with line numbers.
+    /// Says whether a configuration can be used, and if not, why, with line numbers; and what its
+    /// colours cost the classifier.
     Check {
         /// The file
         #[arg(value_name = "FILE")]
         file: PathBuf,
+        /// Pictures of the pitch to estimate that cost with, or folders of them [default: a floor of
+        /// the colour `light.pitch_rgb`]
+        #[arg(value_name = "PICTURE")]
+        pictures: Vec<PathBuf>,
     },
     /// Prints the JSON schema of configurations, for editors.
     Schema,

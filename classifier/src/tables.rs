@@ -177,6 +177,11 @@ impl ClassTables {
         boxes
     }
 
+    /// The colours that have a second look, as a bit set.
+    pub fn colors_with_second_look(&self) -> u32 {
+        self.second_look_bits
+    }
+
     /// The pixel's class: the first of the configured colours whose box holds it and whose second
     /// look, if it has one, admits it; [`BACKGROUND`] if there is none.
     #[inline(always)]

@@ -42,11 +42,12 @@ impl Layout {
             configured.iter().map(|_| Sum { samples: 0, x: 0.0, y: 0.0 }).collect();
         let reach = reach_mm(configured);
         let steps = (2.0 * reach / STEP_MM).ceil() as i64;
+        let outlines = Outlines::new(configured);
         for row in 0..steps {
             for column in 0..steps {
                 let x = -reach + (column as f64 + 0.5) * STEP_MM;
                 let y = -reach + (row as f64 + 0.5) * STEP_MM;
-                if let Some(top) = topmost_patch(configured, [x, y]) {
+                if let Some(top) = outlines.topmost([x, y]) {
                     sums[top].samples += 1;
                     sums[top].x += x;
                     sums[top].y += y;
@@ -76,6 +77,33 @@ impl Layout {
     /// The identification patches, in the order of a robot's colours.
     pub fn identification_patches(&self) -> impl Iterator<Item = &VisiblePatch> {
         self.patches.iter().filter(|patch| patch.role == PatchRole::Identification)
+    }
+}
+
+/// The outlines of a layout's patches, each with the rectangle around it: for asking about many points.
+#[derive(Debug, Clone)]
+pub struct Outlines<'a>(Vec<(&'a [Pair], [Pair; 2])>);
+
+impl<'a> Outlines<'a> {
+    /// Those of a layout.
+    pub fn new(patches: &'a [PatchConfig]) -> Self {
+        let bounded = |outline: &'a [Pair]| {
+            let bound = |start: f64, pick: fn(f64, f64) -> f64| {
+                [0, 1].map(|axis: usize| {
+                    outline.iter().fold(start, |bound, corner| pick(bound, corner[axis]))
+                })
+            };
+            (outline, [bound(f64::INFINITY, f64::min), bound(f64::NEG_INFINITY, f64::max)])
+        };
+        Self(patches.iter().map(|patch| bounded(&patch.outline_mm)).collect())
+    }
+
+    /// As [`topmost_patch`].
+    pub fn topmost(&self, point: Pair) -> Option<usize> {
+        self.0.iter().rposition(|(outline, [low, high])| {
+            (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+                && contains(outline, point)
+        })
     }
 }
 

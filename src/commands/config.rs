@@ -1,22 +1,25 @@
 //! `touchline config`: write a commented configuration file, check one, print the schema.
 
 use super::CommandError;
+use super::learn::lessons::Lessons;
 use super::output::{self, OutputError};
+use super::second_look::Passing;
 use crate::cli::ConfigCommand;
 use common::config::{
     self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset, RobotShape,
 };
 use common::geometry::{CameraModel, FieldPoint};
 use common::messages::Team;
+use grabber::pictures::list_pictures;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Carries out a `touchline config` command; what it has to say goes to the standard output.
 pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
     let text = match command {
         ConfigCommand::Init { output, preset, force } => init(preset, output.as_deref(), force)?,
-        ConfigCommand::Check { file } => check(&file)?,
+        ConfigCommand::Check { file, pictures } => check(&file, &pictures)?,
         ConfigCommand::Schema => schema(),
     };
     say!("{text}")?;
@@ -48,10 +51,36 @@ pub fn init(
     Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
 }
 
-/// Checks a file; for a usable one a summary of what it says, and what in it looks unintended.
-pub fn check(path: &Path) -> Result<String, ConfigCommandError> {
+/// Checks a file; for a usable one a summary of what it says, and what in it looks unintended. What its
+/// colours cost is estimated with the pictures, or with the colour of the pitch.
+pub fn check(path: &Path, pictures: &[PathBuf]) -> Result<String, CommandError> {
     let (config, warnings) = config::check_file(path)?;
-    Ok(report(path, &config, &warnings))
+    Ok(report(path, &config, &cost(&config, pictures)?, &warnings))
+}
+
+/// How much of a pitch passes to the second look; nothing where no colour has one.
+fn cost(config: &Config, pictures: &[PathBuf]) -> Result<String, CommandError> {
+    let mut passing = Passing::none(config)?;
+    if !config.colors.iter().any(|color| color.hue_deg.is_some() || color.saturation.is_some()) {
+        return Ok("no colour has bounds in hue or saturation: a pixel costs three look-ups".into());
+    }
+    if !pictures.is_empty() {
+        let mut files = Vec::new();
+        for argument in pictures {
+            files.extend(list_pictures(argument)?);
+        }
+        let lessons = Lessons::load(config, files)?;
+        for picture in &lessons.under_light(config)? {
+            passing.add(picture, &lessons.scene.is_on_pitch);
+        }
+        return Ok(passing.text("the pitch in these pictures"));
+    }
+    if let Some(pitch_rgb) = config.light.pitch_rgb {
+        passing.add_floor(pitch_rgb);
+        return Ok(passing.text("a floor like light.pitch_rgb"));
+    }
+    passing.add_everything();
+    Ok(passing.text("all colours there are"))
 }
 
 /// The JSON schema of the configuration.
@@ -59,13 +88,13 @@ pub fn schema() -> String {
     config::schema_json()
 }
 
-fn report(path: &Path, config: &Config, warnings: &Complaints) -> String {
+fn report(path: &Path, config: &Config, cost: &str, warnings: &Complaints) -> String {
     let count = match warnings.list.len() {
         0 => String::new(),
         1 => ", with a warning".to_string(),
         count => format!(", with {count} warnings"),
     };
-    let mut text = format!("{}: OK{count}\n{}", path.display(), summary(config));
+    let mut text = format!("{}: OK{count}\n{}", path.display(), summary(config, cost));
     if !warnings.list.is_empty() {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "\n{warnings}");
@@ -73,7 +102,7 @@ fn report(path: &Path, config: &Config, warnings: &Complaints) -> String {
     text
 }
 
-fn summary(config: &Config) -> String {
+fn summary(config: &Config, cost: &str) -> String {
     let (field, camera, robots) = (&config.field, &config.camera, &config.robots);
     let lines = [
         ("preset", config.preset.name().to_string()),
@@ -90,6 +119,7 @@ fn summary(config: &Config) -> String {
         ),
         ("geometry", geometry(config)),
         ("colours", colors(config)),
+        ("cost", cost.to_string()),
         (
             "robots",
             format!(
@@ -182,7 +212,6 @@ fn identification_patches(config: &Config) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
 
     /// A directory of its own for each test, removed at the end.
     struct Scratch(PathBuf);
@@ -214,7 +243,7 @@ mod tests {
             let said = init(preset, Some(&file), false).unwrap();
             assert!(said.contains(preset.name()), "{said}");
             assert_eq!(Config::load(&file).unwrap(), preset.config());
-            let report = check(&file).unwrap();
+            let report = check(&file, &[]).unwrap();
             assert!(report.contains(": OK\n"), "{report}");
         }
     }
@@ -244,12 +273,13 @@ mod tests {
         let file = scratch.file("match.toml");
         let text = "preset = \"vsss-3v3\"\n[camera]\nfps = 60\nexposure_us = 20_000\n";
         std::fs::write(&file, text).unwrap();
-        let report = check(&file).unwrap();
+        let report = check(&file, &[]).unwrap();
         for part in [
             "OK, with a warning",
             "1500 × 1300 mm",
             "640 × 480 pixels, RGGB, 60 fps",
             "orange (ball), yellow (team yellow), blue (team blue), green",
+            "cost      no colour has bounds in hue or saturation",
             "yellow 0–2, blue 0–2; 75 mm, 1 identification patch",
             "match.toml:4:15: camera.exposure_us: is longer than a frame at 60 fps",
         ] {
@@ -262,9 +292,9 @@ mod tests {
         let scratch = Scratch::new("wrong");
         let file = scratch.file("match.toml");
         std::fs::write(&file, "[camera]\nfsp = 80\n").unwrap();
-        let error = check(&file).unwrap_err().to_string();
+        let error = check(&file, &[]).unwrap_err().to_string();
         assert!(error.contains("match.toml:2:1") && error.contains("`fps`"), "{error}");
-        let error = check(&scratch.file("absent.toml")).unwrap_err().to_string();
+        let error = check(&scratch.file("absent.toml"), &[]).unwrap_err().to_string();
         assert!(error.contains("absent.toml"), "{error}");
     }
 

@@ -18,6 +18,7 @@ mod pipeline;
 mod recordings;
 mod run;
 mod score;
+mod second_look;
 mod step;
 mod stress;
 mod topics;

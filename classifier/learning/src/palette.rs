@@ -11,65 +11,149 @@ pub struct LeastSaturation {
     pub weak: f64,
 }
 
-/// Divides all hues among `colors` by what they look like: each gets everything that is nearer to
-/// its own hue than to any other's. Grey looks have no hue; such colours are left out.
-pub fn by_hue(
+/// What tells a colour from the others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tone {
+    /// Hues, from one to another, in degrees.
+    Hue([f64; 2]),
+    /// White, grey and black: the mean of the channels, from one grey level to another.
+    Grey([f64; 2]),
+}
+
+/// Looks that are less saturated are those of white, grey or black.
+const LEAST_HUE_SATURATION: f64 = 0.07;
+/// The brightness of a pitch of which nothing is known.
+const ANY_PITCH: [f64; 3] = [60.0; 3];
+/// What is darker than this in every channel has hardly a hue.
+const DARKEST: f64 = 20.0;
+/// Paint that looks grey is at most so saturated under a lamp that does.
+const MOST_GREY_SATURATION: f64 = 0.2;
+
+/// Divides all hues among the colours that have one, and all grey levels among those that have none:
+/// each gets what is nearer to what it looks like than to what any other does. Greys share the levels
+/// with the pitch, whose colour is `pitch_rgb`; hues do not, since a colour may well have that of the
+/// pitch and be more saturated. Colours that look the same get nothing.
+pub fn tones(colors: &[ColorConfig], pitch_rgb: Option<[f64; 3]>) -> Vec<Option<Tone>> {
+    let grey = |color: &ColorConfig| {
+        (saturation(color.looks) < LEAST_HUE_SATURATION).then(|| mean(color.looks.map(f64::from)))
+    };
+    let mut hues: Vec<f64> = colors
+        .iter()
+        .filter(|color| grey(color).is_none())
+        .filter_map(|color| hue_deg(color.looks))
+        .collect();
+    hues.sort_by(f64::total_cmp);
+    let pitch = mean(pitch_rgb.unwrap_or(ANY_PITCH));
+    let mut greys: Vec<f64> = colors.iter().filter_map(grey).chain([pitch]).collect();
+    greys.sort_by(f64::total_cmp);
+    let tone = |color: &ColorConfig| match grey(color) {
+        Some(own) => {
+            let between = |other: f64| (own.max(1.0) * other.max(1.0)).sqrt();
+            let darker = greys.iter().rev().find(|&&level| level < own);
+            let brighter = greys.iter().find(|&&level| level > own);
+            let from = darker.map_or(0.0, |&level| between(level));
+            Some(Tone::Grey([from, brighter.map_or(256.0 * 256.0, |&level| between(level))]))
+        }
+        None => {
+            let own = hue_deg(color.looks)?;
+            let turn = |from: f64, to: f64| (to - from).rem_euclid(360.0);
+            let others = hues.iter().filter(|&&hue| hue != own);
+            let before = others.clone().map(|&hue| turn(hue, own)).fold(360.0, f64::min);
+            let behind = others.map(|&hue| turn(own, hue)).fold(360.0, f64::min);
+            let rounded = |hue: f64| (hue.rem_euclid(360.0) * 10.0).round() / 10.0;
+            match before == 360.0 {
+                true => Some(Tone::Hue([0.0, 360.0])),
+                false => {
+                    Some(Tone::Hue([rounded(own - before / 2.0), rounded(own + behind / 2.0)]))
+                }
+            }
+        }
+    };
+    colors.iter().map(tone).collect()
+}
+
+/// The colours with what [`tones`] gives them, and as saturated as is asked for.
+pub fn by_tone(
     colors: &[ColorConfig],
+    pitch_rgb: Option<[f64; 3]>,
     is_strong: impl Fn(&ColorConfig) -> bool,
     least: LeastSaturation,
 ) -> Vec<ColorConfig> {
-    let mut known: Vec<(f64, &ColorConfig)> =
-        colors.iter().filter_map(|color| Some((hue_deg(color.looks)?, color))).collect();
-    known.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let count = known.len();
-    let middle = |from: f64, to: f64| {
-        let gap = (to - from).rem_euclid(360.0);
-        // A single colour has all hues, and so have two of one hue together.
-        let gap = if count == 1 { 360.0 } else { gap };
-        ((from + gap / 2.0).rem_euclid(360.0) * 10.0).round() / 10.0
-    };
-    let mut divided: Vec<ColorConfig> = (0..count)
-        .map(|index| {
-            let (hue, color) = known[index];
-            let before = known[(index + count - 1) % count].0;
-            let behind = known[(index + 1) % count].0;
-            let saturation = if is_strong(color) { least.strong } else { least.weak };
-            ColorConfig {
-                red: [DARKEST, 255],
-                green: [DARKEST, 255],
-                blue: [0, 255],
-                hue_deg: (count > 1).then(|| [middle(before, hue), middle(hue, behind)]),
-                saturation: Some([saturation, 1.0]),
-                ..color.clone()
+    let tones = tones(colors, pitch_rgb);
+    let with_tone = |(color, tone): (&ColorConfig, Option<Tone>)| {
+        let (ranges, hue_deg, saturation) = match tone? {
+            Tone::Hue(hues) => {
+                let saturation = if is_strong(color) { least.strong } else { least.weak };
+                let is_all = hues[1] - hues[0] >= 360.0;
+                (darkest(hues).map(|low| [low, 255]), (!is_all).then_some(hues), [saturation, 1.0])
             }
+            Tone::Grey(levels) => {
+                let [low, high] = levels.map(|level| level.min(255.0) as u8);
+                ([[low, high]; 3], None, [0.0, MOST_GREY_SATURATION])
+            }
+        };
+        let [red, green, blue] = ranges;
+        Some(ColorConfig {
+            red,
+            green,
+            blue,
+            hue_deg,
+            saturation: Some(saturation),
+            ..color.clone()
         })
-        .collect();
-    // In the order in which they were given.
-    let place = |color: &ColorConfig| colors.iter().position(|known| known.name == color.name);
-    divided.sort_by_key(place);
-    divided
+    };
+    colors.iter().zip(tones).filter_map(with_tone).collect()
 }
 
-/// What is darker than this in red or green has hardly a hue.
-const DARKEST: u8 = 20;
+/// The least values of the channels that a pixel of these hues has, if the largest of them is at
+/// least [`DARKEST`]: in a vivid colour one channel is near zero, and which one it is depends on the
+/// hue.
+fn darkest([from, to]: [f64; 2]) -> [u8; 3] {
+    let extent = if to - from >= 360.0 { 360.0 } else { (to - from).rem_euclid(360.0) };
+    let mut least = [1.0f64; 3];
+    for step in 0..=extent as u32 {
+        let hue = from + f64::from(step);
+        for (channel, least) in least.iter_mut().enumerate() {
+            // Of the purest colour of that hue: 1 within 60° of the channel's own hue, 0 beyond 120°.
+            let apart = (hue - 120.0 * channel as f64).rem_euclid(360.0);
+            let apart = apart.min(360.0 - apart);
+            *least = least.min((2.0 - apart / 60.0).clamp(0.0, 1.0));
+        }
+    }
+    least.map(|part| (part * DARKEST) as u8)
+}
+
+fn mean(rgb: [f64; 3]) -> f64 {
+    rgb.iter().sum::<f64>() / 3.0
+}
+
+/// HSI saturation.
+fn saturation(rgb: [u8; 3]) -> f64 {
+    let [red, green, blue] = rgb.map(f64::from);
+    let sum = red + green + blue;
+    if sum == 0.0 { 0.0 } else { 1.0 - 3.0 * red.min(green).min(blue) / sum }
+}
 
 /// The hue as in the classifier's second look; `None` for grey.
-fn hue_deg(rgb: [u8; 3]) -> Option<f64> {
-    let [red, green, blue] = rgb.map(f64::from);
-    let vector = [2.0 * red - green - blue, 3f64.sqrt() * (green - blue)];
-    (vector != [0.0; 2]).then(|| vector[1].atan2(vector[0]).to_degrees().rem_euclid(360.0))
+pub fn hue_deg(rgb: [u8; 3]) -> Option<f64> {
+    let [red, green, blue] = rgb.map(f32::from);
+    let vector = [2.0 * red - green - blue, 3f32.sqrt() * (green - blue)];
+    (vector != [0.0; 2])
+        .then(|| f64::from(vector[1].atan2(vector[0]).to_degrees().rem_euclid(360.0)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use classifier::ClassTables;
     use common::config::Config;
+
+    const LEAST: LeastSaturation = LeastSaturation { strong: 0.3, weak: 0.1 };
 
     #[test]
     fn hues_are_divided_without_gap_or_overlap() {
-        let least = LeastSaturation { strong: 0.3, weak: 0.1 };
         let colors = Config::default().colors;
-        let divided = by_hue(&colors, |color| color.name == "blue", least);
+        let divided = by_tone(&colors, None, |color| color.name == "blue", LEAST);
         assert_eq!(divided.len(), colors.len());
         for (color, original) in divided.iter().zip(&colors) {
             assert_eq!(color.name, original.name);
@@ -88,13 +172,42 @@ mod tests {
     }
 
     #[test]
-    fn grey_has_no_hue_and_one_color_has_all() {
-        let least = LeastSaturation { strong: 0.3, weak: 0.1 };
+    fn a_single_hue_has_all() {
         let mut colors = Config::default().colors;
-        colors.truncate(2);
-        colors[0].looks = [90; 3];
-        let divided = by_hue(&colors, |_| true, least);
-        assert_eq!(divided.len(), 1);
-        assert_eq!(divided[0].hue_deg, None);
+        colors.truncate(1);
+        assert_eq!(by_tone(&colors, None, |_| true, LEAST)[0].hue_deg, None);
+    }
+
+    #[test]
+    fn vivid_paint_is_admitted() {
+        let mut colors = Config::default().colors;
+        let vivid = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 0, 255], [255, 255, 0]];
+        colors.truncate(vivid.len());
+        for (color, looks) in colors.iter_mut().zip(vivid) {
+            color.looks = looks;
+        }
+        let tables = ClassTables::new(&by_tone(&colors, None, |_| true, LEAST)).unwrap();
+        for (class, looks) in vivid.iter().enumerate() {
+            for part in [0.15, 0.5, 1.0] {
+                let shade = looks.map(|value| (f64::from(value) * part) as u8);
+                assert_eq!(usize::from(tables.classify(shade)), class, "{shade:?}");
+            }
+        }
+        assert_eq!(tables.classify([3, 0, 0]), classifier::BACKGROUND);
+    }
+
+    #[test]
+    fn greys_are_divided_by_brightness_around_that_of_the_pitch() {
+        let mut colors = Config::default().colors;
+        colors.truncate(4);
+        for (color, level) in colors.iter_mut().zip([240, 120, 10]) {
+            color.looks = [level; 3];
+        }
+        let divided = by_tone(&colors, Some([50.0; 3]), |_| true, LEAST);
+        let tables = ClassTables::new(&divided).unwrap();
+        let classes = [230, 180, 100, 50, 12].map(|level| tables.classify([level; 3]));
+        assert_eq!(classes, [0, 0, 1, classifier::BACKGROUND, 2]);
+        // The fourth has a hue.
+        assert_eq!(tables.classify(colors[3].looks), 3);
     }
 }

@@ -47,8 +47,8 @@ impl Picture {
         span(center.y_px, self.height()).flat_map(move |row| {
             columns.clone().filter_map(move |column| {
                 let point = ImagePoint::new(column as f64, row as f64);
-                let distance = (point.x_px - center.x_px).hypot(point.y_px - center.y_px);
-                (distance <= reach_px).then_some((row * width + column, point))
+                let (dx, dy) = (point.x_px - center.x_px, point.y_px - center.y_px);
+                (dx * dx + dy * dy <= reach_px * reach_px).then_some((row * width + column, point))
             })
         })
     }

@@ -6,17 +6,13 @@
 
 use crate::labels::{BACKGROUND, ImageLabels, Quality, RobotLabel, SampleArea};
 use crate::picture::Picture;
+use crate::scene::Scene;
 use common::config::{Config, PatchRole};
-use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
-use common::layout::topmost_patch;
-use std::collections::BTreeMap;
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
 /// Why labels give no samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SamplesError {
-    /// The geometry, which says where a labelled robot's patches are, is unusable.
-    #[error("geometry: {0}")]
-    Geometry(#[from] GeometryError),
     /// A label names a colour that is not configured.
     #[error("{image}: the colour \"{color}\" is not one of the configured ones: {known}")]
     UnknownColor {
@@ -93,9 +89,41 @@ const BALL_CORE: f64 = 0.7;
 /// Gathers samples from one picture after the other.
 pub struct Gatherer<'a> {
     config: &'a Config,
-    camera: CameraModel,
+    scene: &'a Scene,
     samples: Samples,
-    background: BTreeMap<[u8; 3], u64>,
+    background: Background,
+}
+
+/// How many pixels of the background have which colour.
+pub(crate) struct Background {
+    /// By coarse red, green and blue.
+    counts: Vec<u64>,
+}
+
+/// Coarse values of a channel.
+const COARSE: usize = 256 / BACKGROUND_STEP as usize;
+
+impl Default for Background {
+    fn default() -> Self {
+        Self { counts: vec![0; COARSE * COARSE * COARSE] }
+    }
+}
+
+impl Background {
+    pub fn add(&mut self, rgb: [u8; 3]) {
+        let coarse = rgb.map(|value| usize::from(value / BACKGROUND_STEP));
+        self.counts[coarse.iter().fold(0, |index, value| index * COARSE + value)] += 1;
+    }
+
+    /// The colours, each in the middle of its step, and how many pixels of a picture have them.
+    pub fn finish(&self, pictures: usize) -> Vec<([u8; 3], f64)> {
+        let color = |index: usize| {
+            [COARSE * COARSE, COARSE, 1]
+                .map(|unit| (index / unit % COARSE) as u8 * BACKGROUND_STEP + BACKGROUND_STEP / 2)
+        };
+        let counted = self.counts.iter().enumerate().filter(|&(_, &count)| count > 0);
+        counted.map(|(index, &count)| (color(index), count as f64 / pictures as f64)).collect()
+    }
 }
 
 /// What a pixel is known to show.
@@ -108,15 +136,10 @@ enum Shows {
 }
 
 impl<'a> Gatherer<'a> {
-    /// For the configured layout, geometry and colours.
-    pub fn new(config: &'a Config) -> Result<Self, SamplesError> {
-        let (width, height) = (config.camera.width, config.camera.height);
-        Ok(Self {
-            config,
-            camera: CameraModel::new(&config.geometry, width, height)?,
-            samples: Samples::default(),
-            background: BTreeMap::new(),
-        })
+    /// For the configured colours; `scene` is that of a configuration with the same layout, geometry
+    /// and camera.
+    pub fn new(config: &'a Config, scene: &'a Scene) -> Self {
+        Self { config, scene, samples: Samples::default(), background: Background::default() }
     }
 
     /// Adds a labelled picture.
@@ -130,7 +153,7 @@ impl<'a> Gatherer<'a> {
         if let Some(Some(ball)) = &labels.ball {
             let radius_mm = self.config.ball.diameter_mm / 2.0;
             let center = ImagePoint::new(ball.x_px, ball.y_px);
-            let radius_px = radius_mm / self.camera.pixel_area_mm2(center, radius_mm).sqrt();
+            let radius_px = radius_mm / self.scene.camera.pixel_area_mm2(center, radius_mm).sqrt();
             let class = self.class(&image, &self.config.ball.color)?;
             self.samples.patches += u32::from(ball.quality == Quality::Clear);
             for (index, point) in picture.around(center, BALL_REACH * radius_px) {
@@ -154,7 +177,7 @@ impl<'a> Gatherer<'a> {
                         self.push(picture.rgb[index], class);
                         map[index] = Shows::Color(class);
                     }
-                    None => self.push_background(picture.rgb[index]),
+                    None => self.background.add(picture.rgb[index]),
                 }
             }
         }
@@ -166,9 +189,7 @@ impl<'a> Gatherer<'a> {
 
     /// Everything gathered.
     pub fn finish(mut self) -> Samples {
-        let pictures = f64::from(self.samples.pictures.max(1));
-        let counted = self.background.iter().map(|(&rgb, &count)| (rgb, count as f64 / pictures));
-        self.samples.background = counted.collect();
+        self.samples.background = self.background.finish(self.samples.pictures.max(1) as usize);
         self.samples
     }
 
@@ -201,19 +222,25 @@ impl<'a> Gatherer<'a> {
         }
 
         let center = ImagePoint::new(label.x_px, label.y_px);
-        let pose = pose_of(&self.camera, label, top.height_mm);
-        let px_per_mm = 1.0 / self.camera.pixel_area_mm2(center, top.height_mm).sqrt();
-        let rim_mm = RIM_PX / px_per_mm;
+        let (camera, map_of_top) = (&self.scene.camera, self.scene.top_map(top.patches));
+        let pose = pose_of(camera, label, top.height_mm);
+        let px_per_mm = 1.0 / camera.pixel_area_mm2(center, top.height_mm).sqrt();
+        let ring = |reach_mm: f64| {
+            std::array::from_fn::<_, 8, _>(|step| {
+                let (sin, cos) = (step as f64 * std::f64::consts::FRAC_PI_4).sin_cos();
+                [reach_mm * cos, reach_mm * sin]
+            })
+        };
+        let inner = ring(RIM_PX / px_per_mm);
+        let outer = [0.5, 1.0].map(|part| ring(part * RIM_REACH_PX / px_per_mm));
         let first = self.samples.patches;
         self.samples.patches += classes.len() as u32;
         let reach_px = ROBOT_REACH * robots.size_mm / 2.0 * px_per_mm;
         for (index, point) in picture.around(center, reach_px) {
-            let [x, y] = robot_point(&pose, self.camera.field_from_image(point, top.height_mm));
-            let here = topmost_patch(top.patches, [x, y]);
-            let is_inside = (0..8).all(|step| {
-                let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
-                topmost_patch(top.patches, [x + rim_mm * cos, y + rim_mm * sin]) == here
-            });
+            let [x, y] = robot_point(&pose, camera.field_from_image(point, top.height_mm));
+            let here = map_of_top.patch_at([x, y]);
+            let is_inside =
+                inner.iter().all(|[dx, dy]| map_of_top.patch_at([x + dx, y + dy]) == here);
             let class = here.filter(|_| is_inside).and_then(|patch| classes[patch]);
             if let (Some(class), Some(patch)) = (class, here)
                 && label.quality == Quality::Clear
@@ -224,13 +251,10 @@ impl<'a> Gatherer<'a> {
             }
             if class.is_none() && label.quality == Quality::Clear {
                 let mut beside = 0u32;
-                for step in 0..8 {
-                    let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_4).sin_cos();
-                    for reach in [0.5, 1.0].map(|part| part * RIM_REACH_PX / px_per_mm) {
-                        let patch = topmost_patch(top.patches, [x + reach * cos, y + reach * sin]);
-                        if let Some(class) = patch.and_then(|patch| classes[patch]) {
-                            beside |= 1u32.checked_shl(class.into()).unwrap_or(0);
-                        }
+                for [dx, dy] in outer.as_flattened() {
+                    let patch = map_of_top.patch_at([x + dx, y + dy]);
+                    if let Some(class) = patch.and_then(|patch| classes[patch]) {
+                        beside |= 1u32.checked_shl(class.into()).unwrap_or(0);
                     }
                 }
                 if beside != 0 && map[index] == Shows::Nothing {
@@ -245,22 +269,16 @@ impl<'a> Gatherer<'a> {
     }
 
     fn add_background(&mut self, picture: &Picture, map: &[Shows]) {
-        for (index, &shows) in map.iter().enumerate() {
-            let point = picture.point(index);
-            let place = self.camera.field_from_image(point, self.config.robots.height_mm);
-            if shows == Shows::Nothing && is_on_pitch(self.config, place) {
-                self.push_background(picture.rgb[index]);
+        let pixels = picture.rgb.iter().zip(map).zip(&self.scene.is_on_pitch);
+        for ((&rgb, &shows), &is_on_pitch) in pixels {
+            if is_on_pitch && shows == Shows::Nothing {
+                self.background.add(rgb);
             }
         }
     }
 
     fn push(&mut self, rgb: [u8; 3], class: u8) {
         self.samples.pixels.push(Sample { rgb, class, patch: self.samples.patches - 1 });
-    }
-
-    fn push_background(&mut self, rgb: [u8; 3]) {
-        let coarse = rgb.map(|value| value / BACKGROUND_STEP * BACKGROUND_STEP);
-        *self.background.entry(coarse.map(|value| value + BACKGROUND_STEP / 2)).or_default() += 1;
     }
 
     fn class(&self, image: &str, name: &str) -> Result<u8, SamplesError> {
@@ -299,15 +317,6 @@ pub fn robot_point(pose: &Pose, place: FieldPoint) -> [f64; 2] {
     [cos * dx + sin * dy, cos * dy - sin * dx]
 }
 
-/// Whether robots and balls are looked for at a place: the field, its margin, and the goals.
-pub fn is_on_pitch(config: &Config, place: FieldPoint) -> bool {
-    let field = &config.field;
-    let (x, y) = (place.x_mm.abs(), place.y_mm.abs());
-    let (length, width) = (field.length_mm / 2.0 + field.margin_mm, field.width_mm / 2.0);
-    (x <= length && y <= width + field.margin_mm)
-        || (x <= length + field.goal_depth_mm && y <= field.goal_width_mm / 2.0 + field.margin_mm)
-}
-
 /// Pixels of a marked part of the picture.
 fn area(picture: &Picture, area: &SampleArea) -> Vec<usize> {
     match *area {
@@ -327,6 +336,7 @@ fn area(picture: &Picture, area: &SampleArea) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::labels::Labels;
+    use common::layout::topmost_patch;
     use std::path::Path;
 
     fn labels(text: &str) -> ImageLabels {
@@ -363,7 +373,8 @@ mod tests {
             r#""robots": [{{"team": "blue", "id": {}, "x_px": {}, "y_px": {}, "heading_deg": {heading}}}]"#,
             identity.id, center.x_px, center.y_px
         ));
-        let mut gatherer = Gatherer::new(&config).unwrap();
+        let scene = Scene::new(&config).unwrap();
+        let mut gatherer = Gatherer::new(&config, &scene);
         gatherer.add(&labels, &picture).unwrap();
         let samples = gatherer.finish();
         for class in classes {
@@ -380,7 +391,8 @@ mod tests {
     fn marked_places_are_samples() {
         let config = Config::default();
         let picture = Picture { width: 640, rgb: vec![[10, 90, 10]; 640 * 480] };
-        let mut gatherer = Gatherer::new(&config).unwrap();
+        let scene = Scene::new(&config).unwrap();
+        let mut gatherer = Gatherer::new(&config, &scene);
         let marks = r#""samples": [
             {"color": "green", "x_px": 50, "y_px": 60, "radius_px": 1},
             {"color": "background", "rect_px": [0, 0, 9, 4]},
@@ -397,7 +409,8 @@ mod tests {
         let config = Config::default();
         let picture = Picture { width: 640, rgb: vec![[10; 3]; 640 * 480] };
         let complaint = |text: &str| {
-            let mut gatherer = Gatherer::new(&config).unwrap();
+            let scene = Scene::new(&config).unwrap();
+            let mut gatherer = Gatherer::new(&config, &scene);
             gatherer.add(&labels(text), &picture).unwrap_err().to_string()
         };
         let mauve = complaint(r#""samples": [{"color": "mauve", "x_px": 1, "y_px": 1}]"#);

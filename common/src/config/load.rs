@@ -6,7 +6,7 @@
 use super::complaint::{Complaint, Complaints, Place};
 use super::problem::{Problem, element_path, key_path};
 use super::schema::Schema;
-use super::{Config, GeometryConfig, Preset};
+use super::{ColorConfig, Config, GeometryConfig, Preset};
 use serde::Deserialize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -114,6 +114,7 @@ impl<'a> Document<'a> {
             base.light.pitch_rgb = None;
         }
         let mut values = self.values.clone();
+        values.get_mut("colors").into_iter().for_each(complete_colors);
         let geometry = values.remove("geometry");
         let mut config = merge(&base, values)?;
         // The preset's camera sees the preset's field: another field or picture needs another.
@@ -233,6 +234,23 @@ fn leads_to(path: &str, target: &str) -> bool {
     target.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
 }
 
+/// Gives colours of which only the looks are known a box around them. Whatever is wrong with the list
+/// is complained of elsewhere.
+fn complete_colors(colors: &mut toml::Value) {
+    let tables = colors.as_array_mut().into_iter().flatten().filter_map(toml::Value::as_table_mut);
+    for color in tables {
+        let is_bounded = color.keys().any(|key| key != "name" && key != "looks");
+        let looks = color.get("looks").cloned().map(<[u8; 3]>::deserialize);
+        if !is_bounded && let Some(Ok(looks)) = looks {
+            for (channel, range) in
+                ["red", "green", "blue"].into_iter().zip(ColorConfig::box_around(looks))
+            {
+                color.insert(channel.into(), range.map(i64::from).to_vec().into());
+            }
+        }
+    }
+}
+
 /// The configuration with some of its values replaced.
 fn merge(base: &Config, overrides: toml::Table) -> Result<Config, toml::de::Error> {
     let mut values =
@@ -299,6 +317,24 @@ mod tests {
                 2 | mass = 46\n     \
                   | ^^^^ the keys here are color and diameter_mm"
         );
+    }
+
+    #[test]
+    fn looks_alone_make_a_color() {
+        let looks =
+            |name: &str, rgb: [u8; 3]| format!("[[colors]]\nname = {name:?}\nlooks = {rgb:?}\n");
+        let names = Config::default().colors.into_iter().map(|color| color.name);
+        let all: String = names.zip(0..).map(|(name, i)| looks(&name, [200, 10 * i, 0])).collect();
+        let colors = parse(&all).colors;
+        assert_eq!(
+            (colors[1].red, colors[1].green, colors[1].blue),
+            ([105, 255], [0, 39], [0, 25])
+        );
+        // With any other bound, what is left out is not bounded.
+        let bounded = all.replacen("looks", "hue_deg = [350, 20]\nlooks", 1);
+        assert_eq!(parse(&bounded).colors[0].red, [0, 255]);
+        let missing = headlines("[[colors]]\nname = \"red\"\n");
+        assert!(missing[0].contains("looks"), "{missing:?}");
     }
 
     #[test]

@@ -195,6 +195,9 @@ pub struct LightConfig {
 /// The paper finds YUV the better space for thresholds, since brightness is one axis of it, and
 /// only advises against converting to it. So where the camera gives YUV, a colour may have a box
 /// there (`y`, `u`, `v`), which is compared with the pixels as they come.
+///
+/// A colour of which only `looks` is given has a box around that: something for `touchline learn` to
+/// begin with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorConfig {
@@ -202,10 +205,13 @@ pub struct ColorConfig {
     #[schemars(length(min = 1))]
     pub name: String,
     /// Lowest and highest red value, 0–255.
+    #[serde(default = "unbounded")]
     pub red: [u8; 2],
     /// Lowest and highest green value, 0–255.
+    #[serde(default = "unbounded")]
     pub green: [u8; 2],
     /// Lowest and highest blue value, 0–255.
+    #[serde(default = "unbounded")]
     pub blue: [u8; 2],
     /// Optional second look: hue from … to, in degrees (red 0, green 120, blue 240); [350, 20]
     /// passes through 0.
@@ -234,7 +240,20 @@ pub struct ColorConfig {
     pub looks: [u8; 3],
 }
 
+fn unbounded() -> [u8; 2] {
+    [0, 255]
+}
+
 impl ColorConfig {
+    /// Boxes of red, green and blue around what a colour looks like, as wide as paint under other
+    /// lamps and in shadow needs.
+    pub fn box_around(looks: [u8; 3]) -> [[u8; 2]; 3] {
+        looks.map(|value| {
+            let value = f64::from(value);
+            [value * 0.6 - 15.0, value * 1.4 + 25.0].map(|bound| bound.clamp(0.0, 255.0) as u8)
+        })
+    }
+
     /// The box in YUV, if the colour has one of its own: ranges of Y, U and V.
     pub fn yuv_box(&self) -> Option<[[u8; 2]; 3]> {
         let ranges = [self.y, self.u, self.v];

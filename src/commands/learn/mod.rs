@@ -1,129 +1,177 @@
 //! `touchline learn`: colours out of pictures.
 
 mod auto;
+mod floor;
+pub mod lessons;
+mod summary;
+#[cfg(test)]
+mod tests;
 mod unevenness;
 
 use super::{CommandError, load_config, output};
 use crate::cli::LearnArgs;
-use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
-use classifier::lattice::Lattice;
-use classifier::shading::ShadedTables;
-use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
 use common::config::{ColorConfig, Config, LightConfig, commented_toml};
-use grabber::pictures::{list_pictures, load_bayer};
-use learning::confusion::Confusion;
+use grabber::pictures::list_pictures;
 use learning::labels::{ImageLabels, Labels};
-use learning::picture::Picture;
-use learning::samples::{Gatherer, Samples};
+use learning::samples::Samples;
 use learning::separate::{self, Wishes};
+use lessons::Lessons;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// A labelled picture.
-struct Lesson {
-    labels: ImageLabels,
-    bayer: Vec<u8>,
-}
-
 /// Learns, prints how well colours can be told apart, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
-    let mut config = load_config(args.config.as_deref())?;
+    let configured = load_config(args.config.as_deref())?;
     output::check_free(args.output.as_deref(), args.force)?;
-    let mut lessons = match &args.samples {
-        Some(samples) => labelled(&Labels::load(samples)?, &args.pictures, &config)?,
-        None => unlabelled(&args.pictures, &config)?,
+    let labels = match &args.samples {
+        Some(samples) => labelled(&Labels::load(samples)?, &args.pictures)?,
+        None => unlabelled(&args.pictures)?,
     };
-    config.light.pitch_rgb = match args.fixed_light || !config.light.follow {
-        true => None,
-        false => pitch_color(&config, &lessons)?,
+    let lessons = Lessons::load(&configured, labels.iter().map(|labels| labels.file.clone()))?;
+    let (learned, labels) = match args.auto {
+        true => without_labels(&configured, &lessons, args.fixed_light)?,
+        false => (from_labels(&configured, &lessons, &labels, args.fixed_light)?, labels),
     };
-    let known_by = |config: &Config, lessons: &mut [Lesson]| match args.auto {
-        true => Ok(Some(auto::learn(config, lessons)?)),
-        false => Ok::<_, CommandError>(None),
-    };
-    // Robots tell how uneven the light is, and are found better once that is known.
-    let mut found = known_by(&config, &mut lessons)?;
-    if config.light.pitch_rgb.is_some()
-        && let Some(unevenness) = unevenness::measure(&config, &lessons)?
-        && unevenness != config.light.unevenness
-    {
-        config.light.unevenness = unevenness;
-        found = known_by(&config, &mut lessons)?;
-    }
-    let learned = match found {
-        Some(found) => found,
-        None => learn_from(&config, &lessons, true)?,
-    };
-    common::tell!("{}", summary(&config, &learned, &gather(&config, &lessons)?)?);
-    config.colors = learned;
+    common::tell!("{}", summary::text(&learned, &lessons, &labels)?);
     match &args.output {
-        None => _ = say!("{}", fragment(&config))?,
+        None => _ = say!("{}", fragment(&learned))?,
         Some(path) => {
-            output::write(path, &commented_toml(&config), args.force)?;
+            output::write(path, &commented_toml(&learned), args.force)?;
             say_line!("{path}: written", path = path.display())?;
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Bounds for the colours that the lessons show. One that is worn and not shown is an error, or else
-/// stays as it is, behind the others.
-fn learn_from(
+/// The configuration with colours learned from what is labelled.
+fn from_labels(
+    configured: &Config,
+    lessons: &Lessons,
+    labels: &[ImageLabels],
+    fixed_light: bool,
+) -> Result<Config, CommandError> {
+    let mut config = with_light(configured, lessons, fixed_light)?;
+    if let Some(unevenness) = measured_unevenness(&config, lessons, labels)? {
+        config.light.unevenness = unevenness;
+    }
+    let lit = lessons.under_light(&config)?;
+    let samples = lessons.gather(&config, &lit, labels)?;
+    tell_what_is_not_shown(&config, &samples)?;
+    let colors = learn_from(&config, &samples);
+    Ok(Config { colors, ..config })
+}
+
+/// The configuration with colours learned from robots that label themselves, and these labels.
+fn without_labels(
+    configured: &Config,
+    lessons: &Lessons,
+    fixed_light: bool,
+) -> Result<(Config, Vec<ImageLabels>), CommandError> {
+    let mut config = with_light(configured, lessons, fixed_light)?;
+    let mut found = auto::learn(configured, &config, lessons)?;
+    // Robots tell how uneven the light is, and are found better once that is known.
+    if let Some(unevenness) = measured_unevenness(&config, lessons, &found.labels)? {
+        config.light.unevenness = unevenness;
+        found = auto::improve(found, &config, lessons)?;
+    }
+    Ok((found.config, found.labels))
+}
+
+/// The configuration with the light of the pictures, for which colours are learned.
+fn with_light(
+    configured: &Config,
+    lessons: &Lessons,
+    fixed_light: bool,
+) -> Result<Config, CommandError> {
+    let mut config = configured.clone();
+    config.light.pitch_rgb = match fixed_light || !config.light.follow {
+        true => None,
+        false => lessons.pitch_color(&config)?,
+    };
+    Ok(config)
+}
+
+/// How much of the pitch's unevenness the patches share, if that can be told and is something else than
+/// what is configured.
+fn measured_unevenness(
     config: &Config,
-    lessons: &[Lesson],
-    is_strict: bool,
-) -> Result<Vec<ColorConfig>, CommandError> {
-    let samples = gather(config, lessons)?;
-    let is_needed = |color: &ColorConfig| is_strict && is_worn(config, &color.name);
-    let mut learned = separate::learn(&config.colors, is_needed, &samples, &Wishes::default())?;
+    lessons: &Lessons,
+    labels: &[ImageLabels],
+) -> Result<Option<f64>, CommandError> {
+    if config.light.pitch_rgb.is_none() {
+        return Ok(None);
+    }
+    let measured = unevenness::measure(config, lessons, labels)?;
+    Ok(measured.filter(|&unevenness| unevenness != config.light.unevenness))
+}
+
+/// Bounds for the colours that are shown. What is worn and not shown stays as it is, behind the others.
+fn learn_from(config: &Config, samples: &Samples) -> Vec<ColorConfig> {
+    let mut learned = separate::learn(&config.colors, samples, &Wishes::default());
     for color in &config.colors {
         let is_known = learned.iter().any(|known| known.name == color.name);
         if !is_known && is_worn(config, &color.name) {
             learned.push(color.clone());
         }
     }
-    Ok(learned)
+    learned
+}
+
+/// Says which colours keep their bounds, because nothing labelled shows them.
+fn tell_what_is_not_shown(config: &Config, samples: &Samples) -> Result<(), CommandError> {
+    if samples.pixels.is_empty() {
+        return Err(
+            "nothing that is labelled shows a colour: label robots, a ball, or places under \
+                    \"samples\""
+                .into(),
+        );
+    }
+    for (class, color) in config.colors.iter().enumerate() {
+        let is_shown = samples.pixels.iter().any(|sample| usize::from(sample.class) == class);
+        if !is_shown && is_worn(config, &color.name) {
+            common::tell!(
+                "touchline: nothing labelled shows the colour \"{}\": it keeps its configured bounds",
+                color.name
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Pictures of which nothing is known yet.
-fn unlabelled(arguments: &[PathBuf], config: &Config) -> Result<Vec<Lesson>, CommandError> {
-    let mut lessons = Vec::new();
+fn unlabelled(arguments: &[PathBuf]) -> Result<Vec<ImageLabels>, CommandError> {
+    let mut all = Vec::new();
     for argument in arguments {
-        for file in list_pictures(argument)? {
-            let bayer = load_bayer(&file, &config.camera)?;
-            let labels = ImageLabels { file, robots: None, ball: None, samples: Vec::new() };
-            lessons.push(Lesson { labels, bayer });
-        }
+        let files = list_pictures(argument)?.into_iter();
+        all.extend(files.map(|file| ImageLabels {
+            file,
+            robots: None,
+            ball: None,
+            samples: Vec::new(),
+        }));
     }
-    Ok(lessons)
+    Ok(all)
 }
 
 /// The labelled pictures, or those of them that are named.
-fn labelled(
-    labels: &Labels,
-    pictures: &[PathBuf],
-    config: &Config,
-) -> Result<Vec<Lesson>, CommandError> {
-    let mut chosen: Vec<&ImageLabels> = Vec::new();
+fn labelled(labels: &Labels, pictures: &[PathBuf]) -> Result<Vec<ImageLabels>, CommandError> {
+    let mut chosen: Vec<ImageLabels> = Vec::new();
     for argument in pictures {
         for path in list_pictures(argument)? {
             let is_it = |image: &&ImageLabels| is_same_file(&image.file, &path);
-            let image = labels.images.iter().find(is_it);
+            let image = labels.images.iter().find(is_it).cloned();
             chosen.push(image.ok_or_else(|| {
                 format!("{}: nothing is labelled in this picture", path.display())
             })?);
         }
     }
     if pictures.is_empty() {
-        chosen.extend(&labels.images);
+        chosen.extend(labels.images.iter().cloned());
     }
     if chosen.is_empty() {
         return Err("there is no labelled picture to learn from".into());
     }
-    let lesson = |labels: &ImageLabels| -> Result<Lesson, CommandError> {
-        Ok(Lesson { labels: labels.clone(), bayer: load_bayer(&labels.file, &config.camera)? })
-    };
-    chosen.into_iter().map(lesson).collect()
+    Ok(chosen)
 }
 
 fn is_same_file(a: &Path, b: &Path) -> bool {
@@ -133,99 +181,12 @@ fn is_same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-fn bayer_image<'a>(config: &Config, bayer: &'a [u8]) -> Result<BayerImage<'a>, CommandError> {
-    let camera = &config.camera;
-    BayerImage::new(bayer, camera.width, camera.height, camera.width, camera.bayer_order)
-        .ok_or_else(|| "the pictures are too small to learn from".into())
-}
-
-/// The middle of the pitch's colours in all pictures; `None` when it cannot be seen in one of them.
-fn pitch_color(config: &Config, lessons: &[Lesson]) -> Result<Option<[f64; 3]>, CommandError> {
-    let probe = PitchProbe::new(config)?;
-    let mut lattice = Lattice::new(&config.camera);
-    let mut logs = [0.0; 3];
-    for lesson in lessons {
-        lattice.look_at(&Frame::Bayer(bayer_image(config, &lesson.bayer)?));
-        let Some(rgb) = probe.measure(&lattice) else {
-            common::tell!(
-                "touchline: {}: the pitch is too dark to tell the light from it; the colours will \
-                 not follow the lamps",
-                lesson.labels.file.display()
-            );
-            return Ok(None);
-        };
-        logs.iter_mut().zip(rgb).for_each(|(sum, value)| *sum += value.ln());
-    }
-    let mean = |sum: f64| ((sum / lessons.len() as f64).exp() * 10.0).round() / 10.0;
-    Ok(Some(logs.map(mean)))
-}
-
-/// Samples of all pictures, as they look under the light the colours are learned for.
-fn gather(config: &Config, lessons: &[Lesson]) -> Result<Samples, CommandError> {
-    let lamp = Lamp::new(config)?;
-    let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
-    let mut lattice = Lattice::new(&config.camera);
-    let mut gatherer = Gatherer::new(config)?;
-    let mut rgb = Vec::new();
-    for lesson in lessons {
-        let image = bayer_image(config, &lesson.bayer)?;
-        demosaic(&image, &mut rgb);
-        let picture = Picture::new(image.width(), &rgb);
-        lattice.look_at(&Frame::Bayer(image));
-        let gains: Gains = lamp.as_ref().and_then(|lamp| lamp.gains(&lattice)).unwrap_or(NO_GAINS);
-        let picture = match &mut shaded {
-            Some(shaded) => {
-                shaded.look_at(&lattice);
-                let (zones, tables) = (shaded.zones(), ShadedTables::corrections(gains));
-                picture.corrected(|column, row| &tables[zones.at(column, row)])
-            }
-            None => {
-                let tables = corrections(gains);
-                picture.corrected(|_, _| &tables)
-            }
-        };
-        gatherer.add(&lesson.labels, &picture)?;
-    }
-    Ok(gatherer.finish())
-}
-
 /// Whether somebody on the pitch wears a colour.
 fn is_worn(config: &Config, name: &str) -> bool {
     config.teams.yellow.color == name
         || config.teams.blue.color == name
         || config.ball.color == name
         || config.robots.identities.iter().any(|identity| identity.colors.iter().any(|c| c == name))
-}
-
-/// What the colours learned take the samples for.
-fn summary(
-    config: &Config,
-    learned: &[ColorConfig],
-    samples: &Samples,
-) -> Result<String, CommandError> {
-    let tables = ClassTables::new(learned)?;
-    // Samples have the numbers of the colours as configured.
-    let number_of = |color: &ColorConfig| {
-        config.colors.iter().position(|known| known.name == color.name).unwrap_or(usize::MAX)
-    };
-    let numbers: Vec<usize> = learned.iter().map(number_of).collect();
-    let classify = |rgb| {
-        let class = usize::from(tables.classify(rgb));
-        numbers.get(class).map_or(classifier::BACKGROUND, |&number| number as u8)
-    };
-    let names = config.colors.iter().map(|color| color.name.clone()).collect();
-    let confusion = Confusion::new(names, samples, classify);
-    let mut text = format!(
-        "{} pictures, {} patches; what pixels are taken for, from left to right (false pixels: of the \
-         background, in a picture):\n{}",
-        samples.pictures,
-        samples.patches,
-        confusion.text()
-    );
-    for warning in confusion.warnings() {
-        text += &format!("warning: {warning}\n");
-    }
-    Ok(text)
 }
 
 /// The part of a configuration that was learned.

@@ -1,11 +1,13 @@
 //! How much of the pitch's unevenness the patches share: of two patches of one colour in one picture, how
 //! much brighter is that which lies where the floor is an octave brighter.
 
-use super::{CommandError, Lesson, bayer_image};
+use super::CommandError;
+use super::lessons::Lessons;
+use classifier::Picture as Frame;
 use classifier::lattice::Lattice;
 use classifier::shading::Shading;
-use classifier::{Picture as Frame, demosaic};
 use common::config::Config;
+use learning::labels::ImageLabels;
 use learning::picture::Picture;
 use learning::samples::{Gatherer, Samples};
 use std::collections::BTreeMap;
@@ -24,17 +26,18 @@ const MIDDLE_LEVEL: f64 = 128.0;
 type Pair = [f64; 2];
 
 /// The share, from 0 to 1 in hundredths; `None` if the lessons do not tell.
-pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, CommandError> {
+pub fn measure(
+    config: &Config,
+    lessons: &Lessons,
+    labels: &[ImageLabels],
+) -> Result<Option<f64>, CommandError> {
     let Some(mut shading) = Shading::new(config)? else { return Ok(None) };
     let mut lattice = Lattice::new(&config.camera);
     // Of each colour in each picture, relative to their mean.
     let mut apart: Vec<Pair> = Vec::new();
-    let mut rgb = Vec::new();
-    for lesson in lessons {
-        let image = bayer_image(config, &lesson.bayer)?;
-        demosaic(&image, &mut rgb);
-        let picture = Picture::new(image.width(), &rgb);
-        lattice.look_at(&Frame::Bayer(image));
+    for (lesson, labels) in lessons.list.iter().zip(labels) {
+        let picture = &lesson.picture;
+        lattice.look_at(&Frame::Bayer(lesson.image(config)?));
         shading.look_at(&lattice);
         // A picture of the floor's brightness has its samples where the picture has them.
         let mut floor = picture.clone();
@@ -43,11 +46,11 @@ pub fn measure(config: &Config, lessons: &[Lesson]) -> Result<Option<f64>, Comma
             *level = [(octaves * LEVELS_PER_OCTAVE + MIDDLE_LEVEL).clamp(0.0, 255.0) as u8; 3];
         }
         let gather = |picture: &Picture| -> Result<Samples, CommandError> {
-            let mut gatherer = Gatherer::new(config)?;
-            gatherer.add(&lesson.labels, picture)?;
+            let mut gatherer = Gatherer::new(config, &lessons.scene);
+            gatherer.add(labels, picture)?;
             Ok(gatherer.finish())
         };
-        for patches in by_class(&gather(&floor)?, &gather(&picture)?).values() {
+        for patches in by_class(&gather(&floor)?, &gather(picture)?).values() {
             let count = patches.len() as f64;
             let mean =
                 [0, 1].map(|axis| patches.iter().map(|pair| pair[axis]).sum::<f64>() / count);
@@ -93,15 +96,17 @@ fn by_class(floor: &Samples, picture: &Samples) -> BTreeMap<u8, Vec<Pair>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lessons::Lesson;
     use super::*;
     use crate::commands::painted_light::painted;
     use crate::commands::pipeline::Pipeline;
     use common::messages::Team;
     use grabber::synthetic::SyntheticMatch;
-    use learning::labels::{ImageLabels, Quality, RobotLabel};
+    use learning::labels::{Quality, RobotLabel};
+    use learning::scene::Scene;
 
     /// Some pictures of a match under a lamp, with what is seen of it for labels.
-    fn lessons(config: &Config) -> Vec<Lesson> {
+    fn lessons(config: &Config) -> (Lessons, Vec<ImageLabels>) {
         let mut game = SyntheticMatch::new(config).unwrap();
         let light = painted(config.preset.config().light);
         let mut pipeline = Pipeline::new(&Config { light, ..config.clone() }).unwrap();
@@ -121,16 +126,18 @@ mod tests {
             let robots = Some(robots.collect());
             let labels =
                 ImageLabels { file: "match".into(), robots, ball: None, samples: Vec::new() };
-            Lesson { labels, bayer }
+            (Lesson::new(config, "match".into(), bayer).unwrap(), labels)
         };
-        (0..8).map(|_| lesson()).collect()
+        let (list, labels) = (0..8).map(|_| lesson()).unzip();
+        (Lessons { scene: Scene::new(config).unwrap(), list }, labels)
     }
 
     #[test]
     fn painted_patches_share_all_of_it() {
         let mut config = Config::default();
         (config.synthetic.vignette, config.synthetic.gradient) = (0.4, 0.4);
-        let share = measure(&config, &lessons(&config)).unwrap().unwrap();
+        let (lessons, labels) = lessons(&config);
+        let share = measure(&config, &lessons, &labels).unwrap().unwrap();
         assert!((0.8..=1.0).contains(&share), "{share}");
     }
 
@@ -138,6 +145,7 @@ mod tests {
     fn even_light_tells_nothing() {
         let mut config = Config::default();
         (config.synthetic.vignette, config.synthetic.gradient) = (0.0, 0.0);
-        assert_eq!(measure(&config, &lessons(&config)).unwrap(), None);
+        let (lessons, labels) = lessons(&config);
+        assert_eq!(measure(&config, &lessons, &labels).unwrap(), None);
     }
 }

@@ -1,0 +1,129 @@
+//! The pictures that are learned from, as the classifier sees them.
+
+use super::CommandError;
+use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
+use classifier::lattice::Lattice;
+use classifier::shading::ShadedTables;
+use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
+use common::config::Config;
+use grabber::pictures::load_bayer;
+use learning::labels::ImageLabels;
+use learning::picture::Picture;
+use learning::samples::{Gatherer, Samples};
+use learning::scene::Scene;
+use std::path::{Path, PathBuf};
+
+/// Pictures, and what is the same for all of them.
+pub struct Lessons {
+    pub scene: Scene,
+    pub list: Vec<Lesson>,
+}
+
+/// A picture.
+pub struct Lesson {
+    pub file: PathBuf,
+    pub bayer: Vec<u8>,
+    /// In full colour, as the camera gave it.
+    pub picture: Picture,
+}
+
+impl Lessons {
+    /// Reads the files.
+    pub fn load(
+        config: &Config,
+        files: impl IntoIterator<Item = PathBuf>,
+    ) -> Result<Self, CommandError> {
+        let lesson = |file: PathBuf| -> Result<Lesson, CommandError> {
+            let bayer = load_bayer(&file, &config.camera)?;
+            Lesson::new(config, file, bayer)
+        };
+        let list = files.into_iter().map(lesson).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { scene: Scene::new(config)?, list })
+    }
+
+    /// The pictures as they look under the light that `config` corrects them to.
+    pub fn under_light(&self, config: &Config) -> Result<Vec<Picture>, CommandError> {
+        let lamp = Lamp::new(config)?;
+        let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
+        let mut lattice = Lattice::new(&config.camera);
+        let mut lit = Vec::with_capacity(self.list.len());
+        for lesson in &self.list {
+            lattice.look_at(&Frame::Bayer(lesson.image(config)?));
+            let gains: Gains =
+                lamp.as_ref().and_then(|lamp| lamp.gains(&lattice)).unwrap_or(NO_GAINS);
+            lit.push(match &mut shaded {
+                Some(shaded) => {
+                    shaded.look_at(&lattice);
+                    let (zones, tables) = (shaded.zones(), ShadedTables::corrections(gains));
+                    lesson.picture.corrected(|column, row| &tables[zones.at(column, row)])
+                }
+                None => {
+                    let tables = corrections(gains);
+                    lesson.picture.corrected(|_, _| &tables)
+                }
+            });
+        }
+        Ok(lit)
+    }
+
+    /// The middle of the pitch's colours in all pictures; `None` when it cannot be seen in one of
+    /// them.
+    pub fn pitch_color(&self, config: &Config) -> Result<Option<[f64; 3]>, CommandError> {
+        let probe = PitchProbe::new(config)?;
+        let mut lattice = Lattice::new(&config.camera);
+        let mut logs = [0.0; 3];
+        for lesson in &self.list {
+            lattice.look_at(&Frame::Bayer(lesson.image(config)?));
+            let Some(rgb) = probe.measure(&lattice) else {
+                common::tell!(
+                    "touchline: {}: the pitch is too dark to tell the light from it; the colours \
+                     will not follow the lamps",
+                    lesson.file.display()
+                );
+                return Ok(None);
+            };
+            logs.iter_mut().zip(rgb).for_each(|(sum, value)| *sum += value.ln());
+        }
+        let mean = |sum: f64| ((sum / self.list.len() as f64).exp() * 10.0).round() / 10.0;
+        Ok(Some(logs.map(mean)))
+    }
+
+    /// Samples of all pictures, which `lit` has in the light that counts and `labels` describes.
+    pub fn gather(
+        &self,
+        config: &Config,
+        lit: &[Picture],
+        labels: &[ImageLabels],
+    ) -> Result<Samples, CommandError> {
+        let mut gatherer = Gatherer::new(config, &self.scene);
+        for (picture, labels) in lit.iter().zip(labels) {
+            gatherer.add(labels, picture)?;
+        }
+        Ok(gatherer.finish())
+    }
+}
+
+impl Lesson {
+    pub fn new(config: &Config, file: PathBuf, bayer: Vec<u8>) -> Result<Self, CommandError> {
+        let mut rgb = Vec::new();
+        let image = bayer_image(config, &bayer, &file)?;
+        demosaic(&image, &mut rgb);
+        let picture = Picture::new(image.width(), &rgb);
+        Ok(Self { file, bayer, picture })
+    }
+
+    /// As it came from the camera.
+    pub fn image(&self, config: &Config) -> Result<BayerImage<'_>, CommandError> {
+        bayer_image(config, &self.bayer, &self.file)
+    }
+}
+
+fn bayer_image<'a>(
+    config: &Config,
+    bayer: &'a [u8],
+    file: &Path,
+) -> Result<BayerImage<'a>, CommandError> {
+    let camera = &config.camera;
+    BayerImage::new(bayer, camera.width, camera.height, camera.width, camera.bayer_order)
+        .ok_or_else(|| format!("{}: too small to learn from", file.display()).into())
+}
