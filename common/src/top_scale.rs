@@ -35,6 +35,9 @@ const MOST_REGIONS: usize = 400;
 #[derive(Debug, Clone)]
 pub struct TopScale {
     camera: CameraModel,
+    /// Half extents of the field with its goals and the margin: parquet beside it may be as yellow as
+    /// patches.
+    half_mm: [f64; 2],
     /// Heights of tops, each once.
     heights_mm: Vec<f64>,
     pairs: Vec<PatchPair>,
@@ -111,7 +114,12 @@ impl TopScale {
             }
         }
         let bins = bin(*SCALES.end()) + 1;
-        Ok(Self { camera, heights_mm, pairs, votes: vec![0; bins], regions: Vec::new() })
+        let field = &config.field;
+        let half_mm = [
+            field.length_mm / 2.0 + field.goal_depth_mm + field.margin_mm,
+            field.width_mm / 2.0 + field.margin_mm,
+        ];
+        Ok(Self { camera, half_mm, heights_mm, pairs, votes: vec![0; bins], regions: Vec::new() })
     }
 
     /// Counts the votes of a frame.
@@ -172,10 +180,15 @@ impl TopScale {
         for region in seen.regions() {
             if self.pairs.iter().any(|pair| pair.classes.contains(&region.class)) {
                 let image = ImagePoint::new(region.x_px.into(), region.y_px.into());
+                let place = self.camera.field_from_image(image, height_mm);
+                let [half_length, half_width] = self.half_mm;
+                if !(place.x_mm.abs() <= half_length && place.y_mm.abs() <= half_width) {
+                    continue;
+                }
                 let pixel_mm2 = self.camera.pixel_area_mm2(image, height_mm);
                 regions.push(Measured {
                     class: region.class,
-                    place: self.camera.field_from_image(image, height_mm),
+                    place,
                     area_mm2: f64::from(region.pixel_count) * pixel_mm2,
                 });
             }

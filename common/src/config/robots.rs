@@ -125,8 +125,8 @@ pub struct RobotsConfig {
     /// Side of a square robot, diameter of a round one.
     #[schemars(range(min = 10, max = 500))]
     pub size_mm: f64,
-    /// Distance from the centre to the front of a round robot whose front is flat; one without is round
-    /// all around.
+    /// Distance from the centre to the front of a round robot whose front is flat; left out, or as large
+    /// as the radius: round all around.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 250), extend("examples" = [75]))]
     pub front_mm: Option<f64>,

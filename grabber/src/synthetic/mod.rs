@@ -181,7 +181,7 @@ impl SyntheticMatch {
                 v_mm_s: robot.twist.v_mm_s,
                 omega: robot.twist.omega,
                 frames_still: robot.frames_still,
-                visible: self.renderer.shows_robot(robot).into(),
+                visible: self.renderer.shows_robot(robot, &self.play.robots).into(),
             };
             if robot.is_obeying() {
                 continue;

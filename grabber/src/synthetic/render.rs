@@ -132,14 +132,20 @@ impl Renderer {
         }
     }
 
-    /// Whether all of a robot's top is in the picture.
-    pub fn shows_robot(&self, robot: &Robot) -> bool {
+    /// Whether all of a robot's top is in the picture and no taller robot stands between it and the
+    /// camera.
+    pub fn shows_robot(&self, robot: &Robot, robots: &[Robot]) -> bool {
         let shape = &self.shapes[robot.identity];
         let reach = f64::from(shape.reach_mm);
-        [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].into_iter().all(|(x, y)| {
-            let corner = robot.pose.field_from_robot([x * reach, y * reach]);
-            self.shows(self.optics.model.image_from_field(corner, shape.height_mm))
-        })
+        let all_inside =
+            [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].into_iter().all(|(x, y)| {
+                let corner = robot.pose.field_from_robot([x * reach, y * reach]);
+                self.shows(self.optics.model.image_from_field(corner, shape.height_mm))
+            });
+        let is_taller = |other: &&Robot| self.shapes[other.identity].height_mm > shape.height_mm;
+        let mut taller = robots.iter().filter(is_taller);
+        let (place, radius_mm) = (robot.pose.position, shape.body.half_mm());
+        all_inside && !taller.any(|other| self.hides(other, place, shape.height_mm, radius_mm))
     }
 
     /// Whether all of the ball is in the picture and no robot stands between it and the camera.
@@ -150,22 +156,21 @@ impl Renderer {
                 let rim = FieldPoint::new(ball.x_mm + x * radius, ball.y_mm + y * radius);
                 self.shows(self.optics.model.image_from_field(rim, radius))
             });
-        all_inside && !robots.iter().any(|robot| self.hides_ball(robot, ball))
+        all_inside && !robots.iter().any(|robot| self.hides(robot, ball, radius, radius))
     }
 
-    /// Whether a robot may hide some of the ball: the ball, swept along its line of sight up to the
-    /// height of the robot, touches it.
-    fn hides_ball(&self, robot: &Robot, ball: FieldPoint) -> bool {
+    /// Whether a robot may hide some of a disc at a height above a place: the disc, swept along its line
+    /// of sight up to the height of the robot, touches it.
+    fn hides(&self, robot: &Robot, place: FieldPoint, height_mm: f64, radius_mm: f64) -> bool {
         let (shape, robot) = (&self.shapes[robot.identity], &robot.pose);
         let [lens_x, lens_y, lens_height] = self.optics.lens_mm;
-        let climb =
-            (shape.height_mm - self.ball_radius_mm).max(0.0) / (lens_height - self.ball_radius_mm);
-        let (dx, dy) = (ball.x_mm - robot.position.x_mm, ball.y_mm - robot.position.y_mm);
-        let (step_x, step_y) = ((lens_x - ball.x_mm) * climb, (lens_y - ball.y_mm) * climb);
+        let climb = (shape.height_mm - height_mm).max(0.0) / (lens_height - height_mm);
+        let (dx, dy) = (place.x_mm - robot.position.x_mm, place.y_mm - robot.position.y_mm);
+        let (step_x, step_y) = ((lens_x - place.x_mm) * climb, (lens_y - place.y_mm) * climb);
         let (sin, cos) = robot.orientation.sin_cos();
         let into_robot = |x: f64, y: f64| [(x * cos + y * sin) as f32, (y * cos - x * sin) as f32];
         let overhang_mm = f64::from(shape.reach_mm) - shape.body.half_mm();
-        let swollen = shape.body.grown(overhang_mm.max(0.0) + self.ball_radius_mm);
+        let swollen = shape.body.grown(overhang_mm.max(0.0) + radius_mm);
         let [x, y] = into_robot(dx, dy);
         Outline::new(&swollen, into_robot(step_x, step_y)).depth(x, y) > 0.0
     }

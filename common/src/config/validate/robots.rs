@@ -1,7 +1,7 @@
 //! The robots: patches that show, identities that can be told apart.
 
 use super::super::problem::Problem;
-use super::super::{Config, IdentityConfig, Pair, PatchConfig, PatchRole, RobotShape};
+use super::super::{Config, IdentityConfig, Pair, PatchConfig, PatchRole};
 use crate::layout::Layout;
 
 impl Config {
@@ -10,18 +10,6 @@ impl Config {
         if robots.wheel_base_mm > robots.size_mm * std::f64::consts::SQRT_2 {
             let message = format!("the wheels stand outside a robot of {} mm", robots.size_mm);
             problems.push(Problem::new("robots.wheel_base_mm", message).related("robots.size_mm"));
-        }
-        if let Some(front_mm) = robots.front_mm {
-            let radius_mm = robots.size_mm / 2.0;
-            let message = match robots.shape {
-                RobotShape::Square => Some("is for robots of shape = \"round\"".to_string()),
-                RobotShape::Round if front_mm > radius_mm => {
-                    Some(format!("lies beyond the rim of a robot of {} mm", robots.size_mm))
-                }
-                RobotShape::Round => None,
-            };
-            let problem = |message| Problem::new("robots.front_mm", message);
-            problems.extend(message.map(|m| problem(m).related("robots.size_mm")));
         }
         self.check_patches(&robots.patches, "robots.patches", problems);
         for (index, identity) in robots.identities.iter().enumerate() {
