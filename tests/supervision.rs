@@ -201,7 +201,7 @@ fn a_stalled_grabber_is_noticed_and_its_gap_is_short() {
     let status = group.wait_for("a new grabber", |status| {
         status["complete"] == true && Group::pid_of(status, "grabber") != pid
     });
-    assert!(says(&status, "gives no output"), "{status:#}");
+    assert!(says(&status, "killed: it gives no frames"), "{status:#}");
     let status = wait_for_more(&mut group, 40);
     let gap = status["frames"]["never_captured"].as_u64().unwrap();
     assert!(gap > 0 && gap < 150, "formerly 167 frames and more: {gap}");
@@ -266,5 +266,38 @@ fn a_grabber_that_the_supervisor_cannot_see_is_left_alone() {
     let gap = after["frames"]["never_captured"].as_u64().unwrap();
     assert!(gap < 150, "what was not seen counts as never captured: {after:#}");
     assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+    end(group);
+}
+
+fn wait_until_said(group: &mut Group, what: &str, times: usize) {
+    let deadline = Instant::now() + support::PATIENCE;
+    while group.stderr().matches(what).count() < times {
+        group.assert_running();
+        assert!(Instant::now() < deadline, "{what:?} was not said: {}", group.stderr());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn a_fault_in_what_counts_does_not_end_what_supervises() {
+    let variables = [("TOUCHLINE_FAULT", "monitor@150")];
+    let mut group = Group::start_with("monitor-fault", "", &[], &variables);
+    wait_until_said(&mut group, "the monitor has panicked", 1);
+    wait_until_said(&mut group, "the monitor has met a fault", 1);
+    // There is a status only when there is another monitor.
+    let status = group.wait_for("another monitor", |now| has_spares(now) && world(now) > 20);
+    assert_nothing_lost(&status);
+
+    // Shared memory that somebody truncates: touching it is a SIGBUS.
+    let name = group.instance.shared_memory_prefix() + "events.count";
+    let count = fs::OpenOptions::new().write(true).open(format!("/dev/shm/{name}")).unwrap();
+    count.set_len(0).unwrap();
+    let tracker = Group::pid_of(&status, "tracker");
+    group.signal(tracker, Signal::KILL);
+    wait_until_said(&mut group, "the monitor has met a fault", 2);
+    let status = group.wait_for("a third monitor", |now| has_spares(now) && world(now) > 20);
+    assert_nothing_lost(&status);
+    assert_ne!(Group::pid_of(&status, "tracker"), tracker, "{status:#}");
+    assert_nothing_lost(&kill_and_wait(&mut group, "filter"));
     end(group);
 }

@@ -138,12 +138,13 @@ fn refused<E: Debug>(
 /// Tries again for a while where all places are taken: the supervisor clears those of dead processes
 /// several times a second.
 fn when_there_is_a_place<T>(
+    patience: Duration,
     mut connect: impl FnMut() -> Result<T, BusError>,
 ) -> Result<T, BusError> {
     let begun = Instant::now();
     loop {
         match connect() {
-            Err(BusError::Full { .. }) if begun.elapsed() < PLACE_PATIENCE => {
+            Err(BusError::Full { .. }) if begun.elapsed() < patience => {
                 std::thread::sleep(PLACE_RETRY);
             }
             outcome => return outcome,
@@ -159,6 +160,8 @@ const PLACE_RETRY: Duration = Duration::from_millis(20);
 pub struct Bus {
     node: Node<ipc::Service>,
     instance: Instance,
+    /// How long a place on a topic is waited for.
+    patience: Duration,
 }
 
 /// A topic that will not go as long as this is there.
@@ -193,14 +196,15 @@ impl Bus {
             .create::<ipc::Service>()
             .map_err(failed("node", "join the instance"))?;
         close_to_others(instance);
-        Ok(Self { node, instance: instance.clone() })
+        Ok(Self { node, instance: instance.clone(), patience: PLACE_PATIENCE })
     }
 
-    /// Joins the instance as [`join`](Self::join), for a process that will read most topics.
+    /// Joins the instance as [`join`](Self::join), for a process that will read most topics and has
+    /// something better to do than to wait for a place: it tries again.
     pub fn join_as_reader(instance: &Instance, process: &str) -> Result<Self, BusError> {
         memory::check_room_for_readers()
             .map_err(|free| BusError::NoMemory { topic: "all", free })?;
-        Self::join(instance, process)
+        Ok(Self { patience: Duration::ZERO, ..Self::join(instance, process)? })
     }
 
     /// A writer whose messages have up to `capacity` elements.
@@ -214,7 +218,7 @@ impl Bus {
         let is_full = |error: &PublisherCreateError| {
             *error == PublisherCreateError::ExceedsMaxSupportedPublishers
         };
-        let port = when_there_is_a_place(|| {
+        let port = when_there_is_a_place(self.patience, || {
             self.open(topic)?
                 .publisher_builder()
                 .initial_max_slice_len(capacity)
@@ -266,7 +270,7 @@ impl Bus {
         let is_full = |error: &SubscriberCreateError| {
             *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
         };
-        let (port, borrowed) = when_there_is_a_place(|| {
+        let (port, borrowed) = when_there_is_a_place(self.patience, || {
             let service = self.open(topic)?;
             // Where the topic was made with less, less is what there is.
             let made = service.static_config();
@@ -293,7 +297,7 @@ impl Bus {
     /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;
     /// if the next one that makes it is killed while it does, nobody can.
     pub fn keep<E: Message, H: Header>(&self, topic: &Topic<E, H>) -> Result<Kept<E, H>, BusError> {
-        when_there_is_a_place(|| Ok(Kept { _service: self.open(topic)? }))
+        when_there_is_a_place(self.patience, || Ok(Kept { _service: self.open(topic)? }))
     }
 
     /// How many processes are connected to a topic, spares included.

@@ -35,7 +35,8 @@ const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 /// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
-/// For tests and rehearsals: `STAGE@NUMBER` makes that stage panic when it takes that frame.
+/// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it takes that
+/// frame.
 pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
 
 /// How a process is started.
@@ -143,7 +144,7 @@ impl Process {
             stop,
             panic,
             promotion,
-            fault: fault_from_environment(kind),
+            fault: fault_from_environment(kind.name()),
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
@@ -338,10 +339,11 @@ impl From<&FrameFault> for DropReason {
     }
 }
 
-fn fault_from_environment(kind: ProcessKind) -> Option<u64> {
+/// The frame at which a part of the group is to panic, as [`FAULT_VARIABLE`] says.
+pub fn fault_from_environment(name: &str) -> Option<u64> {
     let fault = std::env::var(FAULT_VARIABLE).ok()?;
     let (stage, seq) = fault.split_once('@')?;
-    if stage == kind.name() { seq.parse().ok() } else { None }
+    if stage == name { seq.parse().ok() } else { None }
 }
 
 fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {

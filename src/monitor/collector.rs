@@ -16,6 +16,7 @@ use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::*;
+use common::process::{FAULT_VARIABLE, fault_from_environment};
 use common::top_scale::TopScale;
 use common::topics;
 use std::collections::{BTreeMap, HashMap, VecDeque};
@@ -54,6 +55,8 @@ pub struct Collector {
     frames_lost_from_sight: bool,
     world_lost_from_sight: bool,
     connect_after_ns: u64,
+    /// For tests: the frame at which it panics.
+    fault: Option<u64>,
     last_frame: Option<FrameHeader>,
     last_world: Option<FrameHeader>,
     known_truth: VecDeque<TruthFrame>,
@@ -140,6 +143,7 @@ impl Collector {
             frames_lost_from_sight: false,
             world_lost_from_sight: false,
             connect_after_ns: 0,
+            fault: fault_from_environment("monitor"),
             last_frame: None,
             last_world: None,
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
@@ -184,6 +188,9 @@ impl Collector {
         let is_broken = was_away || self.frames_lost_from_sight;
         let sight = if is_broken { Sight::Broken } else { Sight::Whole };
         for header in &self.new_frames {
+            if self.fault == Some(header.seq) {
+                panic!("asked to panic at {} by {FAULT_VARIABLE}", header.seq);
+            }
             self.flow.captured(header.seq, sight);
             self.latency.frame(header);
             self.frames_lost_from_sight = false;

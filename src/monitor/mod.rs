@@ -10,6 +10,7 @@ pub mod accuracy;
 mod camera;
 mod collector;
 mod console;
+mod containment;
 mod flow;
 mod latency;
 pub mod report;
@@ -31,6 +32,7 @@ use common::process::HEARTBEAT;
 use common::topics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -40,6 +42,9 @@ const LONGEST_POLL: Duration = Duration::from_millis(50);
 const POLLS_PER_BUFFER: f64 = 4.0;
 /// How often the status is published.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
+
+/// Between two looks at whether the monitor has ended.
+const LAST_LOOK: Duration = Duration::from_millis(1);
 
 /// What the monitor publishes on.
 struct Outlets {
@@ -52,6 +57,8 @@ struct Outlets {
 pub struct Monitor {
     thread: JoinHandle<Report>,
     stop: Arc<AtomicBool>,
+    /// How many monitors had fallen before this one.
+    fallen_before: u32,
 }
 
 impl Monitor {
@@ -67,32 +74,55 @@ impl Monitor {
         let stop_requested = Arc::clone(&stop);
         let (instance, config) = (instance.clone(), config.clone());
         let (connected, is_connected) = std::sync::mpsc::channel();
+        let fallen_before = containment::fallen();
         // Ports belong to the thread that made them, so they are made there.
-        let thread =
-            std::thread::spawn(move || match Collector::new(&instance, source, &config, view) {
+        let count = move || {
+            containment::contain_this_thread();
+            match Collector::new(&instance, source, &config, view) {
                 Ok((mut collector, outlets)) => {
                     let _ = connected.send(Ok(()));
-                    watch(
-                        &mut collector,
-                        outlets,
-                        output,
-                        poll_period(&config.camera),
-                        &stop_requested,
-                    )
+                    let poll = poll_period(&config.camera);
+                    watch(&mut collector, outlets, output, poll, &stop_requested)
                 }
                 Err(error) => {
                     let _ = connected.send(Err(error));
                     Report::default()
                 }
-            });
-        // A thread that died without an answer would be a bug of ours, reported when it is joined.
-        is_connected.recv().unwrap_or(Ok(()))?;
-        Ok(Self { thread, stop })
+            }
+        };
+        let thread =
+            std::thread::Builder::new().name("monitor".into()).spawn(count).map_err(|error| {
+                BusError::Ipc {
+                    topic: "all",
+                    action: "start the monitor's thread",
+                    reason: error.to_string(),
+                }
+            })?;
+        let monitor = Self { thread, stop, fallen_before };
+        // One that falls gives no answer.
+        loop {
+            match is_connected.recv_timeout(LONGEST_POLL) {
+                Ok(outcome) => return outcome.map(|()| monitor),
+                Err(RecvTimeoutError::Timeout) if !monitor.has_fallen() => {}
+                Err(_) => return Ok(monitor),
+            }
+        }
     }
 
-    /// Ends the monitor; the report is complete.
+    /// Whether it has met a fault and will not go on; the group is no longer counted.
+    pub fn has_fallen(&self) -> bool {
+        containment::fallen() > self.fallen_before || self.thread.is_finished()
+    }
+
+    /// Ends the monitor; the report is complete. That of one that has fallen is empty.
     pub fn finish(self) -> Report {
         self.stop.store(true, Ordering::Relaxed);
+        while !self.thread.is_finished() {
+            if containment::fallen() > self.fallen_before {
+                return Report::default();
+            }
+            std::thread::sleep(LAST_LOOK);
+        }
         self.thread.join().unwrap_or_default()
     }
 }

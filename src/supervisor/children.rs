@@ -116,9 +116,14 @@ impl Process {
         sys::ask(Call::SignalProcess, send)
     }
 
-    /// How long it has been ready to run without getting a processor since the last call.
-    pub fn newly_waited_ns(&mut self, now_ns: u64) -> u64 {
-        let Some(times) = SchedulerTimes::of(self.pid) else { return 0 };
+    /// What the system says of its share of the processors.
+    pub fn processor_times(&self) -> io::Result<SchedulerTimes> {
+        SchedulerTimes::of(self.pid)
+    }
+
+    /// How long it has been ready to run without getting a processor since the last call, given what the
+    /// system says now.
+    pub fn newly_waited_ns(&mut self, times: SchedulerTimes, now_ns: u64) -> u64 {
         self.wait.newly_waited_ns(times, now_ns)
     }
 

@@ -14,7 +14,7 @@ use super::notify::Notifier;
 use super::policy::{Event, MemberId, Policy, Settings};
 use super::premises::Premises;
 use super::progress::{Beat, Output, Progress};
-use super::reserve::Reserve;
+use super::reserve::{Reserve, raise_limit};
 use super::signals::Signals;
 use super::sys::{self, Call};
 use super::takeover::Inheritance;
@@ -236,8 +236,10 @@ impl<'a> Group<'a> {
                 let ended = ids.iter().zip(&fds).filter(|(_, fd)| happened(fd));
                 ended.map(|(&id, _)| id).collect()
             }
-            // Then all of them are asked.
+            // Then all of them are asked. It may be that there are more of them than this process may
+            // have descriptors.
             Err(_) => {
+                raise_limit();
                 std::thread::sleep(timeout);
                 ids
             }
@@ -360,8 +362,11 @@ impl<'a> Group<'a> {
         for kind in ProcessKind::ALL {
             let now_ns = monotonic_ns();
             let late = self.policy.late(kind, now_ns);
-            if let Some(process) = late.and_then(|id| self.processes.get_mut(&id)) {
-                let waited_ns = process.newly_waited_ns(now_ns);
+            let Self { processes, reserve, .. } = self;
+            if let Some(process) = late.and_then(|id| processes.get_mut(&id)) {
+                // One that has died is noticed by itself.
+                let times = reserve.lend(|| process.processor_times()).ok();
+                let waited_ns = times.map_or(0, |times| process.newly_waited_ns(times, now_ns));
                 self.policy.note(Event::Waited(kind, waited_ns), now_ns);
             }
         }

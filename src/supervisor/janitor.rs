@@ -5,6 +5,7 @@
 //! every place that a topic has for subscribers. So the janitor looks around by itself when somebody has
 //! come, who may have come again, and now and then in any case.
 
+use super::reserve;
 use super::sys::{self, Call};
 use common::bus::participants;
 use common::instance::Instance;
@@ -91,6 +92,10 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
             None => participants::remove_dead(instance).map_err(|error| error.to_string()),
         };
         let error = removed.err().unwrap_or_default();
+        if !error.is_empty() {
+            // It may have been for want of descriptors.
+            reserve::raise_limit();
+        }
         // What cannot be removed is tried again and again, but told once.
         if error != last_error && !error.is_empty() {
             common::tell!("touchline: clean-up after a dead process: {error}; it is tried again");

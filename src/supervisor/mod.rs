@@ -126,8 +126,10 @@ pub enum Outcome {
     Upgrade(PathBuf),
 }
 
-/// Between two attempts to start the monitor of a group that has been taken over.
-const MONITOR_PAUSE: Duration = Duration::from_secs(5);
+/// Before a monitor that could not be started, or has met a fault, is tried again.
+const MONITOR_PAUSE: Duration = Duration::from_secs(2);
+/// What one that has met a fault held is not given back, so there are not many of them.
+const MOST_MONITORS: u32 = 3;
 
 /// Runs the group. When it has ended nothing of it is left, neither a process nor shared memory.
 pub fn run(
@@ -136,12 +138,13 @@ pub fn run(
     until: Until,
     start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
+    // First: until then a terminal that is closed ends it.
+    let signals = Signals::listen()?;
     let instance = launch.instance.clone();
     instance.create_directory()?;
     let Some(lock) = instance.lock()? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
-    let signals = Signals::listen()?;
     let mut premises = Premises::new(&instance, lock);
     let outcome = takeover::prepare(&launch, config).and_then(|inheritance| {
         supervise(launch, config, until, signals, &mut premises, inheritance, start_monitor)
@@ -184,9 +187,15 @@ fn supervise(
         }
         started => Some(started?),
     };
-    let mut try_again = Instant::now() + MONITOR_PAUSE;
+    let (mut try_again, mut fallen) = (Instant::now() + MONITOR_PAUSE, 0);
     let mut keep_counting = || {
-        if monitor.is_none() && Instant::now() >= try_again {
+        if monitor.as_ref().is_some_and(Monitor::has_fallen) {
+            monitor = None;
+            fallen += 1;
+            try_again = Instant::now() + MONITOR_PAUSE;
+            common::tell!("touchline: the monitor has met a fault; the match goes on");
+        }
+        if monitor.is_none() && fallen < MOST_MONITORS && Instant::now() >= try_again {
             try_again = Instant::now() + MONITOR_PAUSE;
             monitor = start_monitor(Arc::clone(&view)).ok();
         }

@@ -63,7 +63,8 @@ fn is_want_of_descriptors(error: &io::Error) -> bool {
 /// the descriptors they could have.
 const AMPLE: u64 = 65_536;
 
-fn raise_limit() {
+/// Allows this process again what somebody may have taken from it.
+pub fn raise_limit() {
     let limit = getrlimit(Resource::Nofile);
     let most = limit.maximum.map_or(AMPLE, |most| most.min(AMPLE));
     if limit.current.is_some_and(|current| current < most) {

@@ -7,6 +7,7 @@
 
 use super::sys::{self, Call};
 use std::fs;
+use std::io;
 
 /// What the system says of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,13 +22,13 @@ pub struct SchedulerTimes {
 
 impl SchedulerTimes {
     /// Those of a living process.
-    pub fn of(pid: u32) -> Option<Self> {
+    pub fn of(pid: u32) -> io::Result<Self> {
         let read = |file: &str| {
             let path = format!("/proc/{pid}/{file}");
-            sys::ask(Call::ReadProcessorTimes, || fs::read_to_string(path)).ok()
+            sys::ask(Call::ReadProcessorTimes, || fs::read_to_string(path))
         };
         let (times, stat) = (read("schedstat")?, read("stat")?);
-        Self::parse(&times, &stat)
+        Self::parse(&times, &stat).ok_or_else(|| io::ErrorKind::InvalidData.into())
     }
 
     fn parse(times: &str, stat: &str) -> Option<Self> {
@@ -126,6 +127,6 @@ mod tests {
         assert_eq!(parsed, SchedulerTimes { ran_ns: 12, waited_ns: 34, is_ready: true });
         assert!(!SchedulerTimes::parse("12 34 5", "77 (tl) T 1").unwrap().is_ready);
         assert_eq!(SchedulerTimes::parse("", "77 (tl) R"), None);
-        assert!(SchedulerTimes::of(std::process::id()).is_some());
+        assert!(SchedulerTimes::of(std::process::id()).is_ok());
     }
 }

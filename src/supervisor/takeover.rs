@@ -104,12 +104,20 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
 
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
-    if participants::living(instance)?.is_empty() {
+    if others(instance)?.is_empty() {
         instance.wipe()?;
     } else {
         warn(participants::remove_dead(instance));
     }
     Ok(())
+}
+
+/// Living processes in the instance but for this one, which has left in order or, with a monitor that has
+/// met a fault, will never leave.
+fn others(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
+    let mut others = participants::living(instance)?;
+    others.retain(|process| process.pid != std::process::id());
+    Ok(others)
 }
 
 /// What cannot be removed now is tried again by the janitor, and is no reason to give up a match.
@@ -128,7 +136,7 @@ pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
     }
     clean_slate(instance)?;
     instance.remove_gateway_directory()?;
-    if participants::living(instance)?.is_empty() {
+    if others(instance)?.is_empty() {
         instance.remove_directory()?;
     } else {
         // It is for who takes a group over, and this one has ended.

@@ -34,7 +34,7 @@ use group::{Group, LAST_WORDS, PATIENCE};
 use leaks::Usage;
 use observer::Observer;
 use plan::{Plan, Step};
-use population::{Population, panics_on_command};
+use population::{Population, listens_to, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
 use rustix::process::Signal;
 use shortage::Shortage;
@@ -281,11 +281,13 @@ impl Session {
         let has_spare = step.stage.is_none_or(|stage| self.settings.spares.contains(&stage));
         match step.stage {
             None => {
-                if !self.is_complete() {
+                pid = self.group.supervisor_pid();
+                // One that has just been started is not there yet.
+                let is_there = listens_to(pid, Signal::HUP) && self.group.instance.is_supervised();
+                if !self.is_complete() || !is_there {
                     return Ok(false);
                 }
                 t_ns = monotonic_ns();
-                pid = self.group.supervisor_pid();
                 let until = Instant::now() + step.pause;
                 match step.what {
                     Disturbance::Hup => self.group.signal_supervisor(Signal::HUP),

@@ -179,8 +179,13 @@ fn names_instance(command_line: &[u8], instance: &str) -> bool {
 
 /// Whether a process panics on command instead of being killed by the signal that asks for it.
 pub fn panics_on_command(pid: u32) -> bool {
+    listens_to(pid, Signal::USR2)
+}
+
+/// Whether a process has begun to listen to a signal.
+pub fn listens_to(pid: u32, signal: Signal) -> bool {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
-    catches(&status, Signal::USR2)
+    catches(&status, signal)
 }
 
 fn catches(status: &str, signal: Signal) -> bool {

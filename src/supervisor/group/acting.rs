@@ -30,6 +30,9 @@ impl Group<'_> {
             Action::Kill { id, kind, cause } => {
                 if let Some(process) = self.processes.get(&id) {
                     let (event, what) = match cause {
+                        Cause::Stalled if kind == ProcessKind::Grabber => {
+                            (EventKind::Stalled, "killed: it gives no frames")
+                        }
                         Cause::Stalled => {
                             (EventKind::Stalled, "killed: it has input but gives no output")
                         }

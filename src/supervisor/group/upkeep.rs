@@ -6,6 +6,7 @@ use crate::monitor::{Event as LogEvent, ProcessView};
 use crate::supervisor::children::Process;
 use crate::supervisor::policy::{Degraded, Lack};
 use crate::supervisor::record::{Member, Record};
+use crate::supervisor::reserve::raise_limit;
 use common::clock::monotonic_ns;
 use common::messages::{Attendant, EventKind, ProcessKind, ProcessState};
 use std::time::{Duration, Instant};
@@ -52,6 +53,7 @@ impl Group<'_> {
         let is_blind = !self.progress.is_connected();
         self.policy.set_blind(is_blind, monotonic_ns());
         if self.premises.is_due() {
+            raise_limit();
             let restored = self.premises.restore();
             if let Ok(restored) = &restored
                 && !restored.is_empty()
