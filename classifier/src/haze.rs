@@ -12,23 +12,25 @@
 //! All of it is in integers. Where nothing is hazy, which is found out first and cheaply, nothing more
 //! is done.
 
-use crate::kernels::{Kernel, Written};
+use crate::lamp::Gains;
 use crate::lattice::{Grid, Lattice};
-use crate::mask::{FieldMask, Span};
-use crate::picture::Picture;
 use crate::ranks::Ranks;
+use crate::shading::{self, ShadedTables};
 use crate::tables::version_by_parts;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
 use common::geometry::{CameraModel, ImagePoint};
-use common::messages::{MAX_RUNS, Run};
 use std::ops::Range;
 
 /// Grey levels from one level of haze to the next.
 const STEP: u8 = 8;
 /// Levels beside none; what is brighter leaves no colour.
 const LEVELS: usize = 18;
+/// Under haze every second of the zones of uneven light has to do.
+const HAZY_ZONES: usize = shading::ZONES.div_ceil(2);
+/// Those without haze, and those under each level of it.
+const ZONES: usize = shading::ZONES + LEVELS * HAZY_ZONES;
 /// Places in a row and column of a block that is looked at first.
 const BLOCK: usize = 4;
 /// Places around one, to each side, that count with it.
@@ -41,7 +43,7 @@ const FEWEST: usize = 6;
 /// Beside a hazy block so little more is haze already.
 const FAINT: u16 = 6;
 
-/// Finds haze, and classifies what lies under it.
+/// Finds haze, and makes tables for what lies under it.
 #[derive(Debug, Clone)]
 pub(crate) struct Haze {
     grid: Grid,
@@ -55,12 +57,10 @@ pub(crate) struct Haze {
     ranks: Ranks,
     /// Level of haze of each place.
     levels: Vec<u8>,
-    /// For each level, the pixels under it.
-    masks: [FieldMask; LEVELS + 1],
-    /// For each level above 0, the tables, and the version of what they were made of.
-    tables: [(ClassTables, Option<u64>); LEVELS],
-    one_zone: Zones,
-    found: Vec<Run>,
+    zones: Zones,
+    /// By zone, and the gains each was made for.
+    tables: Vec<ClassTables>,
+    made_for: Vec<Option<Gains>>,
 }
 
 impl Haze {
@@ -81,7 +81,6 @@ impl Haze {
             let (column, row) = (place % columns / BLOCK, place / columns / BLOCK);
             counts[row * columns.div_ceil(BLOCK) + column] += 1;
         }
-        let mask = || FieldMask::with_room(height as usize, columns * height as usize / 2 + 1);
         Ok(Self {
             grid,
             count: on_field.iter().filter(|&&on_field| on_field).count(),
@@ -90,10 +89,9 @@ impl Haze {
             values: vec![u8::MAX; columns * rows],
             ranks: Ranks::with_room(columns * rows),
             levels: vec![0; columns * rows],
-            masks: std::array::from_fn(|_| mask()),
-            tables: std::array::from_fn(|_| (tables.clone(), None)),
-            one_zone: Zones::one(),
-            found: Vec::with_capacity(MAX_RUNS),
+            zones: Zones::tiled(width as usize, height as usize, grid.step),
+            tables: vec![tables.clone(); ZONES],
+            made_for: vec![None; ZONES],
         })
     }
 
@@ -176,91 +174,59 @@ impl Haze {
         u16::from(*window[..count].select_nth_unstable(floor_rank(count)).1)
     }
 
-    /// Identifies what the picture looked at last is classified with, where `tables` is the version of those
-    /// for no haze.
-    pub fn version(&self, tables: u64) -> u64 {
-        version_by_parts(tables, b"haze", &self.levels)
+    /// Takes the haze off the picture that was looked at last.
+    pub fn clear(&self, lattice: &mut Lattice) {
+        for channel in lattice.channels_mut() {
+            for (value, level) in channel.iter_mut().zip(&self.levels) {
+                *value = value.saturating_sub(level * STEP);
+            }
+        }
     }
 
-    /// Classifies the picture that was looked at last, each part with the tables for its haze.
-    pub fn classify(
+    /// The tables for the picture that was looked at last, each part for its haze and its light, and what
+    /// identifies them. They are made of `tables`, which are always the same, and the gains for the middle
+    /// of the pitch, whose tables have the version `middle`.
+    pub fn under(
         &mut self,
-        kernel: &mut Kernel,
-        picture: &Picture,
         tables: &ClassTables,
-        mask: &FieldMask,
-        out: &mut [Run],
-    ) -> Written {
-        self.divide(mask, picture.height());
-        self.found.clear();
-        self.found.resize(MAX_RUNS, Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 });
-        let (mut count, mut is_cut_off) = (0, false);
-        for (level, mask) in self.masks.iter().enumerate() {
-            if mask.pixels() == 0 {
-                continue;
-            }
-            let tables = match level.checked_sub(1) {
-                None => tables,
-                Some(index) => {
-                    let (hazed, made_of) = &mut self.tables[index];
-                    if *made_of != Some(tables.version()) {
-                        *hazed = tables.without_haze(level as u8 * STEP);
-                        *made_of = Some(tables.version());
-                    }
-                    hazed
-                }
+        gains: Gains,
+        middle: u64,
+        shaded: Option<&ShadedTables>,
+    ) -> (ZonedTables<'_>, u64) {
+        let Grid { step, columns, rows } = self.grid;
+        let tiles = self.zones.columns();
+        for (index, tile) in self.zones.of_tiles_mut().iter_mut().enumerate() {
+            let [column, row] = [index % tiles, index / tiles];
+            // A tile lies between four places.
+            let level = |column: usize, row: usize| {
+                let place = row.min(rows - 1) * columns + column.min(columns - 1);
+                usize::from(self.levels[place])
             };
-            let zoned = ZonedTables::everywhere(tables, &self.one_zone);
-            let written = kernel.classify(picture, zoned, mask, &mut self.found[count..]);
-            count += written.count as usize;
-            is_cut_off |= written.is_cut_off;
-        }
-        let found = &mut self.found[..count];
-        found.sort_unstable_by_key(|run| (run.row, run.begin));
-        join(found, is_cut_off, out)
-    }
-
-    /// Divides a mask among the levels.
-    fn divide(&mut self, mask: &FieldMask, height: usize) {
-        let Self { grid: Grid { step, columns, rows }, levels, masks, .. } = self;
-        masks.iter_mut().for_each(FieldMask::clear);
-        for row in 0..height {
-            // The place in the middle of a cell stands for it.
-            let line = ((row + *step / 2) / *step).min(*rows - 1) * *columns;
-            for &Span { begin, end } in mask.spans(row) {
-                let mut from = begin;
-                while from < end {
-                    let cell = ((from + *step / 2) / *step).min(*columns - 1);
-                    let next = (cell + 1) * *step - *step / 2;
-                    let to = if cell + 1 == *columns { end } else { next.min(end) };
-                    masks[usize::from(levels[line + cell])]
-                        .extend_row(Span { begin: from, end: to });
-                    from = to;
-                }
+            let upper = level(column, row) + level(column + 1, row);
+            let lower = level(column, row + 1) + level(column + 1, row + 1);
+            let level = (upper + lower + 2) / 4;
+            let light = shaded
+                .map_or(shading::MIDDLE, |shaded| shaded.zones().at(column * step, row * step));
+            let (zone, light) = match level.checked_sub(1) {
+                None => (light, light),
+                Some(index) => (shading::ZONES + index * HAZY_ZONES + light / 2, light / 2 * 2),
+            };
+            *tile = zone as u8;
+            if self.made_for[zone] != Some(gains) {
+                let lit = tables.under(shading::zone_gains(gains, light));
+                self.tables[zone] = match level {
+                    0 => lit,
+                    _ => lit.without_haze(level as u8 * STEP),
+                };
+                self.made_for[zone] = Some(gains);
             }
-            masks.iter_mut().for_each(FieldMask::end_row);
         }
+        let version = version_by_parts(middle, b"haze", self.zones.of_tiles());
+        (ZonedTables { tables: &self.tables, zones: &self.zones }, version)
     }
 }
 
-/// Runs in order, those joined that touch and have the same class.
-fn join(found: &[Run], mut is_cut_off: bool, out: &mut [Run]) -> Written {
-    let mut count = 0usize;
-    for run in found {
-        if let Some(last) = count.checked_sub(1).and_then(|last| out.get_mut(last))
-            && (last.row, last.end, last.class) == (run.row, run.begin, run.class)
-        {
-            last.end = run.end;
-        } else if let Some(slot) = out.get_mut(count) {
-            *slot = *run;
-            count += 1;
-        } else {
-            is_cut_off = true;
-            break;
-        }
-    }
-    Written { count: count as u32, is_cut_off }
-}
+const _: () = assert!(ZONES <= u8::MAX as usize + 1 && shading::MIDDLE.is_multiple_of(2));
 
 /// Of so many places in a window, sorted by their darkest channel, the number of the one that stands for the
 /// floor.
@@ -272,8 +238,9 @@ fn floor_rank(count: usize) -> usize {
 mod tests {
     use super::*;
     use crate::Classifier;
+    use crate::Picture;
     use common::config::LightConfig;
-    use common::messages::RunsHeader;
+    use common::messages::{MAX_RUNS, Run, RunsHeader};
 
     const FLOOR: [u8; 3] = [34, 38, 32];
     const PATCHES: [[u8; 3]; 3] = [[180, 164, 32], [36, 152, 168], [28, 56, 172]];
@@ -338,6 +305,59 @@ mod tests {
         };
         assert!(off(missed) > total / 3, "{clear:?} {missed:?}");
         assert!(off(seen) < total / 8, "{clear:?} {seen:?}");
+    }
+
+    /// Lamps light the left side half as much as the right, and white light lies over the middle.
+    #[test]
+    fn haze_and_uneven_light_are_corrected_together() {
+        let with = |glare: bool, unevenness: f64| {
+            let mut config = config(glare);
+            config.light.unevenness = unevenness;
+            config
+        };
+        let width = with(true, 1.0).camera.width as usize;
+        let lit = |most: f64| -> Vec<u8> {
+            let clear = frame(&config(true), 0.0);
+            let hazy = frame(&config(true), most);
+            let pixels = clear.into_iter().zip(hazy).enumerate();
+            pixels
+                .map(|(index, (clear, hazy))| {
+                    let light = 0.65 + 0.7 * (index % width) as f64 / width as f64;
+                    (f64::from(clear) * light + f64::from(hazy - clear)).min(255.0) as u8
+                })
+                .collect()
+        };
+        let counted = |config: &Config, pixels: &[u8]| {
+            let mut counts = [0; 8];
+            for run in runs(config, pixels) {
+                counts[usize::from(run.class)] += run.pixels();
+            }
+            counts
+        };
+        let clear = counted(&config(false), &frame(&config(false), 0.0));
+        let off = |glare: bool, unevenness: f64| -> u32 {
+            let found = counted(&with(glare, unevenness), &lit(70.0));
+            found.iter().zip(clear).map(|(&count, clear)| count.abs_diff(clear)).sum()
+        };
+        let total: u32 = clear.iter().sum();
+        let (both, glare_only, light_only) = (off(true, 1.0), off(true, 0.0), off(false, 1.0));
+        assert!(10 * both < total, "{both} of {total}");
+        assert!(2 * both < glare_only && 4 * both < 3 * light_only, "{glare_only} {light_only}");
+    }
+
+    #[test]
+    fn a_full_list_is_the_beginning_of_the_whole() {
+        let pixels = frame(&config(true), 60.0);
+        let whole = runs(&config(true), &pixels);
+        let header = config(true).camera.frame_header();
+        for room in [0, 1, whole.len() / 2, whole.len() - 1] {
+            let mut out_header = RunsHeader::default();
+            let mut out = vec![Run::default(); room];
+            let mut classifier = Classifier::new(&config(true)).unwrap();
+            classifier.step(&header, &pixels, &mut out_header, &mut out).unwrap();
+            assert_eq!(out_header.flags, RunsHeader::OVERFLOW);
+            assert_eq!(out_header.valid(&out), &whole[..room]);
+        }
     }
 
     #[test]

@@ -56,6 +56,11 @@ impl Lattice {
         self.channels.each_ref().map(Vec::as_slice)
     }
 
+    /// The same, to be changed.
+    pub(crate) fn channels_mut(&mut self) -> &mut [Vec<u8>; 3] {
+        &mut self.channels
+    }
+
     /// Looks at a picture.
     ///
     /// # Panics

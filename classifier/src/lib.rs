@@ -20,7 +20,7 @@
 //!   the class of every pixel.
 //! * Every class is an index into the configured colours, at most 31.
 //! * When there are more runs than room, the list is the exact beginning of the full one and
-//!   [`RunsHeader::OVERFLOW`] is set. (Under glare it may lack runs anywhere.)
+//!   [`RunsHeader::OVERFLOW`] is set.
 //! * Output depends on the frame and the configuration alone, bit for bit, on every machine.
 //! * A frame that is not what the configuration promises is refused with a reason, and nothing is
 //!   written; no frame makes the classifier panic. After construction it allocates nothing.

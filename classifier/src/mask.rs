@@ -120,31 +120,6 @@ impl FieldMask {
         (!mask.spans.is_empty()).then_some(mask)
     }
 
-    /// No rows yet, and room for so many, and for so many spans in all.
-    pub(crate) fn with_room(rows: usize, spans: usize) -> Self {
-        Self { spans: Vec::with_capacity(spans), ends: Vec::with_capacity(rows) }
-    }
-
-    /// Takes away all rows.
-    pub(crate) fn clear(&mut self) {
-        self.spans.clear();
-        self.ends.clear();
-    }
-
-    /// Adds a span to the row that comes next, behind those added before.
-    pub(crate) fn extend_row(&mut self, span: Span) {
-        let first = self.ends.last().copied().unwrap_or(0);
-        match self.spans[first..].last_mut() {
-            Some(last) if last.end == span.begin => last.end = span.end,
-            _ => self.spans.push(span),
-        }
-    }
-
-    /// Ends the row that spans were added to.
-    pub(crate) fn end_row(&mut self) {
-        self.ends.push(self.spans.len());
-    }
-
     /// How many pixels are looked at.
     pub fn pixels(&self) -> usize {
         self.spans.iter().map(|span| span.end - span.begin).sum()

@@ -27,9 +27,9 @@ use nalgebra::{SMatrix, SVector};
 const ZONE_STEPS: i32 = 2;
 /// So many zones are darker than the middle of the pitch, and as many brighter.
 const ZONES_EACH: i32 = 10;
-const ZONES: usize = 2 * ZONES_EACH as usize + 1;
+pub(crate) const ZONES: usize = 2 * ZONES_EACH as usize + 1;
 /// The zone in which nothing is corrected.
-const MIDDLE: usize = ZONES_EACH as usize;
+pub(crate) const MIDDLE: usize = ZONES_EACH as usize;
 /// Units of [`LOG`] in a zone.
 const UNITS_PER_ZONE: f64 = (UNITS_PER_OCTAVE * ZONE_STEPS / 16) as f64;
 /// Along the longer side of a picture there are about so many cells, and so many tiles.
@@ -261,7 +261,7 @@ fn zone_steps(zone: usize) -> i32 {
     (zone as i32 - MIDDLE as i32) * ZONE_STEPS
 }
 
-fn zone_gains(gains: Gains, zone: usize) -> Gains {
+pub(crate) fn zone_gains(gains: Gains, zone: usize) -> Gains {
     gains.map(|steps| steps + zone_steps(zone))
 }
 

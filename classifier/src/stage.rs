@@ -107,24 +107,22 @@ impl Classifier {
         } = self;
         let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(lattice).then_some(haze));
         self.is_under_glare = hazy.is_some();
+        if let Some(haze) = &hazy {
+            haze.clear(lattice);
+        }
+        if let Some(shaded) = shaded {
+            shaded.look_at(lattice);
+        }
         let middle = lit_tables.version();
-        let (written, class_table_version) = match hazy {
-            Some(haze) => {
-                let written = haze.classify(kernel, &picture, lit_tables, mask, out);
-                (written, haze.version(middle))
+        let (zoned, class_table_version) = match (hazy, shaded.as_deref_mut()) {
+            (Some(haze), shaded) => haze.under(tables, *gains, middle, shaded.as_deref()),
+            (None, Some(shaded)) => {
+                let version = shaded.version(middle);
+                (shaded.under(tables, *gains), version)
             }
-            None => {
-                let (zoned, version) = match shaded {
-                    Some(shaded) => {
-                        shaded.look_at(lattice);
-                        let version = shaded.version(middle);
-                        (shaded.under(tables, *gains), version)
-                    }
-                    None => (ZonedTables::everywhere(lit_tables, one_zone), middle),
-                };
-                (kernel.classify(&picture, zoned, mask, out), version)
-            }
+            (None, None) => (ZonedTables::everywhere(lit_tables, one_zone), middle),
         };
+        let written = kernel.classify(&picture, zoned, mask, out);
         *out_header = RunsHeader {
             frame: *header,
             t_frame_taken_ns: 0,
@@ -152,8 +150,8 @@ impl Classifier {
     /// How the light of the last frame was corrected.
     pub fn light(&self) -> LightCorrection {
         let spread = match &self.shaded {
-            Some(shaded) if !self.is_under_glare => shaded.spread(),
-            _ => [0; 2],
+            Some(shaded) => shaded.spread(),
+            None => [0; 2],
         };
         let flags = [
             (self.lamp.is_some(), LightCorrection::FOLLOWED),
