@@ -140,7 +140,10 @@ pub enum Command {
     /// Measures what this machine makes of a frame, beside a plain copy of it.
     ///
     /// Classification at every SIMD level and the merging of runs, by picture size, number of colours
-    /// and content, and all stages on a frame of a match. Answers are verified first.
+    /// and content, and all stages on a frame of a match: painted pictures, whose colours are ideal. With
+    /// `--config` or pictures, every stage with your own colours on your own pictures instead. Answers are
+    /// verified first.
+    #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
     /// Finds the highest frame rate that this machine sustains without losing a frame.
     ///
@@ -326,9 +329,22 @@ Examples:
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON
   touchline chaos --source v4l2:/dev/video0          with your own camera";
 
+const BENCH_EXAMPLES: &str = "\
+Examples:
+  touchline bench                                   this machine, on painted pictures
+  touchline bench --config match.toml pictures/     your colours on your pictures, stage by stage
+  touchline bench --config match.toml               your colours on the synthetic match as configured";
+
 /// Arguments of `bench`.
 #[derive(Debug, Args)]
 pub struct BenchArgs {
+    /// Pictures to measure, as `detect` takes them; folders stand for all pictures in them [default: with
+    /// `--config`, frames of the synthetic match]
+    #[arg(value_name = "PICTURE")]
+    pub pictures: Vec<PathBuf>,
+    /// Configuration to measure: its colours, layout and camera, stage by stage
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Print everything as JSON
     #[arg(long)]
     pub json: bool,

@@ -3,18 +3,23 @@
 //! Answers are verified first. Then all candidates take turns, so that a change of the machine's mood
 //! meets all of them, and medians are reported. "Hot" is the same frame again and again; "cold" is one
 //! of so many that none is in a cache, as it is when a camera has just written it.
+//!
+//! Painted pictures have ideal colours: boxes that share nothing with each other or with the ground. What a
+//! configuration's own colours cost on pictures of its own camera is measured instead if asked for.
 
 mod light;
+mod own;
 mod pictures;
 mod stages;
 
-use super::CommandError;
+use super::{CommandError, load_config};
 use super::output::Reader;
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
 use common::config::Config;
 use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
 use light::LightRow;
+use own::PictureRow;
 use pictures::{Content, Picture};
 use serde::Serialize;
 use stages::Stages;
@@ -51,6 +56,14 @@ struct Outcome {
     rows: Vec<Row>,
     stages: Stages,
     light: Vec<LightRow>,
+}
+
+/// Everything measured of a configuration and pictures of its own.
+#[derive(Debug, Serialize)]
+struct OwnOutcome {
+    cpu: String,
+    processors: usize,
+    pictures: Vec<PictureRow>,
 }
 
 /// One picture.
@@ -94,6 +107,19 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
             "{cpu}, {processors} processors; medians, one core; × is times a copy of the frame"
         )?;
     }
+    if args.config.is_some() || !args.pictures.is_empty() {
+        let config = load_config(args.config.as_deref())?;
+        let shown_for = (!args.json).then_some(processors);
+        let (pictures, all_good) = own::measure(&config, &args.pictures, budget, shown_for)?;
+        if args.json {
+            let outcome = OwnOutcome { cpu, processors, pictures };
+            say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
+        }
+        return Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE });
+    }
+    if !args.json {
+        say_line!("painted pictures, ideal colours; --config FILE PICTURE … measures your own")?;
+    }
     let mut rows = Vec::new();
     for (number, &(width, height, classes, content)) in SUBJECTS.iter().enumerate() {
         if !args.json {
@@ -105,13 +131,14 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
         }
         rows.push(row);
     }
-    let stages = stages::measure(budget)?;
+    let config = Config::default();
+    let stages = stages::measure(&config, &pictures::match_frames(&config)?, budget)?;
     let light = light::measure(4 * budget)?;
     if args.json {
         let outcome = Outcome { cpu, processors, rows, stages, light };
         say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
     } else {
-        stages.show(processors)?;
+        stages.show("a match frame", processors)?;
         light::show(&light)?;
     }
     Ok(ExitCode::SUCCESS)
