@@ -12,8 +12,8 @@ mod own;
 mod pictures;
 mod stages;
 
-use super::{CommandError, load_config};
 use super::output::Reader;
+use super::{CommandError, load_config};
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
 use common::config::Config;
