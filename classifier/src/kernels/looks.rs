@@ -90,6 +90,9 @@ impl<'a> ZoneLooks<'a> {
     /// if there are none.
     #[inline(always)]
     pub fn classify<S: Lanes>(self, simd: S, rgb: [S::u8s; 3], pixels: u64) -> Option<S::u8s> {
+        if pixels == 0 {
+            return None;
+        }
         let Prefilter([red, green, blue]) = self.boxes;
         let boxes = simd.buckets(rgb, [simd.table(red), simd.table(green), simd.table(blue)]);
         let rgb = corrected(simd, rgb, self.tables);
