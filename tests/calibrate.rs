@@ -6,6 +6,7 @@
 mod support;
 
 use common::config::Config;
+use common::geometry::{CameraModel, FieldPoint};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -119,4 +120,128 @@ fn a_labelled_pitch_tells_how_high_its_camera_hangs() {
     assert!((height - 2070.0).abs() < 100.0, "{height}");
     assert!((x + 104.0).abs() < 100.0 && (y - 160.0).abs() < 100.0, "{x} {y}");
     assert_eq!(image::image_dimensions(overlay).unwrap(), (1920, 1440));
+}
+
+/// The synthetic pitch as a raw picture.
+fn pitch_picture(config: &Config) -> image::GrayImage {
+    let (width, height) = (config.camera.width, config.camera.height);
+    let mut pixels = vec![0; (width * height) as usize];
+    let mut game = grabber::synthetic::SyntheticMatch::new(config).unwrap();
+    game.render(&mut pixels, width as usize);
+    image::GrayImage::from_raw(width, height, pixels).unwrap()
+}
+
+/// How far the two cameras see the pitch apart, root mean square over robots' tops.
+fn apart_mm(truth: &Config, found: &Config) -> f64 {
+    let model = |config: &Config| CameraModel::new(&config.geometry, 640, 480).unwrap();
+    let (truth, found) = (model(truth), model(found));
+    let (mut sum, mut count) = (0.0, 0.0);
+    for x in [-1000.0, -500.0, 0.0, 500.0, 1000.0] {
+        for y in [-800.0, -400.0, 0.0, 400.0, 800.0] {
+            let place = FieldPoint::new(x, y);
+            let seen = truth.image_from_field(place, 75.0);
+            sum += place.distance(found.field_from_image(seen, 75.0)).powi(2);
+            count += 1.0;
+        }
+    }
+    f64::sqrt(sum / count)
+}
+
+/// Each click is off by two pixels in some direction; the lines of the pitch are not.
+#[test]
+fn four_rough_clicks_are_refined_on_the_lines() {
+    let scratch = Scratch::new("calibrate-lines");
+    let truth = Config::default();
+    let picture = scratch.path.join("pitch.png");
+    pitch_picture(&truth).save(&picture).unwrap();
+    let model = CameraModel::new(&truth.geometry, 640, 480).unwrap();
+    // The painted picture's keystone is not that of its lens' place, which is measured here.
+    let lens = format!("camera_mm = {:?}\n", truth.geometry.camera_mm);
+    let lens = scratch.write("lens.toml", &lens);
+    for angle in [0.3f64, 1.9, 4.4] {
+        let corners = [("tl", -1.0, 1.0), ("tr", 1.0, 1.0), ("br", 1.0, -1.0), ("bl", -1.0, -1.0)];
+        let clicks: Vec<String> = corners
+            .iter()
+            .enumerate()
+            .map(|(index, (name, x, y))| {
+                let seen = model.image_from_field(FieldPoint::new(1100.0 * x, 900.0 * y), 0.0);
+                let (sin, cos) = (angle + 2.4 * index as f64).sin_cos();
+                format!("--at=corner-{name}={},{}", seen.x_px + 2.0 * cos, seen.y_px + 2.0 * sin)
+            })
+            .collect();
+        let mut args: Vec<&str> = clicks.iter().map(String::as_str).collect();
+        args.extend(["--points", lens.to_str().unwrap(), "--picture", picture.to_str().unwrap()]);
+        let found = |args: &[&str]| {
+            let output = calibrate(&scratch, args);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            let section = text(&output.stdout);
+            (apart_mm(&truth, &Config::parse(&section, "printed").unwrap()), text(&output.stderr))
+        };
+        let (error, said) = found(&args);
+        assert!(said.contains("lines       found at"), "{said}");
+        assert!(error < 2.0, "{angle}: {error} mm\n{said}");
+        args.push("--marks-only");
+        let (rough, said) = found(&args);
+        assert!(!said.contains("lines ") && rough > 3.0, "{angle}: {rough} mm");
+    }
+}
+
+/// Without lines to be seen, points are what there is.
+#[test]
+fn where_there_are_no_lines_the_points_count() {
+    let scratch = Scratch::new("calibrate-no-lines");
+    let picture = scratch.path.join("empty.png");
+    image::GrayImage::from_pixel(640, 480, image::Luma([40])).save(&picture).unwrap();
+    let args = [&CORNERS[..], &["--picture", picture.to_str().unwrap()]].concat();
+    let output = calibrate(&scratch, &args);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("lines       not used"), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stdout), text(&calibrate(&scratch, &CORNERS).stdout));
+}
+
+/// Pictures through wide lenses, with points marked to 0.3 px and the robots' right places.
+#[test]
+fn robots_seen_through_wide_lenses_are_within_a_millimetre() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/cases/lens");
+    let Ok(cases) = std::fs::read_dir(&folder) else {
+        eprintln!("SKIPPED: the pictures of {} are not there", folder.display());
+        return;
+    };
+    let scratch = Scratch::new("calibrate-wide");
+    for case in cases.map(|case| case.unwrap().path()) {
+        let file = |name: &str| case.join(name).to_str().unwrap().to_string();
+        let [points, config, picture] = ["points.toml", "m.toml", "p.png"].map(file);
+        let truth = std::fs::read_to_string(case.join("truth.json")).unwrap();
+        let truth: Vec<Value> = serde_json::from_str(&truth).unwrap();
+        for with_lines in [false, true] {
+            let calibrated = scratch.path.join("calibrated.toml");
+            let calibrated = calibrated.to_str().unwrap();
+            let mut args =
+                vec!["--points", &points, "--config", &config, "-o", calibrated, "--force"];
+            if with_lines {
+                args.extend(["--picture", &picture]);
+            }
+            let output = calibrate(&scratch, &args);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            let args = ["detect", "--json", "--config", calibrated, &picture];
+            let output = output_of(&scratch, &args);
+            let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+            let found = found["robots"].as_array().unwrap();
+            assert_eq!(found.len(), truth.len(), "{points}");
+            let mut sum = 0.0;
+            for robot in &truth {
+                let is_it = |found: &&Value| {
+                    (&found["team"], &found["id"]) == (&robot["team"], &robot["id"])
+                };
+                let found = found.iter().find(is_it).unwrap();
+                let off = |found_key: &str, key: &str| {
+                    found[found_key].as_f64().unwrap() - robot[key].as_f64().unwrap()
+                };
+                sum += off("x_mm", "x").powi(2) + off("y_mm", "y").powi(2);
+            }
+            let rms_mm = f64::sqrt(sum / truth.len() as f64);
+            println!("{points}: {rms_mm:.2} mm, lines: {with_lines}");
+            assert!(rms_mm <= 1.0, "{points}: {rms_mm} mm, lines: {with_lines}");
+        }
+    }
 }

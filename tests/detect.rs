@@ -2,10 +2,10 @@
 
 mod support;
 
-use common::config::{CameraConfig, Config};
+use common::config::{CameraConfig, Config, commented_toml};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::layout::topmost_patch;
-use common::messages::Team;
+use common::messages::{BayerOrder, Team};
 use grabber::mosaic::mosaic;
 use image::codecs::jpeg::JpegEncoder;
 use image::{GrayImage, ImageEncoder, RgbImage};
@@ -209,6 +209,65 @@ fn raw_bayer_is_taken_as_it_is_in_any_order() {
         let [from_color, from_grey] = &answers[..] else { panic!("{output:?}") };
         assert_eq!(from_color["robots"].as_array().unwrap().len(), robots().len(), "{order}");
         assert_eq!(from_color, from_grey, "{order}");
+    }
+}
+
+/// Red and blue exchanged make some robots of the other team, and most vanish.
+#[test]
+fn a_wrong_bayer_order_is_suggested_to_be_another() {
+    let scratch = Scratch::new("detect-order");
+    let camera = CameraConfig { bayer_order: BayerOrder::Bggr, ..CameraConfig::default() };
+    let picture = scratch.path.join("raw.png");
+    raw(painted(), &camera).save(&picture).unwrap();
+    let output = detect(&scratch, &[name(&picture)]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("with camera.bayer_order = \"bggr\" 4 of 10 would be"), "{said}");
+    let file = scratch.write("bggr.toml", "[camera]\nbayer_order = \"bggr\"\n");
+    let output = detect(&scratch, &["--config", name(&file), name(&picture)]);
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
+}
+
+/// With its points mirrored as well, a mirrored picture shows the same robots.
+#[test]
+fn a_mirrored_view_is_as_good_as_any() {
+    let scratch = Scratch::new("detect-mirrored");
+    let picture = scratch.path.join("mirrored.png");
+    let mut mirrored = painted().clone();
+    image::imageops::flip_horizontal_in_place(&mut mirrored);
+    mirrored.save(&picture).unwrap();
+    let mut config = Config::default();
+    config.camera.mirrored = true;
+    for pair in &mut config.geometry.points {
+        pair.image_px[0] = 639.0 - pair.image_px[0];
+    }
+    let file = scratch.write("mirrored.toml", &commented_toml(&config));
+    let output = detect(&scratch, &["--json", "--config", name(&file), name(&picture)]);
+    assert_eq!(String::from_utf8(output.stderr.clone()).unwrap(), "");
+    let found = lines(&output)[0]["robots"].as_array().unwrap().clone();
+    assert_eq!(found.len(), robots().len(), "{output:?}");
+    for (robot, found) in robots().iter().zip(&found) {
+        let of = |key: &str| found[key].as_f64().unwrap();
+        let place = FieldPoint::new(of("x_mm"), of("y_mm"));
+        assert!(place.distance(robot.pose.position) < 2.0, "{found:#}");
+        let turned = of("heading_field_deg").to_radians() - robot.pose.orientation;
+        assert!(wrap_angle(turned).to_degrees().abs() < 2.0, "{found:#}");
+    }
+}
+
+#[test]
+fn a_grey_photograph_is_said_to_have_no_colour() {
+    let scratch = Scratch::new("detect-grey");
+    for (name_of_it, is_raw_like) in [("grey.png", true), ("grey.jpg", false)] {
+        let picture = scratch.path.join(name_of_it);
+        let grey = image::DynamicImage::from(painted().clone()).into_luma8();
+        if is_raw_like {
+            grey.save(&picture).unwrap();
+        } else {
+            image::DynamicImage::from(grey).into_rgb8().save(&picture).unwrap();
+        }
+        let output = detect(&scratch, &[name(&picture)]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains("no pixel has a colour"), "{name_of_it}: {said}");
     }
 }
 

@@ -1,9 +1,10 @@
-//! Between image and field: homography, radial distortion, and the parallax of things that stand
-//! above the floor.
+//! Between image and field: homography, the lens, and the parallax of things that stand above the
+//! floor.
 //!
 //! Types say which frame a point is in, and transforms read output first: `field_from_image`.
 
 use crate::config::{DistortionConfig, GeometryConfig, PointPair};
+use crate::lens::Lens;
 use nalgebra::{DMatrix, Matrix3, Point2, Vector2, Vector3};
 
 /// Pixels; the centre of the top-left pixel is (0, 0), x to the right, y down.
@@ -91,111 +92,106 @@ pub enum GeometryError {
     /// The lens is below what it looks at.
     #[error("the camera's height must be positive, got {0} mm")]
     CameraHeight(f64),
-    /// The distortion folds the picture over itself.
+    /// A marked point is where no lens of these numbers shows anything.
     #[error(
-        "distortion k1 = {k1}, k2 = {k2} folds the picture over itself at {radius:.2} half diagonals"
+        "with this distortion the lens shows nothing at ({:.0}, {:.0}), where a point is marked: its picture ends \
+         before",
+        image_px[0], image_px[1]
     )]
     Distortion {
-        /// Quadratic term.
-        k1: f64,
-        /// Quartic term.
-        k2: f64,
-        /// Where it folds.
-        radius: f64,
+        /// The marked point.
+        image_px: [f64; 2],
     },
 }
 
-/// The camera as the geometry sees it: a homography from the floor to the undistorted picture, then
-/// radial distortion; and the lens position, from which height parallax follows.
+/// The camera as the geometry sees it: a homography from the floor to the rays of an ideal picture, which the
+/// lens then bends; and the lens' position, from which height parallax follows.
 ///
 /// A ray from the lens C (height H) to the floor at g passes height h at g + (C − g)·h/H. That is
-/// exact for any pinhole camera, whatever its tilt.
+/// exact for any camera through whose lens all rays pass in one point, whatever its tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraModel {
-    image_from_floor: Matrix3<f64>,
-    floor_from_image: Matrix3<f64>,
-    lens: Vector3<f64>,
-    center: Vector2<f64>,
-    /// Radius, in pixels, at which the distortion polynomial's argument is 1.
-    half_diagonal: f64,
-    k1: f64,
-    k2: f64,
+    /// Signed so that what the calibration points show lies in front of the camera.
+    ray_from_floor: Matrix3<f64>,
+    floor_from_ray: Matrix3<f64>,
+    position: Vector3<f64>,
+    lens: Lens,
+    /// A ray whose third coordinate on the floor is less than this does not meet the floor.
+    horizon: f64,
 }
 
-/// Where the distorted radius grows more slowly than this with the true one, the picture is taken
-/// to fold over itself.
-const MIN_DISTORTION_SLOPE: f64 = 0.05;
+/// A calibration point must be seen along a ray whose third coordinate is at least this: for a fisheye, the cosine of
+/// its angle to the axis.
+const MIN_DEPTH: f64 = 0.02;
+/// Floor further away than this many times the distances of the calibration points is beyond the horizon.
+const HORIZON: f64 = 1e6;
 
 impl CameraModel {
     /// Builds the model for pictures of `width` × `height` pixels.
     pub fn new(geometry: &GeometryConfig, width: u32, height: u32) -> Result<Self, GeometryError> {
-        let [x, y, camera_height] = geometry.camera_mm;
+        let [_, _, camera_height] = geometry.camera_mm;
         if camera_height.is_nan() || camera_height <= 0.0 {
             return Err(GeometryError::CameraHeight(camera_height));
         }
-        let mut model = Self {
-            image_from_floor: Matrix3::identity(),
-            floor_from_image: Matrix3::identity(),
-            lens: Vector3::new(x, y, camera_height),
-            center: Vector2::from(geometry.distortion.center_px),
-            half_diagonal: f64::from(width).hypot(f64::from(height)) / 2.0,
-            k1: geometry.distortion.k1,
-            k2: geometry.distortion.k2,
-        };
-        model.check_distortion()?;
-        // The points are marked in the distorted picture; the homography leads to the undistorted.
-        let undistorted: Vec<PointPair> = geometry
-            .points
-            .iter()
-            .map(|pair| {
-                let [undistorted] = model.undistort([Vector2::from(pair.image_px)]);
-                PointPair { image_px: undistorted.into(), ..*pair }
-            })
-            .collect();
-        model.image_from_floor = homography(&undistorted)?;
-        model.floor_from_image =
-            model.image_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?;
-        Ok(model)
+        let lens = Lens::new(&geometry.distortion, [width, height]);
+        // The points are marked in the distorted picture; the homography leads to the rays.
+        let mut ideal = Vec::with_capacity(geometry.points.len());
+        for pair in &geometry.points {
+            let [ray] = lens.rays_from_image([Vector2::from(pair.image_px)]);
+            // No homography has a point of the floor at 90° from the axis or more; the fit would be spoiled by it.
+            if !lens.reaches_pixel(Vector2::from(pair.image_px)) || ray.z < MIN_DEPTH {
+                return Err(GeometryError::Distortion { image_px: pair.image_px });
+            }
+            ideal.push(PointPair { image_px: (ray.xy() / ray.z).into(), ..*pair });
+        }
+        let floor = geometry.points.iter().map(|pair| pair.field_mm);
+        Self::assemble(homography(&ideal)?, geometry.camera_mm, lens, floor)
     }
 
-    /// The model that sees a point of the floor, undistorted, where the homography takes it, in
-    /// pictures of `picture_px` pixels across and down.
+    /// The model that sees a point of the floor along the ray where the homography takes it, in pictures of
+    /// `picture_px` pixels across and down.
     pub(crate) fn from_homography(
-        image_from_floor: Matrix3<f64>,
+        ray_from_floor: Matrix3<f64>,
         lens_mm: [f64; 3],
-        distortion: DistortionConfig,
+        distortion: &DistortionConfig,
         picture_px: [u32; 2],
+        floor: impl Iterator<Item = [f64; 2]>,
     ) -> Result<Self, GeometryError> {
-        let [width, height] = picture_px.map(f64::from);
-        let model = Self {
-            floor_from_image: image_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?,
-            image_from_floor,
-            lens: Vector3::from(lens_mm),
-            center: Vector2::from(distortion.center_px),
-            half_diagonal: width.hypot(height) / 2.0,
-            k1: distortion.k1,
-            k2: distortion.k2,
-        };
         if lens_mm[2].is_nan() || lens_mm[2] <= 0.0 {
             return Err(GeometryError::CameraHeight(lens_mm[2]));
         }
-        model.check_distortion()?;
-        Ok(model)
+        Self::assemble(ray_from_floor, lens_mm, Lens::new(distortion, picture_px), floor)
+    }
+
+    /// The model, with the side of the homography on which these points of the floor are seen in front.
+    fn assemble(
+        ray_from_floor: Matrix3<f64>,
+        lens_mm: [f64; 3],
+        lens: Lens,
+        floor: impl Iterator<Item = [f64; 2]>,
+    ) -> Result<Self, GeometryError> {
+        let depth = |point: [f64; 2]| (ray_from_floor * Vector2::from(point).push(1.0)).z;
+        let depths: Vec<f64> = floor.map(depth).collect();
+        let is_behind = depths.iter().sum::<f64>() < 0.0;
+        let ray_from_floor = if is_behind { -ray_from_floor } else { ray_from_floor };
+        let mean = depths.iter().map(|depth| depth.abs()).sum::<f64>() / depths.len() as f64;
+        Ok(Self {
+            floor_from_ray: ray_from_floor.try_inverse().ok_or(GeometryError::Degenerate)?,
+            ray_from_floor,
+            position: Vector3::from(lens_mm),
+            lens,
+            horizon: 1.0 / (mean * HORIZON),
+        })
     }
 
     /// Where a point `height_mm` above `point` on the field appears in the picture.
     pub fn image_from_field(&self, point: FieldPoint, height_mm: f64) -> ImagePoint {
-        let lift = height_mm / self.lens.z;
-        let floor = Vector2::new(
-            (point.x_mm - self.lens.x * lift) / (1.0 - lift),
-            (point.y_mm - self.lens.y * lift) / (1.0 - lift),
-        );
-        let undistorted = project(&self.image_from_floor, floor);
-        let distorted = self.distort(undistorted);
-        ImagePoint::new(distorted.x, distorted.y)
+        let seen = self.lens.image_from_ray(&self.ray_from_field(point, height_mm));
+        ImagePoint::new(seen.x, seen.y)
     }
 
-    /// Where on the field a point lies that appears at `point` and is `height_mm` above the floor.
+    /// Where on the field a point lies that appears at `point` and is `height_mm` above the floor. What is above the
+    /// horizon lies very far away in its direction.
     pub fn field_from_image(&self, point: ImagePoint, height_mm: f64) -> FieldPoint {
         let [place] = self.fields_from_image([point], height_mm);
         place
@@ -207,15 +203,32 @@ impl CameraModel {
         points: [ImagePoint; N],
         height_mm: f64,
     ) -> [FieldPoint; N] {
-        let undistorted = self.undistort(points.map(|point| Vector2::new(point.x_px, point.y_px)));
-        let lift = height_mm / self.lens.z;
-        undistorted.map(|undistorted| {
-            let floor = project(&self.floor_from_image, undistorted);
+        let pixels = points.map(|point| Vector2::new(point.x_px, point.y_px));
+        let lift = height_mm / self.position.z;
+        self.lens.rays_from_image(pixels).map(|ray| {
+            let floor = self.floor_from_ray * ray;
+            let floor = floor.xy() / floor.z.max(self.horizon);
             FieldPoint::new(
-                floor.x + (self.lens.x - floor.x) * lift,
-                floor.y + (self.lens.y - floor.y) * lift,
+                floor.x + (self.position.x - floor.x) * lift,
+                floor.y + (self.position.y - floor.y) * lift,
             )
         })
+    }
+
+    /// Whether the lens' numbers say anything of how a point is seen: further out its polynomial would turn back,
+    /// and is replaced by a straight line.
+    pub fn is_within_lens(&self, point: FieldPoint, height_mm: f64) -> bool {
+        self.lens.reaches(&self.ray_from_field(point, height_mm))
+    }
+
+    fn ray_from_field(&self, point: FieldPoint, height_mm: f64) -> Vector3<f64> {
+        let lift = height_mm / self.position.z;
+        let floor = Vector3::new(
+            (point.x_mm - self.position.x * lift) / (1.0 - lift),
+            (point.y_mm - self.position.y * lift) / (1.0 - lift),
+            1.0,
+        );
+        self.ray_from_floor * floor
     }
 
     /// Square millimetres of a plane `height_mm` above the floor that one pixel at `point` covers.
@@ -227,67 +240,6 @@ impl CameraModel {
         let along = (down.x_mm - up.x_mm, down.y_mm - up.y_mm);
         (across.0 * along.1 - across.1 * along.0).abs()
     }
-
-    fn distort(&self, undistorted: Vector2<f64>) -> Vector2<f64> {
-        let offset = undistorted - self.center;
-        let r2 = offset.norm_squared() / (self.half_diagonal * self.half_diagonal);
-        self.center + offset * (1.0 + r2 * (self.k1 + r2 * self.k2))
-    }
-
-    /// Inverts [`distort`](Self::distort) by Newton's method on the radius, which is monotonic
-    /// within the picture ([`check_distortion`](Self::check_distortion)). Points take their steps
-    /// side by side: what takes time is waiting for one division after the other.
-    fn undistort<const N: usize>(&self, distorted: [Vector2<f64>; N]) -> [Vector2<f64>; N] {
-        let mut target = [0.0; N];
-        for (target, distorted) in target.iter_mut().zip(&distorted) {
-            *target = (distorted - self.center).norm() / self.half_diagonal;
-        }
-        let mut radius = target;
-        let mut is_moving = [true; N];
-        for _ in 0..20 {
-            for ((r, target), is_moving) in radius.iter_mut().zip(&target).zip(&mut is_moving) {
-                let r2 = *r * *r;
-                let error = *r * (1.0 + r2 * (self.k1 + r2 * self.k2)) - target;
-                let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
-                let step = error / slope;
-                // Outside the picture the polynomial may turn back; stay where it is.
-                *is_moving &= slope > MIN_DISTORTION_SLOPE;
-                *r = if *is_moving { *r - step } else { *r };
-                // Of half a diagonal; the next step would be of the square of this one.
-                *is_moving &= step.abs() >= 1e-7;
-            }
-            if !is_moving.contains(&true) {
-                break;
-            }
-        }
-        let mut undistorted = distorted;
-        for ((point, r), target) in undistorted.iter_mut().zip(radius).zip(target) {
-            // In the centre there is no direction.
-            if target < 1e-12 {
-                continue;
-            }
-            *point = self.center + (*point - self.center) * (r / target);
-        }
-        undistorted
-    }
-
-    fn check_distortion(&self) -> Result<(), GeometryError> {
-        // A little beyond the corners, for an optical centre that is off the middle.
-        for step in 1..=125 {
-            let radius = f64::from(step) / 100.0;
-            let r2 = radius * radius;
-            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
-            if slope.is_nan() || slope <= MIN_DISTORTION_SLOPE {
-                return Err(GeometryError::Distortion { k1: self.k1, k2: self.k2, radius });
-            }
-        }
-        Ok(())
-    }
-}
-
-fn project(homography: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
-    let projected = homography * Vector3::new(point.x, point.y, 1.0);
-    Vector2::new(projected.x / projected.z, projected.y / projected.z)
 }
 
 /// The homography that takes field points to image points, by the normalised direct linear

@@ -29,6 +29,7 @@ pub mod handover;
 pub mod instance;
 pub mod interface;
 pub mod layout;
+mod lens;
 pub mod memory;
 pub mod memory_rank;
 pub mod messages;

@@ -84,6 +84,19 @@ pub fn read_picture(path: &Path) -> Result<DynamicImage, CameraError> {
 /// picture is put behind the configured colour filter array; an 8-bit grey picture is taken to be
 /// raw Bayer data already.
 pub fn load_bayer(path: &Path, camera: &CameraConfig) -> Result<Vec<u8>, CameraError> {
+    load_picture(path, camera).map(|picture| picture.bayer)
+}
+
+/// A Bayer frame from a file.
+pub struct Picture {
+    /// Its pixels, rows without padding.
+    pub bayer: Vec<u8>,
+    /// Whether the file was grey and taken to be raw.
+    pub is_raw: bool,
+}
+
+/// The same, and how it was taken.
+pub fn load_picture(path: &Path, camera: &CameraConfig) -> Result<Picture, CameraError> {
     let picture = read_picture(path)?;
     let (width, height) = (picture.width(), picture.height());
     if (width, height) != (camera.width, camera.height) {
@@ -95,11 +108,11 @@ pub fn load_bayer(path: &Path, camera: &CameraConfig) -> Result<Vec<u8>, CameraE
         return Err(CameraError::Picture { path: path.display().to_string(), problem });
     }
     match picture {
-        DynamicImage::ImageLuma8(raw) => Ok(raw.into_raw()),
+        DynamicImage::ImageLuma8(raw) => Ok(Picture { bayer: raw.into_raw(), is_raw: true }),
         other => {
-            let mut frame = vec![0; width as usize * height as usize];
-            mosaic(&other.into_rgb8(), width as usize, camera.bayer_order, &mut frame);
-            Ok(frame)
+            let mut bayer = vec![0; width as usize * height as usize];
+            mosaic(&other.into_rgb8(), width as usize, camera.bayer_order, &mut bayer);
+            Ok(Picture { bayer, is_raw: false })
         }
     }
 }

@@ -13,9 +13,13 @@ pub struct CalibrateArgs {
     /// each point
     #[arg(long, value_name = "PLACE=X,Y", allow_hyphen_values = true)]
     pub at: Vec<String>,
-    /// The picture the points were marked in
+    /// The picture the points were marked in; the pitch's lines are looked for in it, near where the
+    /// points predict them, and the calibration is refined on them
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
+    /// Do not look for lines: the points alone count
+    #[arg(long)]
+    pub marks_only: bool,
     /// Configuration with the pitch's size; all but its geometry is kept
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -46,4 +50,5 @@ Examples:
       the least there is; prints a [geometry] to put into the configuration
   touchline calibrate --points points.toml --config match.toml -o calibrated.toml \\
       --picture pitch.png --overlay check.png
-      the pitch is drawn over the picture: do the lines lie on each other?";
+      four rough clicks are enough where the pitch has lines: these are found in the picture. The
+      pitch is drawn over it: do the lines lie on each other?";

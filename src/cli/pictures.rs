@@ -62,7 +62,8 @@ pub struct ScoreArgs {
     /// Files of labels (JSON); the pictures are looked for beside them
     #[arg(required_unless_present = "synthetic", value_name = "LABELS")]
     pub labels: Vec<PathBuf>,
-    /// Play the list of synthetic scenes instead: light, lamps, glare, noise, blur, crowds
+    /// Play the list of synthetic scenes instead: light, lamps, glare, noise, blur, a fisheye,
+    /// crowds
     #[arg(long, conflicts_with = "labels")]
     pub synthetic: bool,
     /// Only synthetic scenes whose names contain one of these, separated by commas

@@ -1,17 +1,26 @@
 //! The fit itself: which numbers are free, and what they are.
 
 use super::least_squares::{Minimum, minimise};
-use super::{KnownLens, LensSource, Mark};
-use crate::config::{DistortionConfig, GeometryConfig, PointPair};
+use super::physical::{self, LensForm, Physical, QuickCamera};
+use super::{EdgeMark, KnownLens, LensSource, Mark};
+use crate::config::{DistortionConfig, DistortionModel, FieldConfig, PointPair};
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, homography};
+use crate::lens::Lens;
 use nalgebra::{DVector, Matrix3, Vector2, Vector3};
 
 /// Points to fit a camera to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Task<'a> {
     pub marks: &'a [Mark],
+    /// What a mark's distance counts, beside an edge's.
+    pub mark_weight: f64,
+    /// Places of lines of the pitch that were found in the picture.
+    pub edges: &'a [EdgeMark],
     pub known_lens: KnownLens,
+    pub field: &'a FieldConfig,
     pub picture_px: [u32; 2],
+    /// Whether the picture is known to show the pitch as in a mirror.
+    pub is_mirrored: bool,
     /// Parameters of distortion that may be fitted at most.
     pub max_distortion: usize,
 }
@@ -26,11 +35,20 @@ pub(super) struct Fitted {
     pub lens_sigma_mm: [f64; 3],
     pub surplus: usize,
     pub distortion_parameters: usize,
+    /// Whether pixels were taken to be square.
+    pub is_physical: bool,
+    /// Of the distances of the points.
     sum_of_squares: f64,
+    /// Variance of a marked coordinate, going by what is left.
+    variance_px2: f64,
+    /// Akaike's information criterion, corrected for few data: the least is the likeliest.
+    criterion: f64,
 }
 
-/// Parameters of distortion: k1, k2 and the centre.
-pub(super) const MAX_DISTORTION: usize = 4;
+/// Parameters of a polynomial: k1, k2 and the centre.
+pub(super) const POLYNOMIAL: usize = 4;
+/// Parameters of distortion of a lens of which all may be free: those, and a focal length.
+pub(super) const MAX_DISTORTION: usize = 5;
 
 /// The numbers of a camera, scaled to order one: the homography from the floor to the undistorted
 /// picture, both normalised; the lens in units of the floor's scale; k1, k2 and the distortion's
@@ -38,18 +56,18 @@ pub(super) const MAX_DISTORTION: usize = 4;
 #[derive(Debug, Clone, Copy)]
 struct Numbers([f64; COUNT]);
 
-const COUNT: usize = HOMOGRAPHY + 3 + MAX_DISTORTION;
+const COUNT: usize = HOMOGRAPHY + 3 + POLYNOMIAL;
 const HOMOGRAPHY: usize = 8;
 const LENS: usize = HOMOGRAPHY;
 const DISTORTION: usize = LENS + 3;
 
 /// Points of the floor and pixels, moved and scaled to order one.
 #[derive(Debug, Clone, Copy)]
-struct Scales {
-    field_center_mm: Vector2<f64>,
-    field_scale_mm: f64,
-    image_center_px: Vector2<f64>,
-    half_diagonal_px: f64,
+pub(super) struct Scales {
+    pub field_center_mm: Vector2<f64>,
+    pub field_scale_mm: f64,
+    pub image_center_px: Vector2<f64>,
+    pub half_diagonal_px: f64,
 }
 
 /// A point further than this from the height most points have is raised.
@@ -60,10 +78,58 @@ const MARKING_SIGMA_PX: f64 = 0.2;
 const MAX_LENS_SIGMA: f64 = 0.25;
 /// Without this error left there is no distortion to look for.
 const NEGLIGIBLE_RMS_PX: f64 = 0.01;
+/// Differences much smaller than this tell no camera from another.
+const TELLING_SIGMA_PX: f64 = 0.03;
+/// With this error left there is more to look for, even if the points are too few to show it.
+const TOO_LARGE_RMS_PX: f64 = 1.0;
+/// A ray through which a point is marked must have at least this third coordinate.
+const LEAST_DEPTH: f64 = 0.1;
+/// Lenses to begin with where a straight one does not lead to the right one: k1.
+const BARRELS: [f64; 6] = [0.1, -0.06, -0.12, -0.18, -0.24, -0.3];
+/// A lens that moves points by a larger share than this is a wide one, of which more can be expected than of others.
+const STRONG_BENDING: f64 = 0.08;
+/// What a number costs that could be anything and is found to be something: twice the logarithm of how much closer it is
+/// known then.
+const FREEDOM: f64 = 6.0;
+/// Numbers of a homography with a lens beside it that a physical camera has not: the two of a pixel's shape.
+const NOT_PHYSICAL: usize = 2;
+/// A physical camera has at least seven free numbers, of which points of one height leave one open.
+const LEAST_PHYSICAL_EQUATIONS: usize = 10;
 
 impl Task<'_> {
-    /// The camera with as many free numbers as the points can tell.
+    /// The camera with as many free numbers as the points can tell: a homography with an ordinary lens beside it, or,
+    /// where the picture is bent, whichever camera is the likeliest.
     pub fn best_fit(&self) -> Result<Fitted, GeometryError> {
+        let free = self.best_free_fit();
+        let is_bent = free.as_ref().map_or(true, |fit| {
+            self.bending(&fit.distortion) > STRONG_BENDING
+                || fit.rms_px(self.marks.len()) > TOO_LARGE_RMS_PX
+        });
+        if !is_bent
+            || self.max_distortion < MAX_DISTORTION
+            || self.equations() < LEAST_PHYSICAL_EQUATIONS
+        {
+            return free;
+        }
+        let cameras = LensForm::all().filter_map(|form| self.physical_fit(&form));
+        let all = free.clone().into_iter().chain(cameras);
+        all.min_by(|a, b| a.criterion.total_cmp(&b.criterion)).map_or(free, Ok)
+    }
+
+    /// By which share the lens moves the mark that it moves most.
+    fn bending(&self, distortion: &DistortionConfig) -> f64 {
+        let lens = Lens::new(distortion, self.picture_px);
+        let center = Vector2::from(distortion.center_px);
+        let bending = self.marks.iter().map(|mark| {
+            let pixel = Vector2::from(mark.image_px);
+            let [ray] = lens.rays_from_image([pixel]);
+            let (ideal, seen) = ((ray.xy() / ray.z - center).norm(), (pixel - center).norm());
+            (ideal / seen.max(1.0) - 1.0).abs()
+        });
+        bending.fold(0.0, f64::max)
+    }
+
+    fn best_free_fit(&self) -> Result<Fitted, GeometryError> {
         self.best_fit_of(self.lens_freedom()).or_else(|error| match self.known_lens {
             // Raised points that tell nothing of the lens: all in a line below it, say.
             KnownLens::Guess(_) if self.lens_freedom() == [true; 3] => self.best_fit_of([false; 3]),
@@ -71,30 +137,121 @@ impl Task<'_> {
         })
     }
 
-    /// About how well the points fit at best, root mean square: a quick look.
-    pub fn rough_rms_px(&self) -> f64 {
-        let Ok(start) = self.start() else { return f64::INFINITY };
+    fn physical_fit(&self, form: &LensForm) -> Option<Fitted> {
+        let is_told = !matches!(self.known_lens, KnownLens::Guess(_)) || self.raised() >= 2;
+        if form.model == DistortionModel::Polynomial && !is_told {
+            // Its focal length and its height cannot be told apart.
+            return None;
+        }
+        let camera = physical::fit(self, form).ok()?;
+        let model = camera.model(form, self).ok()?;
         let scales = self.scales();
-        let squares = self.marks.iter().map(|mark| {
-            (start.image(&scales, mark.field_mm) - Vector2::from(mark.image_px)).norm_squared()
-        });
-        (squares.sum::<f64>() / self.marks.len() as f64).sqrt()
+        let distortion = camera.distortion(form, &scales);
+        if !self.is_usable(&model, &distortion) {
+            return None;
+        }
+        let Physical { minimum, expectations, distortion_parameters, lens_columns, .. } = &camera;
+        let lens_source = match self.known_lens {
+            KnownLens::Guess(_) if self.raised() >= 2 => LensSource::Points,
+            KnownLens::Guess(_) => LensSource::Perspective,
+            KnownLens::HeightMm(_) if self.raised() >= 1 => LensSource::HeightAndPoints,
+            KnownLens::HeightMm(_) => LensSource::HeightAndPerspective,
+            KnownLens::Position(_) => LensSource::Given,
+        };
+        let evidence =
+            Evidence { minimum, expectations: *expectations, equations: self.equations() };
+        let sigma = evidence.variance_px2().sqrt().max(MARKING_SIGMA_PX) * scales.field_scale_mm;
+        let covariance = minimum.covariance.as_ref()?;
+        let lens_sigma_mm = lens_columns
+            .map(|column| column.map_or(0.0, |column| sigma * covariance[(column, column)].sqrt()));
+        if lens_sigma_mm[2] > MAX_LENS_SIGMA * camera.lens_mm(&scales).z {
+            return None;
+        }
+        Some(Fitted {
+            sum_of_squares: self.sum_of_squares(&model),
+            model,
+            lens_mm: camera.lens_mm(&scales).into(),
+            distortion,
+            lens_source,
+            lens_sigma_mm,
+            surplus: evidence.surplus(),
+            distortion_parameters: *distortion_parameters,
+            variance_px2: evidence.variance_px2(),
+            criterion: evidence.criterion() + camera.occam,
+            is_physical: true,
+        })
+    }
+
+    /// Equations of points and edges.
+    pub fn equations(&self) -> usize {
+        2 * self.marks.len() + self.edges.len()
+    }
+
+    /// How far from where a camera sees them points were marked and edges found.
+    pub fn errors(&self, camera: &QuickCamera) -> Vec<f64> {
+        let mut errors = Vec::with_capacity(self.equations());
+        for mark in self.marks {
+            let error = camera.image(mark.field_mm) - Vector2::from(mark.image_px);
+            errors.extend([error.x, error.y].map(|error| self.mark_weight * error));
+        }
+        for edge in self.edges {
+            let [x, y] = edge.field_mm;
+            let error = camera.image([x, y, 0.0]) - Vector2::from(edge.image_px);
+            errors.push(error.dot(&Vector2::from(edge.normal)));
+        }
+        errors
+    }
+
+    fn sum_of_squares(&self, model: &CameraModel) -> f64 {
+        let square = |mark: &Mark| {
+            let [x, y, height] = mark.field_mm;
+            let seen = model.image_from_field(FieldPoint::new(x, y), height);
+            (seen.x_px - mark.image_px[0]).powi(2) + (seen.y_px - mark.image_px[1]).powi(2)
+        };
+        self.marks.iter().map(square).sum()
+    }
+
+    /// About how well the points fit at best, root mean square: a quick look through a straight lens and a few bent ones.
+    pub fn rough_rms_px(&self) -> [f64; 2] {
+        [self.start(), self.bent_start()]
+            .map(|start| start.map_or(f64::INFINITY, |start| self.rms_px(&start)))
+    }
+
+    fn rms_px(&self, numbers: &Numbers) -> f64 {
+        let errors = self.errors(&numbers.through(&self.scales(), self.picture_px));
+        let squares = errors.iter().map(|error| error * error).sum::<f64>();
+        (2.0 * squares / self.equations() as f64).sqrt()
     }
 
     fn best_fit_of(&self, lens: [bool; 3]) -> Result<Fitted, GeometryError> {
         let start = self.start()?;
         let mut best = self.fit_from(start, start, lens, 0);
+        let mut bent = None;
         for parameters in [1, 2, 4].into_iter().filter(|&count| count <= self.max_distortion) {
             let from = best.as_ref().map_or(start, |&(numbers, _)| numbers);
-            let Ok((numbers, minimum)) = self.fit_from(from, start, lens, parameters) else {
-                break;
+            let straight = self.fit_from(from, start, lens, parameters);
+            let is_good =
+                |(numbers, _): &(Numbers, Minimum)| self.rms_px(numbers) < TOO_LARGE_RMS_PX;
+            let fit = if straight.as_ref().is_ok_and(is_good) {
+                straight
+            } else {
+                // A strongly bent lens is not found from a straight one.
+                let bent = bent.get_or_insert_with(|| self.bent_start()).clone();
+                better(straight, bent.and_then(|bent| self.fit_from(bent, bent, lens, parameters)))
             };
+            let Ok((numbers, minimum)) = fit else { break };
             let is_better = best.as_ref().map_or(true, |(_, few)| self.is_worth_it(few, &minimum));
-            if !is_better || !self.is_usable(&numbers) {
+            let is_usable = numbers
+                .model(&self.scales(), self.picture_px, self.marks)
+                .is_ok_and(|model| self.is_usable(&model, &numbers.distortion(&self.scales())));
+            if is_better && is_usable {
+                best = Ok((numbers, minimum));
+            } else if parameters > 1
+                && best.as_ref().is_ok_and(|(numbers, _)| self.rms_px(numbers) < TOO_LARGE_RMS_PX)
+            {
                 // One more number may need the next to show its worth, but not the centre.
-                if parameters == 1 { continue } else { break }
+                break;
             }
-            best = Ok((numbers, minimum));
         }
         self.finished(best?, lens)
     }
@@ -111,10 +268,7 @@ impl Task<'_> {
     ) -> Result<(Numbers, Minimum), GeometryError> {
         let held = self.fit(start, [false; 3], distortion);
         let held = held.and_then(|(numbers, _)| self.fit(numbers, lens, distortion));
-        match (self.fit(given, lens, distortion), held) {
-            (Ok(a), Ok(b)) => Ok(if a.1.sum_of_squares <= b.1.sum_of_squares { a } else { b }),
-            (a, b) => a.or(b),
-        }
+        better(self.fit(given, lens, distortion), held)
     }
 
     /// Which coordinates of the lens the points may decide.
@@ -141,7 +295,7 @@ impl Task<'_> {
         self.marks.len() - level
     }
 
-    fn scales(&self) -> Scales {
+    pub fn scales(&self) -> Scales {
         let count = self.marks.len() as f64;
         let places =
             || self.marks.iter().map(|mark| Vector2::new(mark.field_mm[0], mark.field_mm[1]));
@@ -159,6 +313,39 @@ impl Task<'_> {
     /// The homography that the direct linear transform gives, with the lens where it is thought to
     /// be, and no distortion.
     fn start(&self) -> Result<Numbers, GeometryError> {
+        self.start_with(0.0)
+    }
+
+    /// The same with the barrel distortion of a few with which the points fit best.
+    fn bent_start(&self) -> Result<Numbers, GeometryError> {
+        let starts = BARRELS.into_iter().filter_map(|k1| self.start_with(k1).ok());
+        let rated = starts.map(|start| (self.rms_px(&start), start));
+        let best = rated.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, start)| start).ok_or(GeometryError::Degenerate)
+    }
+
+    fn start_with(&self, k1: f64) -> Result<Numbers, GeometryError> {
+        let scales = self.scales();
+        let mut numbers = Numbers([0.0; COUNT]);
+        numbers.0[DISTORTION] = k1;
+        let (homography, lens) = self.homography_through(&numbers.distortion(&scales))?;
+        Ok(Numbers::new(&scales, &homography, lens, k1))
+    }
+
+    /// The homography from the floor to the rays of such a lens, and where the lens is thought to be then.
+    pub fn homography_through(
+        &self,
+        distortion: &DistortionConfig,
+    ) -> Result<(Matrix3<f64>, Vector3<f64>), GeometryError> {
+        let distorting = Lens::new(distortion, self.picture_px);
+        let ray = |mark: &Mark| {
+            let pixel = Vector2::from(mark.image_px);
+            let [ray] = distorting.rays_from_image([pixel]);
+            let is_seen = ray.z > LEAST_DEPTH && distorting.reaches_pixel(pixel);
+            is_seen.then(|| [ray.x / ray.z, ray.y / ray.z])
+        };
+        let rays = self.marks.iter().map(ray).collect::<Option<Vec<_>>>();
+        let rays = rays.ok_or(GeometryError::Degenerate)?;
         let scales = self.scales();
         let mut lens = match self.known_lens {
             KnownLens::Guess(lens) | KnownLens::Position(lens) => Vector3::from(lens),
@@ -166,28 +353,28 @@ impl Task<'_> {
                 Vector3::new(scales.field_center_mm.x, scales.field_center_mm.y, height)
             }
         };
-        let mut homography = homography(&self.shadows(lens))?;
+        let mut homography = homography(&self.shadows(lens, &rays))?;
         if let KnownLens::HeightMm(height) = self.known_lens {
             // Where the lens is depends a little on the homography, and the other way round.
             for _ in 0..3 {
                 if let Some([x, y]) = lens_above(&homography, scales.image_center_px, height) {
                     lens = Vector3::new(x, y, height);
-                    homography = self::homography(&self.shadows(lens))?;
+                    homography = self::homography(&self.shadows(lens, &rays))?;
                 }
             }
         }
-        Ok(Numbers::new(&scales, &homography, lens))
+        Ok((homography, lens))
     }
 
-    /// Where the marked points are seen against the floor.
-    fn shadows(&self, lens: Vector3<f64>) -> Vec<PointPair> {
-        let shadow = |mark: &Mark| {
+    /// Where the marked points are seen against the floor, with their rays.
+    fn shadows(&self, lens: Vector3<f64>, rays: &[[f64; 2]]) -> Vec<PointPair> {
+        let shadow = |(mark, &image_px): (&Mark, &[f64; 2])| {
             let [x, y, height] = mark.field_mm;
             let lift = height / lens.z;
             let field_mm = [(x - lens.x * lift) / (1.0 - lift), (y - lens.y * lift) / (1.0 - lift)];
-            PointPair { field_mm, image_px: mark.image_px }
+            PointPair { field_mm, image_px }
         };
-        self.marks.iter().map(shadow).collect()
+        self.marks.iter().zip(rays).map(shadow).collect()
     }
 
     /// The least sum of squares over the homography, the free coordinates of the lens, and so many
@@ -205,7 +392,7 @@ impl Task<'_> {
             _ => true,
         };
         let free: Vec<usize> = (0..COUNT).filter(|&index| is_free(index)).collect();
-        if free.len() > 2 * self.marks.len() {
+        if free.len() > self.equations() {
             return Err(GeometryError::Degenerate);
         }
         let with = |values: &DVector<f64>| {
@@ -214,12 +401,8 @@ impl Task<'_> {
             numbers
         };
         let residuals = |values: &DVector<f64>| {
-            let numbers = with(values);
-            let errors = self.marks.iter().flat_map(|mark| {
-                let seen = numbers.image(&scales, mark.field_mm);
-                [seen.x - mark.image_px[0], seen.y - mark.image_px[1]]
-            });
-            DVector::from_iterator(2 * self.marks.len(), errors)
+            let camera = with(values).through(&scales, self.picture_px);
+            DVector::from_vec(self.errors(&camera))
         };
         let start = DVector::from_iterator(free.len(), free.iter().map(|&index| start.0[index]));
         let minimum = minimise(start, residuals).ok_or(GeometryError::Degenerate)?;
@@ -230,13 +413,13 @@ impl Task<'_> {
     }
 
     fn surplus(&self, minimum: &Minimum) -> usize {
-        2 * self.marks.len() - minimum.parameters.len()
+        self.equations() - minimum.parameters.len()
     }
 
     /// Whether more numbers fit better by more than chance has it: an F test at about 1 %.
     fn is_worth_it(&self, few: &Minimum, many: &Minimum) -> bool {
         let surplus = self.surplus(many) as f64;
-        let rms = (few.sum_of_squares / self.marks.len() as f64).sqrt();
+        let rms = (2.0 * few.sum_of_squares / self.equations() as f64).sqrt();
         if surplus < 3.0 || rms < NEGLIGIBLE_RMS_PX {
             return false;
         }
@@ -247,16 +430,21 @@ impl Task<'_> {
         gain > threshold * many.sum_of_squares / surplus
     }
 
-    /// Whether the lens folds nothing over that is to be seen.
-    fn is_usable(&self, numbers: &Numbers) -> bool {
+    /// Whether the lens turns back nowhere on the pitch that is to be seen.
+    fn is_usable(&self, model: &CameraModel, distortion: &DistortionConfig) -> bool {
         let scales = self.scales();
-        let (distortion, [width, height]) = (numbers.distortion(&scales), self.picture_px);
-        let model = numbers.model(&scales, self.picture_px);
         let reach = 1.0
             + (Vector2::from(distortion.center_px) - scales.image_center_px).norm()
                 / scales.half_diagonal_px;
-        let geometry = GeometryConfig { distortion, ..GeometryConfig::default() };
-        reach < 1.5 && model.is_ok() && CameraModel::new(&geometry, width, height).is_ok()
+        let marks = self.marks.iter().map(|mark| mark.field_mm);
+        let outline = super::outline(self.field).map(|[x, y]| [x, y, 0.0]);
+        let outline = outline.filter(|&[x, y, _]| {
+            let seen = model.image_from_field(FieldPoint::new(x, y), 0.0);
+            let [width, height] = self.picture_px.map(f64::from);
+            (0.0..width).contains(&seen.x_px) && (0.0..height).contains(&seen.y_px)
+        });
+        let is_within = |[x, y, z]: [f64; 3]| model.is_within_lens(FieldPoint::new(x, y), z);
+        reach < 1.5 && marks.chain(outline).all(is_within)
     }
 
     fn finished(
@@ -265,9 +453,8 @@ impl Task<'_> {
         free: [bool; 3],
     ) -> Result<Fitted, GeometryError> {
         let scales = self.scales();
-        let surplus = self.surplus(&minimum);
-        let variance = if surplus == 0 { 0.0 } else { minimum.sum_of_squares / surplus as f64 };
-        let sigma = variance.sqrt().max(MARKING_SIGMA_PX) * scales.field_scale_mm;
+        let evidence = Evidence { minimum: &minimum, expectations: 0, equations: self.equations() };
+        let sigma = evidence.variance_px2().sqrt().max(MARKING_SIGMA_PX) * scales.field_scale_mm;
         let lens = numbers.lens_mm(&scales);
         let mut lens_sigma_mm = [0.0; 3];
         let mut column = HOMOGRAPHY;
@@ -290,16 +477,21 @@ impl Task<'_> {
             (KnownLens::HeightMm(_), _) => LensSource::HeightAndPerspective,
             (KnownLens::Position(_), _) => LensSource::Given,
         };
+        let model = numbers.model(&scales, self.picture_px, self.marks)?;
         let fixed = HOMOGRAPHY + free.iter().filter(|&&free| free).count();
         Ok(Fitted {
-            model: numbers.model(&scales, self.picture_px)?,
             lens_mm: lens.into(),
             distortion: numbers.distortion(&scales),
             lens_source,
             lens_sigma_mm,
-            surplus,
+            surplus: evidence.surplus(),
             distortion_parameters: minimum.parameters.len() - fixed,
-            sum_of_squares: minimum.sum_of_squares,
+            sum_of_squares: self.sum_of_squares(&model),
+            model,
+            variance_px2: evidence.variance_px2(),
+            criterion: evidence.criterion()
+                + FREEDOM * (NOT_PHYSICAL + minimum.parameters.len() - fixed) as f64,
+            is_physical: false,
         })
     }
 }
@@ -313,12 +505,57 @@ impl Fitted {
     /// What the variance of a marked coordinate must be, going by what is left; `None` if nothing
     /// could have been left.
     pub fn variance_px2(&self) -> Option<f64> {
-        (self.surplus > 0).then(|| self.sum_of_squares / self.surplus as f64)
+        (self.surplus > 0).then_some(self.variance_px2)
+    }
+}
+
+/// The better one of two fits.
+fn better(
+    a: Result<(Numbers, Minimum), GeometryError>,
+    b: Result<(Numbers, Minimum), GeometryError>,
+) -> Result<(Numbers, Minimum), GeometryError> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok(if a.1.sum_of_squares <= b.1.sum_of_squares { a } else { b }),
+        (a, b) => a.or(b),
+    }
+}
+
+/// What a minimum says about the camera that was fitted.
+struct Evidence<'a> {
+    minimum: &'a Minimum,
+    /// Equations beside those of the points.
+    expectations: usize,
+    equations: usize,
+}
+
+impl Evidence<'_> {
+    fn surplus(&self) -> usize {
+        self.equations + self.expectations - self.minimum.parameters.len()
+    }
+
+    fn variance_px2(&self) -> f64 {
+        match self.surplus() {
+            0 => 0.0,
+            surplus => self.minimum.sum_of_squares / surplus as f64,
+        }
+    }
+
+    /// Hurvich & Tsai, Regression and time series model selection in small samples, 1989. A number of which something is
+    /// expected is not free.
+    fn criterion(&self) -> f64 {
+        let count = self.equations as f64;
+        let free = self.minimum.parameters.len() as f64 - self.expectations as f64;
+        let left = count - free - 1.0;
+        if left <= 0.0 {
+            return f64::INFINITY;
+        }
+        let variance = self.minimum.sum_of_squares / count + TELLING_SIGMA_PX * TELLING_SIGMA_PX;
+        count * variance.ln() + 2.0 * free + 2.0 * free * (free + 1.0) / left
     }
 }
 
 impl Numbers {
-    fn new(scales: &Scales, image_from_floor: &Matrix3<f64>, lens: Vector3<f64>) -> Self {
+    fn new(scales: &Scales, image_from_floor: &Matrix3<f64>, lens: Vector3<f64>, k1: f64) -> Self {
         let normal = scales.normal_from_image() * image_from_floor * scales.floor_from_normal();
         let normal = normal / normal[(2, 2)];
         let mut numbers = [0.0; COUNT];
@@ -331,30 +568,13 @@ impl Numbers {
             offset.y,
             lens.z / scales.field_scale_mm,
         ]);
+        numbers[DISTORTION] = k1;
         Self(numbers)
     }
 
     fn homography(&self) -> Matrix3<f64> {
         let h = &self.0;
         Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0)
-    }
-
-    /// Where a point of the pitch is seen. The same as [`CameraModel::image_from_field`], without
-    /// inverting anything.
-    fn image(&self, scales: &Scales, field_mm: [f64; 3]) -> Vector2<f64> {
-        let place = (Vector2::new(field_mm[0], field_mm[1]) - scales.field_center_mm)
-            / scales.field_scale_mm;
-        let [x, y, z] = [self.0[LENS], self.0[LENS + 1], self.0[LENS + 2]];
-        let lift = field_mm[2] / scales.field_scale_mm / z;
-        let shadow = (place - Vector2::new(x, y) * lift) / (1.0 - lift);
-        let projected = self.homography() * shadow.push(1.0);
-        let undistorted = projected.xy() / projected.z;
-        let [k1, k2, center_x, center_y] = [0, 1, 2, 3].map(|index| self.0[DISTORTION + index]);
-        let center = Vector2::new(center_x, center_y);
-        let offset = undistorted - center;
-        let r2 = offset.norm_squared();
-        let distorted = center + offset * (1.0 + r2 * (k1 + r2 * k2));
-        scales.image_center_px + distorted * scales.half_diagonal_px
     }
 
     fn lens_mm(&self, scales: &Scales) -> Vector3<f64> {
@@ -365,36 +585,63 @@ impl Numbers {
     fn distortion(&self, scales: &Scales) -> DistortionConfig {
         let [k1, k2, x, y] = [0, 1, 2, 3].map(|index| self.0[DISTORTION + index]);
         let center = scales.image_center_px + Vector2::new(x, y) * scales.half_diagonal_px;
-        DistortionConfig { k1, k2, center_px: center.into() }
+        DistortionConfig {
+            model: DistortionModel::Polynomial,
+            k1,
+            k2,
+            center_px: center.into(),
+            ..DistortionConfig::default()
+        }
     }
 
-    fn model(&self, scales: &Scales, picture_px: [u32; 2]) -> Result<CameraModel, GeometryError> {
-        let image_from_floor =
-            scales.image_from_normal() * self.homography() * scales.normal_from_floor();
-        let lens = self.lens_mm(scales);
+    fn through(&self, scales: &Scales, picture_px: [u32; 2]) -> QuickCamera {
+        QuickCamera {
+            ray_from_floor: self.ray_from_floor(scales),
+            position: self.lens_mm(scales),
+            lens: Lens::new(&self.distortion(scales), picture_px),
+        }
+    }
+
+    fn ray_from_floor(&self, scales: &Scales) -> Matrix3<f64> {
+        scales.image_from_normal() * self.homography() * scales.normal_from_floor()
+    }
+
+    fn model(
+        &self,
+        scales: &Scales,
+        picture_px: [u32; 2],
+        marks: &[Mark],
+    ) -> Result<CameraModel, GeometryError> {
         CameraModel::from_homography(
-            image_from_floor,
-            lens.into(),
-            self.distortion(scales),
+            self.ray_from_floor(scales),
+            self.lens_mm(scales).into(),
+            &self.distortion(scales),
             picture_px,
+            marks.iter().map(|mark| [mark.field_mm[0], mark.field_mm[1]]),
         )
     }
 }
 
 impl Scales {
-    fn normal_from_floor(&self) -> Matrix3<f64> {
+    /// A place of the lens in the floor's scale.
+    pub fn normal_lens(&self, [x, y, z]: [f64; 3]) -> Vector3<f64> {
+        let offset = Vector2::new(x, y) - self.field_center_mm;
+        Vector3::new(offset.x, offset.y, z) / self.field_scale_mm
+    }
+
+    pub fn normal_from_floor(&self) -> Matrix3<f64> {
         to_normal(self.field_center_mm, self.field_scale_mm)
     }
 
-    fn floor_from_normal(&self) -> Matrix3<f64> {
+    pub fn floor_from_normal(&self) -> Matrix3<f64> {
         from_normal(self.field_center_mm, self.field_scale_mm)
     }
 
-    fn normal_from_image(&self) -> Matrix3<f64> {
+    pub fn normal_from_image(&self) -> Matrix3<f64> {
         to_normal(self.image_center_px, self.half_diagonal_px)
     }
 
-    fn image_from_normal(&self) -> Matrix3<f64> {
+    pub fn image_from_normal(&self) -> Matrix3<f64> {
         from_normal(self.image_center_px, self.half_diagonal_px)
     }
 }
@@ -437,15 +684,16 @@ fn lens_above(
     is_that_high.then_some([found.x, found.y])
 }
 
-/// Whether the camera sees every marked point from above: a turn to the left on the floor is one to
-/// the right in a picture's rows and columns.
-pub(super) fn senses(model: &CameraModel, marks: &[Mark]) -> Vec<bool> {
+/// Whether the picture shows each marked point as a camera above the pitch does: a turn to the left on the floor is one
+/// to the right in a picture's rows and columns, unless there is a mirror between.
+pub(super) fn senses(model: &CameraModel, task: &Task) -> Vec<bool> {
     let sense = |mark: &Mark| {
         let [x, y, _] = mark.field_mm;
         let at = |dx: f64, dy: f64| model.image_from_field(FieldPoint::new(x + dx, y + dy), 0.0);
         let (here, along, across) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0));
-        (along.x_px - here.x_px) * (across.y_px - here.y_px)
-            < (along.y_px - here.y_px) * (across.x_px - here.x_px)
+        let turn = (along.x_px - here.x_px) * (across.y_px - here.y_px)
+            - (along.y_px - here.y_px) * (across.x_px - here.x_px);
+        if task.is_mirrored { turn > 0.0 } else { turn < 0.0 }
     };
-    marks.iter().map(sense).collect()
+    task.marks.iter().map(sense).collect()
 }

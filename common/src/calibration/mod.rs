@@ -5,13 +5,14 @@
 //! shape or its picture's middle. A point at a known height tells of the lens, since it appears
 //! where the ray through it meets the floor. Around that comes radial distortion. All of it is fitted
 //! to the marked points at once, by the least sum of squared distances in the picture, with only as
-//! many of the numbers free as the points can tell.
+//! many of the numbers free as the points can tell. A lens too wide for that is taken for a fisheye.
 //!
 //! Everything here is pure: points in, geometry or suspicions out.
 
 mod fit;
 mod landmarks;
 mod least_squares;
+mod physical;
 mod suspects;
 
 use crate::config::PointPair;
@@ -28,6 +29,17 @@ pub struct Mark {
     pub field_mm: [f64; 3],
     /// In the picture; the centre of the top-left pixel is (0, 0).
     pub image_px: Pair,
+}
+
+/// A place on a line of the pitch, and where the line is seen: only across it, since along it all places look alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeMark {
+    /// On the floor.
+    pub field_mm: Pair,
+    /// In the picture.
+    pub image_px: Pair,
+    /// Across the line in the picture, of length 1.
+    pub normal: Pair,
 }
 
 /// What is known of the lens' place before the points are looked at.
@@ -51,6 +63,8 @@ pub enum LensSource {
     /// Height measured, the rest from the perspective of the floor, for square pixels and a lens
     /// over the middle of the picture.
     HeightAndPerspective,
+    /// From the perspective of the floor, which a fisheye of known projection tells.
+    Perspective,
     /// All of it was given.
     Given,
     /// Nobody knows; it is where it was guessed to be.
@@ -73,7 +87,8 @@ pub struct Calibration {
     pub errors_px: Vec<Pair>,
     /// Equations more than unknowns: 0 means that any points would have fitted.
     pub surplus: usize,
-    /// Distortion parameters that were fitted: 0, 1 (k1), 2 (k1, k2) or 4 (and the centre).
+    /// Distortion parameters that were fitted: 0, 1 (k1), 2 (k1, k2), 4 (and the centre), or all 5 of a
+    /// fisheye.
     pub distortion_parameters: usize,
 }
 
@@ -97,6 +112,26 @@ pub enum CalibrationError {
     /// Two points at one place.
     #[error("points {} and {} are the same place on the pitch", .0 + 1, .1 + 1)]
     SamePlace(usize, usize),
+    /// Numbers that make a pitch only in another unit.
+    #[error(
+        "the points' places look like {unit}: with them all within {reach} of the centre, this is not a pitch of \
+         {length_mm} × {width_mm} mm; write millimetres, {example}"
+    )]
+    Unit {
+        /// The likely unit.
+        unit: &'static str,
+        /// The largest number.
+        reach: f64,
+        /// The configured pitch.
+        length_mm: f64,
+        /// The configured pitch.
+        width_mm: f64,
+        /// One of the numbers as it should be.
+        example: String,
+    },
+    /// A height that makes sense in another unit.
+    #[error("the camera hangs {0} mm high: is that metres? Write millimetres, {thousand:.0}", thousand = 1000.0 * .0)]
+    HeightUnit(f64),
     /// A point that the camera looks up to.
     #[error("point {} is {height_mm} mm high, the camera hangs at {camera_mm} mm", point + 1)]
     AboveCamera {
@@ -144,14 +179,57 @@ pub fn calibrate(
     within_px: f64,
 ) -> Result<Calibration, CalibrationError> {
     check(marks, known_lens)?;
+    check_unit(marks, known_lens, field)?;
     let picture_px = [camera.width, camera.height];
-    let task = fit::Task { marks, known_lens, picture_px, max_distortion: fit::MAX_DISTORTION };
+    let task = fit::Task {
+        marks,
+        mark_weight: 1.0,
+        edges: &[],
+        known_lens,
+        field,
+        picture_px,
+        is_mirrored: camera.mirrored,
+        max_distortion: fit::MAX_DISTORTION,
+    };
     let fitted = task.best_fit();
     if let Some(suspicion) = suspects::suspicion(&task, fitted.as_ref().ok(), within_px) {
         return Err(CalibrationError::Suspicious(suspicion));
     }
-    let fitted = fitted?;
-    let (geometry, model) = as_configured(&fitted, marks, field, camera)?;
+    finished(&fitted?, marks, field, camera)
+}
+
+/// Fits a camera to marked points and, much more, to lines of the pitch that were found in the picture.
+pub fn refine(
+    marks: &[Mark],
+    edges: &[EdgeMark],
+    known_lens: KnownLens,
+    field: &FieldConfig,
+    camera: &CameraConfig,
+) -> Result<Calibration, CalibrationError> {
+    check(marks, known_lens)?;
+    let task = fit::Task {
+        marks,
+        mark_weight: MARK_BESIDE_EDGES,
+        edges,
+        known_lens,
+        field,
+        picture_px: [camera.width, camera.height],
+        is_mirrored: camera.mirrored,
+        max_distortion: fit::MAX_DISTORTION,
+    };
+    finished(&task.best_fit()?, marks, field, camera)
+}
+
+/// A mark by hand is so much worse than an edge.
+const MARK_BESIDE_EDGES: f64 = 0.05;
+
+fn finished(
+    fitted: &fit::Fitted,
+    marks: &[Mark],
+    field: &FieldConfig,
+    camera: &CameraConfig,
+) -> Result<Calibration, CalibrationError> {
+    let (geometry, model) = as_configured(fitted, marks, field, camera)?;
     let seen = |mark: &Mark| {
         let [x, y, height] = mark.field_mm;
         model.image_from_field(FieldPoint::new(x, y), height)
@@ -211,6 +289,44 @@ fn check(marks: &[Mark], known_lens: KnownLens) -> Result<(), CalibrationError> 
     Ok(())
 }
 
+/// Metres and centimetres fit as well as millimetres do, and make robots of the wrong size.
+fn check_unit(
+    marks: &[Mark],
+    known_lens: KnownLens,
+    field: &FieldConfig,
+) -> Result<(), CalibrationError> {
+    if let KnownLens::HeightMm(height) | KnownLens::Position([_, _, height]) = known_lens
+        && height < LEAST_HEIGHT_MM
+    {
+        return Err(CalibrationError::HeightUnit(height));
+    }
+    let Some((unit, factor)) =
+        likely_unit(marks.iter().map(|mark| [mark.field_mm[0], mark.field_mm[1]]), field)
+    else {
+        return Ok(());
+    };
+    let numbers = || marks.iter().flat_map(|mark| [mark.field_mm[0], mark.field_mm[1]]);
+    let reach = numbers().fold(0.0f64, |most, number| most.max(number.abs()));
+    let FieldConfig { length_mm, width_mm, .. } = *field;
+    let example = format!("{} instead of {reach}", (reach * factor * 1e3).round() / 1e3);
+    Err(CalibrationError::Unit { unit, reach, length_mm, width_mm, example })
+}
+
+/// No camera hangs as low as this.
+const LEAST_HEIGHT_MM: f64 = 20.0;
+
+/// The unit in which these points would be on the pitch and spread over a good part of it, if it is not
+/// millimetres; and how many millimetres it has.
+pub(crate) fn likely_unit(
+    points: impl Iterator<Item = Pair>,
+    field: &FieldConfig,
+) -> Option<(&'static str, f64)> {
+    let half = (field.length_mm / 2.0).hypot(field.width_mm / 2.0);
+    let reach = points.fold(0.0f64, |most, [x, y]| most.max(x.hypot(y)));
+    let is_likely = |&(_, factor): &(_, f64)| (0.4 * half..1.3 * half).contains(&(reach * factor));
+    [("metres", 1000.0), ("centimetres", 10.0)].into_iter().find(is_likely)
+}
+
 /// The configuration knows the floor by points of it: those at which the fit sees the corners of
 /// the pitch, or, where the lens makes these meaningless, of what is seen.
 fn as_configured(
@@ -220,8 +336,7 @@ fn as_configured(
     camera: &CameraConfig,
 ) -> Result<(GeometryConfig, CameraModel), CalibrationError> {
     let model = &fitted.model;
-    let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
-    let corners = [[-x, y], [x, y], [x, -y], [-x, -y]];
+    let corners = corners(field);
     let (right, bottom) = (f64::from(camera.width) - 1.0, f64::from(camera.height) - 1.0);
     let seen = [[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9]].map(|[along, down]| {
         let floor = model.field_from_image(ImagePoint::new(along * right, down * bottom), 0.0);
@@ -240,7 +355,11 @@ fn as_configured(
             distortion: DistortionConfig {
                 k1: to_millionths(fitted.distortion.k1),
                 k2: to_millionths(fitted.distortion.k2),
+                k3: to_millionths(fitted.distortion.k3),
+                k4: to_millionths(fitted.distortion.k4),
+                focal_px: to_thousandths(fitted.distortion.focal_px),
                 center_px: fitted.distortion.center_px.map(to_thousandths),
+                model: fitted.distortion.model,
             },
         };
         match CameraModel::new(&geometry, camera.width, camera.height) {
@@ -252,6 +371,25 @@ fn as_configured(
         }
     }
     Err(error.into())
+}
+
+/// Corners of the pitch.
+pub(crate) fn corners(field: &FieldConfig) -> [Pair; 4] {
+    let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
+    [[-x, y], [x, y], [x, -y], [-x, -y]]
+}
+
+/// Points around the pitch: its corners, and some on each side.
+pub(crate) fn outline(field: &FieldConfig) -> impl Iterator<Item = Pair> {
+    const STEPS: u32 = 8;
+    let corners = corners(field);
+    (0..4).flat_map(move |side| {
+        let (from, to) = (corners[side], corners[(side + 1) % 4]);
+        (0..STEPS).map(move |step| {
+            let part = f64::from(step) / f64::from(STEPS);
+            [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]))
+        })
+    })
 }
 
 fn to_thousandths(value: f64) -> f64 {
@@ -274,3 +412,5 @@ fn agree(a: &CameraModel, b: &CameraModel, marks: &[Mark]) -> bool {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod wide_tests;

@@ -1,7 +1,7 @@
 //! Which of the marked points is to blame when they do not go together.
 
 use super::Mark;
-use super::fit::{Fitted, Task, senses};
+use super::fit::{self, Fitted, Task, senses};
 use crate::geometry::{CameraModel, FieldPoint};
 use std::fmt;
 
@@ -24,17 +24,33 @@ pub enum Suspicion {
     },
     /// All would fit in a mirror.
     Mirrored,
+    /// All would fit without the mirror that is configured.
+    NotMirrored,
+    /// No lens model fits, and no few points are to blame: what is left bends with the distance from the picture's
+    /// middle. The worst point lies so many pixels off.
+    Lens {
+        /// The point furthest off.
+        worst: usize,
+        /// How far.
+        distance_px: f64,
+    },
     /// They turn part of the pitch inside out.
     InsideOut,
 }
 
 /// Points that are tried as culprits: those furthest off.
-const MOST_TRIED: usize = 12;
+const MOST_TRIED: usize = 16;
 /// A look without distortion and with a guessed lens finds points this many times too far off at
 /// most, if they belong together.
 const ROUGHLY: f64 = 15.0;
+/// A look through lenses of a few strengths finds points this many times too far off at most.
+const NEARLY: f64 = 3.0;
 /// A fit with a variance this many times as large is as good, if it takes fewer numbers.
 const AS_GOOD: f64 = 1.5;
+/// A fit with a variance this many times as large is much better.
+const MUCH_BETTER: f64 = 0.25;
+/// With fewer equations more than unknowns a small variance is chance.
+const LEAST_SURPLUS: usize = 6;
 /// Views that differ by less than this in strangeness are equally likely.
 const EQUALLY_STRANGE: f64 = 0.2;
 
@@ -69,8 +85,20 @@ impl fmt::Display for Suspicion {
                 worst + 1
             ),
             Self::Mirrored => f.write_str(
-                "the points show the pitch as in a mirror: x runs towards the right goal, y to the \
-                 left of x, that is towards the top of an upright picture",
+                "the points show the pitch as in a mirror. If the camera looks through one, or its pictures come \
+                 flipped, write `mirrored = true` under [camera]. Otherwise points have each other's place: x runs \
+                 towards the right goal, y to the left of x, that is towards the top of an upright picture",
+            ),
+            Self::NotMirrored => f.write_str(
+                "the configuration says camera.mirrored = true, but the points show the pitch as a camera sees it \
+                 without a mirror: write `mirrored = false`, or check the points' places",
+            ),
+            Self::Lens { worst, distance_px } => write!(
+                f,
+                "the lens bends the picture more than these points can tell: point {} lies {distance_px:.0} px from \
+                 where the best lens has it, and no few points are to blame; mark more of them, eight or more, also \
+                 between the middle and the edges",
+                worst + 1
             ),
             Self::InsideOut => f.write_str(
                 "the points turn part of the pitch inside out: some of them have each other's place",
@@ -87,16 +115,17 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
         let first: Vec<usize> = (0..task.marks.len().min(MOST_TRIED)).collect();
         return Suspicion::of_swapped(&judge.swapped(task, &first));
     };
-    if judge.is_fine(fitted, task.marks) {
+    if judge.is_fine(fitted, task) {
         return judge.bent_around(task, fitted);
     }
-    let senses = senses(&fitted.model, task.marks);
+    let senses = senses(&fitted.model, task);
     let swapped = judge.swapped(task, &furthest_off(&fitted.model, task.marks));
     if senses.iter().all(|&from_above| !from_above) {
         let in_mirror = strangeness(&fitted.model, task.marks);
         let likelier = swapped.first().filter(|swap| swap.2 < in_mirror + EQUALLY_STRANGE);
         if likelier.is_none() && judge.is_near(fitted, task.marks) {
-            return Some(Suspicion::Mirrored);
+            let is_expected = task.is_mirrored;
+            return Some(if is_expected { Suspicion::NotMirrored } else { Suspicion::Mirrored });
         }
     }
     if let Some(swapped) = Suspicion::of_swapped(&swapped) {
@@ -105,11 +134,18 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
     // A lens that may bend can hide one wrong point behind another.
     let straight = Task { max_distortion: 0, ..*task };
     let off_straight = || judge.off(&straight, &straight.best_fit().ok()?);
-    if let Some((found, _)) = judge.off(task, fitted).or_else(off_straight) {
+    // So can a wide one, which bends even more.
+    let ordinary = Task { max_distortion: fit::POLYNOMIAL.min(task.max_distortion), ..*task };
+    let off_ordinary = || judge.off(&ordinary, &ordinary.best_fit().ok()?);
+    let off_any = || judge.off(task, fitted);
+    if let Some((found, _)) = off_ordinary().or_else(off_any).or_else(off_straight) {
         return Some(found);
     }
     if !judge.is_near(fitted, task.marks) {
         let (worst, distance_px) = worst(&fitted.model, task.marks);
+        if is_bent_around_the_middle(task, &straight) {
+            return Some(Suspicion::Lens { worst, distance_px });
+        }
         return Some(Suspicion::Contradiction { worst, distance_px });
     }
     Some(Suspicion::InsideOut)
@@ -122,6 +158,25 @@ impl Suspicion {
     }
 }
 
+/// Whether what a straight lens leaves over points to or away from the picture's middle, and more the further out:
+/// more than half of it is of that kind, and a lens would leave it.
+fn is_bent_around_the_middle(task: &Task, straight: &Task) -> bool {
+    let Ok(fitted) = straight.best_fit() else { return false };
+    let middle = task.picture_px.map(|size| (f64::from(size) - 1.0) / 2.0);
+    let (mut all, mut radial) = (0.0, 0.0);
+    for mark in task.marks {
+        let [x, y, height] = mark.field_mm;
+        let seen = fitted.model.image_from_field(FieldPoint::new(x, y), height);
+        let error = [mark.image_px[0] - seen.x_px, mark.image_px[1] - seen.y_px];
+        let out = [0, 1].map(|axis| mark.image_px[axis] - middle[axis]);
+        let across = error[0] * out[0] + error[1] * out[1];
+        all += error[0].powi(2) + error[1].powi(2);
+        radial += across.powi(2) / (out[0].powi(2) + out[1].powi(2)).max(1.0);
+    }
+    // Of errors in any direction half is radial.
+    radial > 0.8 * all
+}
+
 struct Judge {
     within_px: f64,
 }
@@ -131,8 +186,8 @@ impl Judge {
         worst(&fitted.model, marks).1 <= self.within_px
     }
 
-    fn is_fine(&self, fitted: &Fitted, marks: &[Mark]) -> bool {
-        self.is_near(fitted, marks) && senses(&fitted.model, marks).iter().all(|&sense| sense)
+    fn is_fine(&self, fitted: &Fitted, task: &Task) -> bool {
+        self.is_near(fitted, task.marks) && senses(&fitted.model, task).iter().all(|&sense| sense)
     }
 
     /// Pairs of those tried with which exchanged in the picture all is fine, and how strange the view
@@ -144,10 +199,7 @@ impl Judge {
             for &b in &tried[..index] {
                 swap_in_picture(&mut marks, a, b);
                 let swapped = Task { marks: &marks, ..*task };
-                if swapped.rough_rms_px() < ROUGHLY * self.within_px
-                    && let Ok(fitted) = swapped.best_fit()
-                    && self.is_fine(&fitted, &marks)
-                {
+                if let Some(fitted) = self.fine_fit(&swapped) {
                     let strange = strangeness(&fitted.model, &marks);
                     found.push((a.min(b), a.max(b), strange, is_upright(&fitted.model, &marks)));
                 }
@@ -158,6 +210,18 @@ impl Judge {
         found.retain(|found| found.2 <= least + EQUALLY_STRANGE);
         found.sort_by_key(|&(a, b, _, is_upright)| (!is_upright, a, b));
         found.into_iter().map(|(a, b, strange, _)| (a, b, strange)).collect()
+    }
+
+    /// A fit with which all is fine, if there is one. Wide lenses take long to fit, and are tried only where a quick look
+    /// through bent lenses says so.
+    fn fine_fit(&self, task: &Task) -> Option<Fitted> {
+        let [straight, bent] = task.rough_rms_px();
+        let is_possible = straight.min(bent) < ROUGHLY * self.within_px;
+        let is_maybe_wide = bent < NEARLY * self.within_px;
+        let ordinary = Task { max_distortion: fit::POLYNOMIAL.min(task.max_distortion), ..*task };
+        let fits = [(is_possible, ordinary), (is_possible && is_maybe_wide, *task)];
+        let fits = fits.into_iter().filter(|(is_tried, _)| *is_tried);
+        fits.filter_map(|(_, task)| task.best_fit().ok()).find(|fitted| self.is_fine(fitted, task))
     }
 
     /// A lens bent around a wrong point: without the point a straighter lens fits the others about
@@ -172,8 +236,14 @@ impl Judge {
             };
             // A wrong point takes two numbers; who gives up more of them may be a little worse.
             let Suspicion::Off(points) = &found else { continue };
-            let saved = fitted.distortion_parameters - without.distortion_parameters;
-            let allowed = if saved >= 2 * points.len() { AS_GOOD } else { 1.0 };
+            let saved = fitted.distortion_parameters.saturating_sub(without.distortion_parameters);
+            let allowed = match fitted.is_physical {
+                // Too stiff to bend around a point without showing it.
+                true if without.surplus < LEAST_SURPLUS => continue,
+                true => MUCH_BETTER,
+                false if saved >= 2 * points.len() => AS_GOOD,
+                false => 1.0,
+            };
             let is_as_good = without.variance_px2().is_some_and(|px2| px2 < allowed * variance_px2);
             if is_as_good && points.iter().any(|&(_, distance_px)| distance_px > self.within_px) {
                 return Some(found);
@@ -201,7 +271,7 @@ impl Judge {
             }
             without.sort_by(|a, b| a.1.total_cmp(&b.1));
             let (place, rms_without, best, others) = without.first()?;
-            if self.is_fine(best, others) {
+            if self.is_fine(best, &Task { marks: others, ..*task }) {
                 // Each point taken away must be worth it, but only all together show it.
                 let taken = task.marks.len() - others.len();
                 if *rms_without > rms_px / 2f64.powi(taken as i32) {
@@ -209,7 +279,11 @@ impl Judge {
                 }
                 // The same with other points taken away says that nobody knows.
                 let as_good = |(_, rms, fitted, others): &&(usize, f64, Fitted, Vec<Mark>)| {
-                    *rms < 2.0 * rms_without + 0.1 && self.is_fine(fitted, others)
+                    let task = Task { marks: others, ..*task };
+                    // A lens that has to bend more for it is no equal explanation.
+                    fitted.distortion_parameters <= best.distortion_parameters + 1
+                        && *rms < 2.0 * rms_without + 0.1
+                        && self.is_fine(fitted, &task)
                 };
                 let suspects: Vec<usize> =
                     without.iter().filter(as_good).map(|(place, ..)| left[*place]).collect();

@@ -22,6 +22,9 @@ pub struct CameraConfig {
     /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
     /// as a source are turned into this order.
     pub bayer_order: BayerOrder,
+    /// Whether pictures show the pitch as in a mirror: the camera looks through one, or its pictures come
+    /// flipped. The geometry's points say where everything is all the same; this says that they are meant.
+    pub mirrored: bool,
     /// Exposure time, in microseconds; for a moving robot it sets the motion blur. Of real cameras,
     /// which are set below, it is only used where they do not tell theirs.
     #[schemars(range(max = 1_000_000))]

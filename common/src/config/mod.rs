@@ -128,20 +128,46 @@ pub struct PointPair {
     pub image_px: Pair,
 }
 
-/// Radial lens distortion: a point at distance r from `center_px`, in units of half the picture's
-/// diagonal, appears at r·(1 + k1·r² + k2·r⁴).
+/// What the lens does to the picture: it moves points towards or away from `center_px`. With `model`
+/// "polynomial" a point at distance r of the undistorted picture, in units of half the picture's diagonal,
+/// appears at r·(1 + k1·r² + k2·r⁴); with "fisheye" a ray at angle θ (radians) from the lens' axis appears
+/// focal_px·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹) pixels from it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DistortionConfig {
-    /// Quadratic term; negative for barrel distortion.
+    /// "polynomial" for ordinary lenses; "fisheye" for wide ones (as in OpenCV's fisheye module, fx and fy
+    /// equal). `touchline calibrate` chooses by fit.
+    pub model: DistortionModel,
+    /// Focal length of a fisheye, in pixels; a polynomial has none.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub focal_px: f64,
+    /// First term; negative for barrel distortion. 0 for an equidistant fisheye, 1/12 for a stereographic
+    /// one.
     #[schemars(range(min = -10, max = 10))]
     pub k1: f64,
-    /// Quartic term.
+    /// Second term.
     #[schemars(range(min = -10, max = 10))]
     pub k2: f64,
+    /// Third term, of fisheyes only.
+    #[schemars(range(min = -10, max = 10))]
+    pub k3: f64,
+    /// Fourth term, of fisheyes only.
+    #[schemars(range(min = -10, max = 10))]
+    pub k4: f64,
     /// Optical centre in the picture.
     #[schemars(inner(range(min = -100_000, max = 100_000)))]
     pub center_px: Pair,
+}
+
+/// Kinds of lenses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DistortionModel {
+    /// Straight lines are about straight.
+    #[default]
+    Polynomial,
+    /// Equal angles are about equally long.
+    Fisheye,
 }
 
 /// Where the camera hangs and how its picture lies on the field.
@@ -156,8 +182,7 @@ pub struct GeometryConfig {
     /// are fitted by least squares.
     #[schemars(length(min = 4, max = 1000))]
     pub points: Vec<PointPair>,
-    /// Radial lens distortion: a point at distance r from `center_px`, in units of half the
-    /// picture's diagonal, appears at r·(1 + k1·r² + k2·r⁴).
+    /// What the lens does to the picture.
     pub distortion: DistortionConfig,
 }
 

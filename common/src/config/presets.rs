@@ -186,6 +186,7 @@ impl Default for CameraConfig {
             height: 480,
             fps: 80.0,
             bayer_order: BayerOrder::Rggb,
+            mirrored: false,
             exposure_us: 2000,
             rolling_shutter_us: 0,
             v4l2: V4l2Config::default(),
@@ -196,7 +197,15 @@ impl Default for CameraConfig {
 
 impl Default for DistortionConfig {
     fn default() -> Self {
-        Self { k1: -0.03, k2: 0.0, center_px: [319.5, 239.5] }
+        Self {
+            model: DistortionModel::Polynomial,
+            focal_px: 400.0,
+            k1: -0.03,
+            k2: 0.0,
+            k3: 0.0,
+            k4: 0.0,
+            center_px: [319.5, 239.5],
+        }
     }
 }
 

@@ -1,14 +1,21 @@
 //! `touchline calibrate`: from marked points to the camera's geometry.
 
+mod lines;
 mod overlay;
 mod points;
 
 use super::{CommandError, load_config, output};
 use crate::cli::CalibrateArgs;
-use common::calibration::{Calibration, KnownLens, LensSource, calibrate as fit, calibrated};
-use common::config::{Config, GeometryConfig, Problem, commented_toml};
+use common::calibration::{
+    Calibration, CalibrationError, KnownLens, LensSource, Mark, calibrate as calibrate_by_points,
+    calibrated,
+};
+use common::config::{
+    Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml,
+};
 use grabber::pictures::read_picture;
 use image::RgbImage;
+use lines::Refined;
 use points::{NamedMark, PointsFile};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -38,7 +45,8 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         (None, None) => KnownLens::Guess(config.geometry.camera_mm),
     };
     let marks: Vec<_> = points.iter().map(|point| point.mark).collect();
-    let calibration = fit(&marks, lens, &config.field, &config.camera, args.within_px)
+    let lined = picture.as_ref().filter(|_| !args.marks_only);
+    let (calibration, refinement) = fit(&config, &marks, lens, args.within_px, lined)
         .map_err(|error| format!("{error}\n{}nothing was written", listing(&points)))?;
     let config = calibrated(&config, &calibration);
     if let Some(problem) = config.problems().first() {
@@ -49,7 +57,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
             .save(path)
             .map_err(|error| format!("overlay {}: {error}", path.display()))?;
     }
-    let report = report(&points, &calibration, &config.warnings());
+    let report = report(&points, &calibration, refinement.as_deref(), &config.warnings());
     match &args.output {
         None => {
             common::tell_part!("{report}");
@@ -64,6 +72,40 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     }
     Ok(ExitCode::SUCCESS)
 }
+
+/// The camera that the points tell, and then the lines of the pitch, if there is a picture of them; what is to be said
+/// about these.
+fn fit(
+    config: &Config,
+    marks: &[Mark],
+    lens: KnownLens,
+    within_px: f64,
+    picture: Option<&RgbImage>,
+) -> Result<(Calibration, Option<String>), CalibrationError> {
+    let (field, camera) = (&config.field, &config.camera);
+    let by_points = calibrate_by_points(marks, lens, field, camera, within_px);
+    let Some(picture) = picture else { return by_points.map(|calibration| (calibration, None)) };
+    // Points that were marked roughly are good enough to look for the lines.
+    let rough = match &by_points {
+        Ok(calibration) => Ok(calibration.clone()),
+        Err(_) => calibrate_by_points(marks, lens, field, camera, ROUGHLY * within_px),
+    };
+    let Ok(rough) = rough else { return by_points.map(|calibration| (calibration, None)) };
+    match lines::refined(picture, config, marks, lens, &rough) {
+        Ok(refined) => {
+            let Refined { found, wanted, rms_px, moved_px: [mean, most], .. } = refined;
+            let text = format!(
+                "found at {found} of {wanted} places, rms {rms_px:.2} px; they moved the pitch by {mean:.1} px in the \
+                 mean,\n            {most:.1} px at most"
+            );
+            Ok((refined.calibration, Some(text)))
+        }
+        Err(why) => by_points.map(|calibration| (calibration, Some(format!("not used: {why}")))),
+    }
+}
+
+/// Points may be so many times further off where lines are to be looked for.
+const ROUGHLY: f64 = 3.0;
 
 fn open(path: &Path) -> Result<RgbImage, CommandError> {
     Ok(read_picture(path)?.into_rgb8())
@@ -102,7 +144,12 @@ fn listing(points: &[NamedMark]) -> String {
 }
 
 /// Each point with its error, and what was found.
-fn report(points: &[NamedMark], calibration: &Calibration, warnings: &[Problem]) -> String {
+fn report(
+    points: &[NamedMark],
+    calibration: &Calibration,
+    refinement: Option<&str>,
+    warnings: &[Problem],
+) -> String {
     let mut text = "  no.  point                      marked at           off by, px\n".to_string();
     for (index, (point, [dx, dy])) in points.iter().zip(&calibration.errors_px).enumerate() {
         let [x, y] = point.mark.image_px;
@@ -123,17 +170,10 @@ fn report(points: &[NamedMark], calibration: &Calibration, warnings: &[Problem])
         calibration.rms_px(),
         worst + 1
     );
-    let distortion = &calibration.geometry.distortion;
-    let _ = match calibration.distortion_parameters {
-        0 => writeln!(text, "distortion  none that these points could tell"),
-        1 => writeln!(text, "distortion  k1 = {}", distortion.k1),
-        2 => writeln!(text, "distortion  k1 = {}, k2 = {}", distortion.k1, distortion.k2),
-        _ => writeln!(
-            text,
-            "distortion  k1 = {}, k2 = {}, around ({:.1}, {:.1})",
-            distortion.k1, distortion.k2, distortion.center_px[0], distortion.center_px[1]
-        ),
-    };
+    if let Some(refinement) = refinement {
+        let _ = writeln!(text, "lines       {refinement}");
+    }
+    let _ = writeln!(text, "lens        {}", lens(calibration));
     let _ = writeln!(text, "camera      {}", camera(calibration));
     for hint in hints(calibration) {
         let _ = writeln!(text, "note: {hint}");
@@ -141,6 +181,25 @@ fn report(points: &[NamedMark], calibration: &Calibration, warnings: &[Problem])
     for warning in warnings.iter().filter(|warning| warning.path.starts_with("geometry")) {
         let _ = writeln!(text, "warning: {warning}");
     }
+    text
+}
+
+fn lens(calibration: &Calibration) -> String {
+    let DistortionConfig { model, focal_px, k1, k2, k3, k4, center_px: [x, y] } =
+        calibration.geometry.distortion;
+    if calibration.distortion_parameters == 0 {
+        return "no distortion that these points could tell".into();
+    }
+    let mut text = match model {
+        DistortionModel::Polynomial => "polynomial".to_string(),
+        DistortionModel::Fisheye => format!("fisheye, focal length {focal_px:.1} px"),
+    };
+    for (name, term) in [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)] {
+        if term != 0.0 {
+            let _ = write!(text, ", {name} = {term}");
+        }
+    }
+    let _ = write!(text, ", around ({x:.1}, {y:.1}) px");
     text
 }
 
@@ -155,6 +214,7 @@ fn camera(calibration: &Calibration) -> String {
         LensSource::Points => "from points of different heights",
         LensSource::HeightAndPoints => "height as measured, the rest from points above the floor",
         LensSource::HeightAndPerspective => "height as measured, the rest from the perspective",
+        LensSource::Perspective => "from the perspective; its height is uncertain",
         LensSource::Given => "as given",
         LensSource::Guessed => "as configured, not measured",
     };
@@ -170,7 +230,7 @@ fn hints(calibration: &Calibration) -> Vec<&'static str> {
              distortion found: points along walls and lines, and in the middle",
         );
     }
-    if calibration.lens_source == LensSource::Guessed {
+    if matches!(calibration.lens_source, LensSource::Guessed | LensSource::Perspective) {
         hints.push(
             "how high the camera hangs cannot be told from points of one height; it matters for\n      \
              where robots stand. Mark the upper edge of the wall (\"wall top left\" …, with\n      \
@@ -190,11 +250,18 @@ fn hints(calibration: &Calibration) -> Vec<&'static str> {
 fn section(geometry: &GeometryConfig) -> String {
     let GeometryConfig { camera_mm, points, distortion } = geometry;
     let mut text = format!("[geometry]\ncamera_mm = {camera_mm:?}\n");
-    let _ = writeln!(
-        text,
-        "distortion = {{ k1 = {:?}, k2 = {:?}, center_px = {:?} }}\npoints = [",
-        distortion.k1, distortion.k2, distortion.center_px
-    );
+    let DistortionConfig { model, focal_px, k1, k2, k3, k4, center_px } = distortion;
+    let _ = match model {
+        DistortionModel::Polynomial => {
+            writeln!(text, "distortion = {{ k1 = {k1:?}, k2 = {k2:?}, center_px = {center_px:?} }}")
+        }
+        DistortionModel::Fisheye => writeln!(
+            text,
+            "distortion = {{ model = \"fisheye\", focal_px = {focal_px:?}, k1 = {k1:?}, k2 = {k2:?}, \
+             k3 = {k3:?}, k4 = {k4:?}, center_px = {center_px:?} }}"
+        ),
+    };
+    text += "points = [\n";
     for pair in points {
         let _ = writeln!(
             text,

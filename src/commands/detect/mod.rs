@@ -5,6 +5,7 @@
 //! picture that are equally good, and here every picture stands alone.
 
 mod answer;
+mod doubts;
 mod overlay;
 
 use super::output::Reader;
@@ -16,7 +17,8 @@ use classifier::{BayerImage, demosaic};
 use common::config::{CameraConfig, Config};
 use common::messages::{DetectionFrame, MAX_RUNS};
 use common::top_scale::{Scale, TopScale};
-use grabber::pictures::{list_pictures, load_bayer};
+use doubts::Doubts;
+use grabber::pictures::{Picture, list_pictures, load_picture};
 use overlay::Overlay;
 use std::collections::HashSet;
 use std::io;
@@ -34,8 +36,11 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         Some(folder) => Some(Painter::new(folder, &config, &pictures)?),
         None => None,
     };
+    let mut doubts = Doubts::default();
     for path in &pictures {
-        let answer = match look_at(path, &config, &mut pipeline, &mut tops, painter.as_mut()) {
+        let looked =
+            look_at(path, &config, &mut pipeline, &mut tops, painter.as_mut(), &mut doubts);
+        let answer = match looked {
             Ok(answer) => answer,
             Err(error) => {
                 common::tell!("touchline: {error}");
@@ -50,6 +55,9 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     }
     if let Some(measured) = tops.measured().filter(Scale::is_off) {
         common::tell!("touchline: {}", measured.advice());
+    }
+    if let Some(doubt) = doubts.say(&config)? {
+        common::tell!("touchline: {doubt}");
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -77,9 +85,10 @@ fn look_at(
     pipeline: &mut Pipeline,
     tops: &mut TopScale,
     painter: Option<&mut Painter>,
+    doubts: &mut Doubts,
 ) -> Result<Answer, CommandError> {
     let name = path.display();
-    let bayer = load_bayer(path, &config.camera)?;
+    let Picture { bayer, is_raw } = load_picture(path, &config.camera)?;
     let seen = pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
     if seen.flags & DetectionFrame::INPUT_OVERFLOW != 0 {
         common::tell!(
@@ -94,6 +103,8 @@ fn look_at(
         );
     }
     tops.add(seen);
+    let named = seen.robots().iter().filter(|robot| robot.is_identified()).count();
+    doubts.keep(&bayer, is_raw, named);
     if let Some(painter) = painter {
         painter.paint(path, &bayer, seen)?;
     }

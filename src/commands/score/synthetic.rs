@@ -8,7 +8,9 @@ use crate::commands::output::Reader;
 use crate::commands::painted_light::follow_painted_light;
 use crate::commands::pipeline::Pipeline;
 use crate::monitor::accuracy::{ReportedRobot, Scorer};
-use common::config::{Config, Preset};
+use common::config::{
+    Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset,
+};
 use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
 
@@ -16,7 +18,7 @@ use serde::Serialize;
 type Change = fn(&mut Config);
 
 /// The scenes, by name.
-const SCENES: [(&str, Change); 18] = [
+const SCENES: &[(&str, Change)] = &[
     ("standard", |_| {}),
     ("light-0.5", |config| config.synthetic.brightness = 0.5),
     ("light-0.75", |config| config.synthetic.brightness = 0.75),
@@ -34,15 +36,43 @@ const SCENES: [(&str, Change); 18] = [
     ("vsss", |config| *config = Preset::Vsss3v3.config()),
     ("tall-opponents", |config| config.teams.blue.height_mm = Some(150.0)),
     ("11v11", |config| *config = Preset::MirosotLarge.config()),
+    ("fisheye", look_through_fisheye),
     ("crowd", |config| {
         // Twenty-two robots where ten should be: they stand in each other's way everywhere.
         let large = Preset::MirosotLarge.config();
         config.robots = large.robots;
         config.camera = large.camera;
-        config.geometry =
-            common::config::GeometryConfig::above(&config.field, &config.camera, 2200.0);
+        config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
     }),
 ];
+
+/// An equidistant fisheye 1500 mm above the middle, which sees the pitch's corners at 43° from its axis.
+fn look_through_fisheye(config: &mut Config) {
+    const HEIGHT_MM: f64 = 1500.0;
+    let (field, camera) = (&config.field, &config.camera);
+    let center_px = [camera.width, camera.height].map(|size| (f64::from(size) - 1.0) / 2.0);
+    let (x, y) = (field.length_mm / 2.0 + field.goal_depth_mm, field.width_mm / 2.0 + 20.0);
+    let fitting = |size_px: f64, size_mm: f64| size_px / (size_mm / HEIGHT_MM).atan();
+    let focal_px = fitting(center_px[0], x).min(fitting(center_px[1], y));
+    let seen = |field_mm: [f64; 2]| {
+        let away = field_mm[0].hypot(field_mm[1]);
+        let px_per_mm = focal_px * (away / HEIGHT_MM).atan() / away;
+        let [x, y] = field_mm.map(|value| value * px_per_mm);
+        PointPair { field_mm, image_px: [center_px[0] + x, center_px[1] - y] }
+    };
+    let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
+    config.geometry = GeometryConfig {
+        camera_mm: [0.0, 0.0, HEIGHT_MM],
+        points: [[-x, y], [x, y], [x, -y], [-x, -y]].map(seen).to_vec(),
+        distortion: DistortionConfig {
+            model: DistortionModel::Fisheye,
+            focal_px,
+            k1: 0.0,
+            center_px,
+            ..DistortionConfig::default()
+        },
+    };
+}
 
 /// Frames between two that are looked at: a quarter of a second at 80 a second.
 const STRIDE: usize = 20;

@@ -2,6 +2,7 @@
 
 use super::super::Config;
 use super::super::problem::Problem;
+use crate::calibration::{likely_unit, outline};
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 
 /// What makes the geometry unusable.
@@ -13,6 +14,8 @@ pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
             "the lens must hang above robots and ball ({tallest} mm), its height is {lens_height} mm"
         );
         let problem = Problem::new("geometry.camera_mm[2]", message);
+        let is_metres = lens_height > 0.0 && lens_height * 1000.0 > tallest && lens_height < 20.0;
+        let problem = if is_metres { problem.help(MILLIMETRES) } else { problem };
         problems.push(problem.related("robots.height_mm"));
         return;
     }
@@ -32,9 +35,17 @@ pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
             return;
         }
     };
+    let marked = config.geometry.points.iter().map(|pair| pair.field_mm);
+    if let Some((unit, factor)) = likely_unit(marked, &config.field) {
+        let message = format!("`field_mm` looks like {unit}: write {factor} times as much");
+        problems.push(Problem::new("geometry.points", message).help(MILLIMETRES));
+        return;
+    }
     let view = View { config, model };
-    if !view.corners_survive_distortion() {
-        let message = "the distortion folds the picture over itself near a corner";
+    if let Some([x, y]) = view.beyond_the_lens() {
+        let message = format!(
+            "this distortion folds the picture over itself before it reaches ({x:.0}, {y:.0}) mm on the field"
+        );
         problems.push(Problem::new("geometry.distortion", message));
     } else if view.turns_inside_out() {
         let message = "these points turn part of the field inside out";
@@ -48,6 +59,7 @@ pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
     }
 }
 
+const MILLIMETRES: &str = "lengths are in millimetres";
 const SWAPPED: &str = "are two of them swapped in the picture?";
 
 /// What is possible, but looks like points measured in another picture.
@@ -71,8 +83,25 @@ pub(super) fn warn(config: &Config, warnings: &mut Vec<Problem>) {
             format!("the field fills only {percent:.0} % of the {width}×{height} picture");
         warn(points.clone(), format!("{message}: were they measured in a smaller one?"));
     }
-    if view.is_mirrored() {
-        warn(points, "the picture shows the field mirrored: is y towards the left of x?".into());
+    match (view.is_mirrored(), config.camera.mirrored) {
+        (true, false) => warn(
+            points.clone(),
+            "the picture shows the field mirrored: is y towards the left of x? If the camera looks through a \
+             mirror, say so: camera.mirrored = true"
+                .into(),
+        ),
+        (false, true) => warn(
+            "camera.mirrored".into(),
+            "geometry.points show the field as a camera sees it without a mirror".into(),
+        ),
+        _ => {}
+    }
+    if let Some([along, across]) = view.stretched_pixel() {
+        let message = format!(
+            "a pixel in the middle of the field is {along:.1} mm long and {across:.1} mm wide: are the corners \
+             named one step round, or has the field other sides than configured?"
+        );
+        warn(points, message);
     }
     for (index, pair) in config.geometry.points.iter().enumerate() {
         let [x, y] = pair.field_mm;
@@ -99,6 +128,10 @@ struct View<'a> {
     config: &'a Config,
     model: CameraModel,
 }
+
+/// Pixels of some cameras are oblong, and the place of the lens is often a guess; a field named one step round looks
+/// stretched by the square of the ratio of its sides, 1.33 or more.
+const MAX_STRETCH: f64 = 1.2;
 
 /// The field and the picture are looked at on a grid of so many steps each way.
 const STEPS: i32 = 20;
@@ -136,16 +169,42 @@ impl View<'_> {
         }))
     }
 
-    /// From picture to field and back leads to the same pixel, in the corners too.
-    fn corners_survive_distortion(&self) -> bool {
-        let right = f64::from(self.config.camera.width) - 0.5;
-        let bottom = f64::from(self.config.camera.height) - 0.5;
-        [(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)].into_iter().all(|(x, y)| {
-            let floor = self.model.field_from_image(ImagePoint::new(x, y), 0.0);
-            let back = self.image(floor);
-            // A corner exactly on the horizon has no place on the floor, which is no fault.
-            !floor.x_mm.is_finite() || (back.x_px - x).hypot(back.y_px - y) < 0.5
+    /// A point at the edge of the field that is seen where the lens' polynomial no longer counts.
+    fn beyond_the_lens(&self) -> Option<[f64; 2]> {
+        outline(&self.config.field).find(|&[x, y]| {
+            let point = FieldPoint::new(x, y);
+            self.in_picture(self.image(point)) && !self.model.is_within_lens(point, 0.0)
         })
+    }
+
+    /// Length and width of a pixel on the floor in the middle of what is seen of the field, if they differ by more than
+    /// a camera makes them that looks from where the lens is.
+    fn stretched_pixel(&self) -> Option<[f64; 2]> {
+        let (mut sum, mut count) = ([0.0; 2], 0.0);
+        for point in self.field_grid().filter(|&point| self.in_picture(self.image(point))) {
+            sum = [sum[0] + point.x_mm, sum[1] + point.y_mm];
+            count += 1.0;
+        }
+        if count == 0.0 {
+            return None;
+        }
+        let middle = FieldPoint::new(sum[0] / count, sum[1] / count);
+        let here = self.image(middle);
+        let step = |dx: f64, dy: f64| {
+            let there = ImagePoint::new(here.x_px + dx, here.y_px + dy);
+            let there = self.model.field_from_image(there, 0.0);
+            [there.x_mm - middle.x_mm, there.y_mm - middle.y_mm]
+        };
+        let (right, down) = (step(1.0, 0.0), step(0.0, 1.0));
+        let area = (right[0] * down[1] - right[1] * down[0]).abs();
+        let squares = [right, down].iter().flatten().map(|part| part * part).sum::<f64>();
+        // Singular values a ≥ b: a² + b² is the sum of squares, a·b the area.
+        let [sum, difference] = [2.0, -2.0].map(|sign| (squares + sign * area).max(0.0).sqrt());
+        let [long, short] = [(sum + difference) / 2.0, (sum - difference) / 2.0];
+        let [x, y, height] = self.config.geometry.camera_mm;
+        let away = (middle.x_mm - x).hypot(middle.y_mm - y);
+        let foreshortening = height.hypot(away) / height;
+        (long > MAX_STRETCH * foreshortening * short).then_some([long, short])
     }
 
     /// Sense in which the picture turns when the field turns counter-clockwise around a point: a
@@ -227,6 +286,11 @@ mod tests {
             config.geometry.points[2].field_mm = [0.0, 900.0];
             config.geometry.points[2].image_px = [320.0, 20.0];
         });
+        refused("geometry.points", "metres", |config| {
+            for pair in &mut config.geometry.points {
+                pair.field_mm = pair.field_mm.map(|value| value / 1000.0);
+            }
+        });
         refused("geometry.points", "nothing of the field", |config| {
             for pair in &mut config.geometry.points {
                 pair.image_px[0] += 2000.0;
@@ -260,11 +324,22 @@ mod tests {
 
     #[test]
     fn the_distortion_leaves_the_picture_in_one_piece() {
-        refused("geometry.distortion", "folds", |config| config.geometry.distortion.k1 = -0.4);
+        refused("geometry.distortion", "its picture ends before", |config| {
+            config.geometry.distortion.k1 = -0.4
+        });
         // Mild, but the optical centre is so far off that the opposite corner folds.
-        refused("geometry.distortion", "near a corner", |config| {
+        refused("geometry.distortion", "its picture ends before", |config| {
             config.geometry.distortion.k1 = -0.15;
             config.geometry.distortion.center_px = [0.0, 0.0];
+        });
+        // The points lie inside, the pitch does not.
+        refused("geometry.distortion", "before it reaches", |config| {
+            config.geometry.distortion.k1 = -0.35;
+            for pair in &mut config.geometry.points {
+                pair.field_mm = pair.field_mm.map(|value| value / 2.0);
+                let [x, y] = pair.image_px;
+                pair.image_px = [319.5 + (x - 319.5) / 2.0, 239.5 + (y - 239.5) / 2.0];
+            }
         });
     }
 
@@ -288,6 +363,13 @@ mod tests {
         warned("geometry.points", "mirrored", |config| {
             for pair in &mut config.geometry.points {
                 pair.image_px[0] = 639.0 - pair.image_px[0];
+            }
+        });
+        warned("camera.mirrored", "without a mirror", |config| config.camera.mirrored = true);
+        warned("geometry.points", "one step round", |config| {
+            let seen: Vec<_> = config.geometry.points.iter().map(|pair| pair.image_px).collect();
+            for (index, pair) in config.geometry.points.iter_mut().enumerate() {
+                pair.image_px = seen[(index + 1) % 4];
             }
         });
         warned("geometry.points[4]", "pixels from where", |config| {

@@ -1,0 +1,299 @@
+//! What a lens does to a picture: the rays it takes to pixels, and back.
+//!
+//! Both models bend rays around an axis, by an odd polynomial in what says how far a ray is from it:
+//!
+//! * `polynomial`: in the radius r of an ideal picture, that is f·tan θ for a ray at angle θ from the axis. Good for
+//!   lenses that mean to show straight lines straight.
+//! * `fisheye`: in the angle θ itself (Kannala & Brandt, A generic camera model and calibration method for
+//!   conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's `fisheye`). Good for all others: an ideal picture of
+//!   theirs would be many times as large, and at 90° it would have no end.
+//!
+//! A polynomial that fits the pitch may turn back beyond it, where nothing was marked. From there on it is taken to go
+//! on straight, so that every pixel has one ray and every ray one pixel.
+
+use crate::config::{DistortionConfig, DistortionModel};
+use nalgebra::{Vector2, Vector3};
+use std::f64::consts::PI;
+
+/// A radial lens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Lens {
+    model: DistortionModel,
+    center: Vector2<f64>,
+    /// Pixels in a unit of the radius: half the picture's diagonal, or the fisheye's focal length.
+    scale_px: f64,
+    k: [f64; 4],
+    /// Up to here the polynomial counts.
+    limit: f64,
+    /// Its value there.
+    limit_seen: f64,
+    /// Its slope there, with which it goes on.
+    limit_slope: f64,
+}
+
+/// A polynomial that grows more slowly than this is taken to turn back.
+const MIN_SLOPE: f64 = 0.05;
+/// Radii of the ideal picture, in half diagonals, up to which the polynomial may count.
+const MAX_RADIUS: f64 = 10.0;
+/// Steps in which it is looked for where a polynomial turns back.
+const STEPS: u32 = 200;
+
+impl Lens {
+    /// The lens of a camera with pictures of `picture_px` pixels across and down.
+    pub fn new(distortion: &DistortionConfig, picture_px: [u32; 2]) -> Self {
+        let &DistortionConfig { model, focal_px, k1, k2, k3, k4, center_px } = distortion;
+        let [width, height] = picture_px.map(f64::from);
+        let (scale_px, k, farthest) = match model {
+            DistortionModel::Polynomial => {
+                (width.hypot(height) / 2.0, [k1, k2, 0.0, 0.0], MAX_RADIUS)
+            }
+            DistortionModel::Fisheye => (focal_px, [k1, k2, k3, k4], PI),
+        };
+        let limit = limit(&k, farthest);
+        Self {
+            model,
+            center: Vector2::from(center_px),
+            scale_px,
+            k,
+            limit,
+            limit_seen: bent(&k, limit),
+            limit_slope: slope(&k, limit).max(MIN_SLOPE),
+        }
+    }
+
+    /// Whether a ray is where the polynomial counts.
+    pub fn reaches(&self, ray: &Vector3<f64>) -> bool {
+        self.radius(ray) <= self.limit
+    }
+
+    /// Whether a pixel is where the polynomial counts.
+    pub fn reaches_pixel(&self, pixel: Vector2<f64>) -> bool {
+        (pixel - self.center).norm() <= self.limit_seen * self.scale_px
+    }
+
+    /// Where a ray is seen. Rays are points of the ideal picture, in pixels, times a third coordinate, which is negative
+    /// behind the camera.
+    #[inline]
+    pub fn image_from_ray(&self, ray: &Vector3<f64>) -> Vector2<f64> {
+        match self.model {
+            DistortionModel::Polynomial => {
+                let offset = ray.xy() / ray.z - self.center;
+                let r = offset.norm() / self.scale_px;
+                if r <= self.limit {
+                    self.center + offset * even(&self.k, r * r)
+                } else {
+                    self.center + offset * (self.seen(r) / r)
+                }
+            }
+            DistortionModel::Fisheye => {
+                let offset = ray.xy() - self.center * ray.z;
+                let across = offset.norm();
+                let along = self.scale_px * ray.z;
+                if across <= 1e-9 * along {
+                    return self.center + offset / ray.z;
+                }
+                let angle = across.atan2(along);
+                self.center + offset * (self.seen(angle) * self.scale_px / across)
+            }
+        }
+    }
+
+    /// The rays that are seen at these pixels, by Newton's method on the polynomial, which is monotonic up to its limit.
+    /// Points take their steps side by side: what takes time is waiting for one division after the other.
+    #[inline]
+    pub fn rays_from_image<const N: usize>(&self, pixels: [Vector2<f64>; N]) -> [Vector3<f64>; N] {
+        let mut seen = [0.0; N];
+        for (seen, pixel) in seen.iter_mut().zip(&pixels) {
+            *seen = (pixel - self.center).norm() / self.scale_px;
+        }
+        let radii = self.unseen(seen);
+        let mut rays = [Vector3::zeros(); N];
+        for (index, ray) in rays.iter_mut().enumerate() {
+            let (pixel, radius, seen) = (pixels[index], radii[index], seen[index]);
+            // In the centre there is no direction.
+            let is_center = seen < 1e-12;
+            *ray = match self.model {
+                _ if is_center => pixel.push(1.0),
+                DistortionModel::Polynomial => {
+                    (self.center + (pixel - self.center) * (radius / seen)).push(1.0)
+                }
+                DistortionModel::Fisheye => {
+                    let (sin, cos) = radius.min(PI).sin_cos();
+                    ((pixel - self.center) * (sin / seen) + self.center * cos).push(cos)
+                }
+            };
+        }
+        rays
+    }
+
+    /// How far from the axis a ray is: by radius or by angle.
+    fn radius(&self, ray: &Vector3<f64>) -> f64 {
+        match self.model {
+            DistortionModel::Polynomial => (ray.xy() / ray.z - self.center).norm() / self.scale_px,
+            DistortionModel::Fisheye => {
+                (ray.xy() - self.center * ray.z).norm().atan2(self.scale_px * ray.z)
+            }
+        }
+    }
+
+    /// The polynomial, which goes on straight beyond its limit.
+    fn seen(&self, radius: f64) -> f64 {
+        if radius <= self.limit {
+            bent(&self.k, radius)
+        } else {
+            self.limit_seen + self.limit_slope * (radius - self.limit)
+        }
+    }
+
+    /// Its inverse.
+    fn unseen<const N: usize>(&self, seen: [f64; N]) -> [f64; N] {
+        let mut radius = seen;
+        let mut is_moving = [true; N];
+        for index in 0..N {
+            if seen[index] >= self.limit_seen {
+                radius[index] = self.limit + (seen[index] - self.limit_seen) / self.limit_slope;
+                is_moving[index] = false;
+            }
+        }
+        for _ in 0..20 {
+            if !is_moving.contains(&true) {
+                break;
+            }
+            for ((r, seen), is_moving) in radius.iter_mut().zip(&seen).zip(&mut is_moving) {
+                let error = bent(&self.k, *r) - seen;
+                let step = error / slope(&self.k, *r);
+                // A step from where the polynomial is almost level leads too far.
+                let next = (*r - step).clamp(0.0, self.limit);
+                // The next step would be of the square of this one.
+                *r = if *is_moving { next } else { *r };
+                *is_moving &= step.abs() >= 1e-7;
+            }
+        }
+        radius
+    }
+}
+
+/// Up to where the polynomial grows.
+fn limit(k: &[f64; 4], farthest: f64) -> f64 {
+    let step = farthest / f64::from(STEPS);
+    let is_growing = |radius: f64| slope(k, radius) > MIN_SLOPE;
+    let growing = (1..=STEPS).take_while(|&index| is_growing(step * f64::from(index))).count();
+    let mut inside = step * growing as f64;
+    if growing < STEPS as usize {
+        let mut outside = inside + step;
+        for _ in 0..30 {
+            let middle = (inside + outside) / 2.0;
+            if is_growing(middle) { inside = middle } else { outside = middle }
+        }
+    }
+    inside
+}
+
+/// x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸).
+fn bent(k: &[f64; 4], x: f64) -> f64 {
+    x * even(k, x * x)
+}
+
+fn even([k1, k2, k3, k4]: &[f64; 4], x2: f64) -> f64 {
+    1.0 + x2 * (k1 + x2 * (k2 + x2 * (k3 + x2 * k4)))
+}
+
+/// Its derivative.
+fn slope([k1, k2, k3, k4]: &[f64; 4], x: f64) -> f64 {
+    let x2 = x * x;
+    1.0 + x2 * (3.0 * k1 + x2 * (5.0 * k2 + x2 * (7.0 * k3 + x2 * 9.0 * k4)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PICTURE: [u32; 2] = [640, 480];
+
+    fn any_lens() -> impl Strategy<Value = DistortionConfig> {
+        let center = (280.0..360.0f64, 200.0..280.0f64);
+        let polynomial = (-0.4..0.3f64, -0.1..0.1f64).prop_map(|(k1, k2)| DistortionConfig {
+            k1,
+            k2,
+            ..DistortionConfig::default()
+        });
+        let fisheye = (120.0..600.0f64, prop::array::uniform4(-0.05..0.05f64)).prop_map(
+            |(focal_px, [k1, k2, k3, k4])| DistortionConfig {
+                model: DistortionModel::Fisheye,
+                focal_px,
+                k1,
+                k2: k2 / 4.0,
+                k3: k3 / 16.0,
+                k4: k4 / 64.0,
+                ..DistortionConfig::default()
+            },
+        );
+        (prop_oneof![polynomial, fisheye], center)
+            .prop_map(|(lens, (x, y))| DistortionConfig { center_px: [x, y], ..lens })
+    }
+
+    proptest! {
+        /// Every pixel, also far outside the picture, has a ray that is seen there.
+        #[test]
+        fn pixels_and_rays_belong_together(
+            distortion in any_lens(), x in -300.0..900.0f64, y in -300.0..800.0f64,
+        ) {
+            let lens = Lens::new(&distortion, PICTURE);
+            let pixel = Vector2::new(x, y);
+            let [ray] = lens.rays_from_image([pixel]);
+            // A fisheye sees nothing at more than 180° from its axis.
+            prop_assume!(distortion.model == DistortionModel::Polynomial || lens.radius(&ray) < 3.1);
+            let back = lens.image_from_ray(&ray);
+            prop_assert!((back - pixel).norm() < 1e-6, "{back:?} {ray:?}");
+            let [_, both] = lens.rays_from_image([Vector2::new(10.0, 20.0), pixel]);
+            prop_assert_eq!(ray, both);
+        }
+
+        /// What is further from the axis is seen further from it.
+        #[test]
+        fn nothing_is_folded_over(distortion in any_lens(), a in 0.0..3.0f64, b in 0.0..3.0f64) {
+            let lens = Lens::new(&distortion, PICTURE);
+            prop_assert_eq!(a < b, lens.seen(a) < lens.seen(b));
+        }
+    }
+
+    #[test]
+    fn the_fisheye_is_opencvs() {
+        let distortion = DistortionConfig {
+            model: DistortionModel::Fisheye,
+            focal_px: 300.0,
+            k1: 0.02,
+            k2: -0.004,
+            k3: 0.001,
+            k4: -0.0002,
+            center_px: [330.0, 235.0],
+        };
+        // cv::fisheye::projectPoints, written down from its documentation: x = 0.8, y = −0.6 at depth 1.
+        let theta = 1f64.atan();
+        let (t2, t4) = (theta.powi(2), theta.powi(4));
+        let distorted = theta * (1.0 + 0.02 * t2 - 0.004 * t4 + 0.001 * t4 * t2 - 0.0002 * t4 * t4);
+        let expected =
+            Vector2::new(330.0 + 300.0 * distorted * 0.8, 235.0 - 300.0 * distorted * 0.6);
+        let ideal = Vector3::new(330.0 + 300.0 * 0.8, 235.0 - 300.0 * 0.6, 1.0);
+        let lens = Lens::new(&distortion, PICTURE);
+        for depth in [1.0, 0.01, 50.0] {
+            assert!((lens.image_from_ray(&(ideal * depth)) - expected).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_fisheye_sees_what_is_beside_the_camera() {
+        let distortion = DistortionConfig {
+            model: DistortionModel::Fisheye,
+            focal_px: 150.0,
+            k1: 0.0,
+            ..DistortionConfig::default()
+        };
+        let lens = Lens::new(&distortion, PICTURE);
+        let beside = lens.image_from_ray(&Vector3::new(150.0, 0.0, 0.0));
+        assert!((beside.x - (319.5 + 150.0 * PI / 2.0)).abs() < 1e-9, "{beside:?}");
+        let [ray] = lens.rays_from_image([beside]);
+        assert!(ray.z.abs() < 1e-9 && ray.x > 0.0, "{ray:?}");
+    }
+}

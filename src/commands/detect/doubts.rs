@@ -1,0 +1,141 @@
+//! When hardly a robot is found: what the pictures look like instead.
+//!
+//! A wrong order of the Bayer filter exchanges colours, a flipped stream turns robots into their mirror images, and a
+//! grey photograph passes for a raw picture. Each makes some robots wrong and most vanish, without anything being
+//! noticed. So the first pictures are looked at again as if it were so.
+
+use crate::commands::CommandError;
+use crate::commands::pipeline::Pipeline;
+use common::config::{CameraConfig, Config};
+use common::messages::BayerOrder;
+
+/// Pictures that are kept to be looked at again.
+const MOST_KEPT: usize = 3;
+
+/// The first pictures, and how many robots were named in them.
+#[derive(Debug, Default)]
+pub struct Doubts {
+    pictures: Vec<Vec<u8>>,
+    named: usize,
+    are_raw: bool,
+}
+
+impl Doubts {
+    /// Keeps a picture, if it is one of the first. Raw pictures come as the sensor gave them; others have been put behind
+    /// the configured filter.
+    pub fn keep(&mut self, bayer: &[u8], is_raw: bool, named: usize) {
+        if self.pictures.len() < MOST_KEPT {
+            self.are_raw |= is_raw;
+            self.pictures.push(bayer.to_vec());
+            self.named += named;
+        }
+    }
+
+    /// What is to be said about the pictures, if anything.
+    pub fn say(&self, config: &Config) -> Result<Option<String>, CommandError> {
+        if self.pictures.is_empty() {
+            return Ok(None);
+        }
+        if self.named == 0 && !self.pictures.iter().any(|frame| has_color(frame, &config.camera)) {
+            return Ok(Some(
+                "no pixel has a colour: these look like grey photographs, and robots are told by colours".into(),
+            ));
+        }
+        let mut best: Option<(usize, String)> = None;
+        for (other, advice) in self.others(config) {
+            let named = self.named_with(&other)?;
+            if best.as_ref().is_none_or(|(most, _)| named > *most) {
+                best = Some((named, advice));
+            }
+        }
+        // One robot more or less is chance.
+        let found = best.filter(|(named, _)| *named >= self.named + 2 && *named > 2 * self.named);
+        Ok(found.map(|(named, advice)| {
+            let all = config.robots.identities.len() * self.pictures.len();
+            format!("{} of {all} robots are found; {advice} {named} of {all} would be", self.named)
+        }))
+    }
+
+    /// What may be otherwise than configured, and how to say that.
+    fn others(&self, config: &Config) -> Vec<(Config, String)> {
+        let mut others = Vec::new();
+        for order in BayerOrder::ALL {
+            let configured = config.camera.bayer_order;
+            let mut other = config.clone();
+            other.camera.bayer_order = order;
+            let name = format!("{order:?}").to_lowercase();
+            if order != configured && self.are_raw {
+                others.push((other, format!("with camera.bayer_order = \"{name}\"")));
+            } else if red_is_opposite(order, configured) {
+                others.push((other, "with red and blue exchanged in the pictures".into()));
+            }
+        }
+        let mut mirrored = config.clone();
+        let right = f64::from(config.camera.width) - 1.0;
+        for pair in &mut mirrored.geometry.points {
+            pair.image_px[0] = right - pair.image_px[0];
+        }
+        let center = &mut mirrored.geometry.distortion.center_px[0];
+        *center = right - *center;
+        others.push((
+            mirrored,
+            "the pictures look mirrored: calibrated with camera.mirrored = true,".into(),
+        ));
+        others
+    }
+
+    fn named_with(&self, config: &Config) -> Result<usize, CommandError> {
+        let mut pipeline = Pipeline::new(config)?;
+        let mut named = 0;
+        for frame in &self.pictures {
+            let seen = pipeline.step(frame)?;
+            named += seen.robots().iter().filter(|robot| robot.is_identified()).count();
+        }
+        Ok(named)
+    }
+}
+
+/// Whether one order has red where the other has blue.
+fn red_is_opposite(a: BayerOrder, b: BayerOrder) -> bool {
+    let is_green = |order: BayerOrder, column| order.channel_at(column, 0) == 1;
+    a != b && (0..2).all(|column| is_green(a, column) == is_green(b, column))
+}
+
+/// Side of the areas that are looked at.
+const AREA: usize = 4;
+/// Grey levels by which the sites of one colour may differ in an even area, and by which those of two colours must in a
+/// coloured one.
+const EVEN: u8 = 16;
+const COLORED: u32 = 24;
+/// So many coloured areas are a colour: less than a patch.
+const LEAST_AREAS: usize = 2;
+
+/// Whether there is an even area in which the filter's colours differ.
+fn has_color(frame: &[u8], camera: &CameraConfig) -> bool {
+    let width = camera.width as usize;
+    let rows: Vec<&[u8]> = frame.chunks_exact(width).collect();
+    let mut areas = 0;
+    for band in rows.chunks_exact(AREA) {
+        for left in (0..width.saturating_sub(AREA - 1)).step_by(AREA) {
+            let mut means = [0; 4];
+            let mut is_even = true;
+            for (site, mean) in means.iter_mut().enumerate() {
+                let values = (0..AREA * AREA / 4).map(|index| {
+                    let (x, y) = (index % (AREA / 2), index / (AREA / 2));
+                    band[2 * y + site / 2][left + 2 * x + site % 2]
+                });
+                let (least, most) = values
+                    .clone()
+                    .fold((u8::MAX, 0), |(least, most), value| (least.min(value), most.max(value)));
+                is_even &= most - least <= EVEN;
+                *mean = values.map(u32::from).sum::<u32>() / (AREA * AREA / 4) as u32;
+            }
+            let spread = means.iter().max().unwrap_or(&0) - means.iter().min().unwrap_or(&0);
+            areas += usize::from(is_even && spread >= COLORED);
+            if areas >= LEAST_AREAS {
+                return true;
+            }
+        }
+    }
+    false
+}
