@@ -7,7 +7,7 @@ use serde_json::Value;
 use support::{Scratch, output_of};
 
 /// A small camera, whose pictures are measured quickly.
-const CONFIG: &str = "preset = \"mirosot-middle\"\n[camera]\nwidth = 320\nheight = 240\n";
+const CONFIG: &str = "preset = \"mirosot-5v5\"\n[camera]\nwidth = 320\nheight = 240\n";
 
 #[test]
 fn own_pictures_are_measured_stage_by_stage() {
