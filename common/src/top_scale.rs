@@ -20,16 +20,18 @@ const LEAST_VOTES: u64 = 3;
 const WORTH_TELLING: f64 = 0.06;
 /// The configured scale is believed unless another one has so many times its votes.
 const MORE_VOTES: f64 = 1.5;
-/// Square root of a region's area against its patch's, at the right scale: rims are often lost.
-const SIZES: RangeInclusive<f64> = 0.65..=1.25;
+/// Square root of a region's area against its patch's, at the right scale: rims are often lost, and in poor
+/// light two thirds of a small patch.
+const SIZES: RangeInclusive<f64> = 0.55..=1.25;
 /// Scales that are tried.
 const SCALES: RangeInclusive<f64> = 0.4..=2.5;
 /// Votes are counted in steps of this, as a natural logarithm …
 const STEP: f64 = 0.01;
 /// … and so many steps to each side belong together.
 const SPREAD: usize = 3;
-/// A frame with more regions of patches' colours than this is noise.
-const MOST_REGIONS: usize = 400;
+/// Most regions of patches' colours that are looked at in a frame, the largest ones; a match has some
+/// hundred.
+const MOST_REGIONS: usize = 300;
 
 /// Collects votes.
 #[derive(Debug, Clone)]
@@ -127,9 +129,8 @@ impl TopScale {
         let mut regions = std::mem::take(&mut self.regions);
         for height in 0..self.heights_mm.len() {
             self.measure(seen, height, &mut regions);
-            if regions.len() > MOST_REGIONS {
-                continue;
-            }
+            regions.sort_unstable_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+            regions.truncate(MOST_REGIONS);
             for pair in self.pairs.iter().filter(|pair| pair.height == height) {
                 let of = |class: u32| regions.iter().filter(move |region| region.class == class);
                 for team in of(pair.classes[0]) {
@@ -231,8 +232,8 @@ mod tests {
     use bytemuck::Zeroable;
 
     /// All robots of a configuration in a grid, their patches `scale` times as large as configured and
-    /// as far from the centre; regions alone.
-    fn frame(config: &Config, scale: f64) -> Box<DetectionFrame> {
+    /// as far from the centre, of each a part that is recognised; regions alone.
+    fn frame(config: &Config, scale: f64, shown: f64) -> Box<DetectionFrame> {
         let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height);
         let camera = camera.unwrap();
         let mut frame = Box::new(DetectionFrame::zeroed());
@@ -257,7 +258,7 @@ mod tests {
                     x_px: image.x_px as f32,
                     y_px: image.y_px as f32,
                     // Some of the rim is lost.
-                    pixel_count: (0.8 * scale * scale * patch.area_mm2 / pixel_mm2) as u32,
+                    pixel_count: (shown * scale * scale * patch.area_mm2 / pixel_mm2) as u32,
                     ..Region::default()
                 };
                 frame.region_count += 1;
@@ -274,7 +275,7 @@ mod tests {
             {
                 let mut tops = TopScale::new(&config).unwrap();
                 assert_eq!(tops.measured(), None);
-                tops.add(&frame(&config, scale));
+                tops.add(&frame(&config, scale, 0.8));
                 let measured = tops.measured().unwrap();
                 let name = config.preset.name();
                 assert!(
@@ -292,7 +293,28 @@ mod tests {
         let mut config = Config::default();
         let mut tops = TopScale::new(&config).unwrap();
         config.robots.identities.truncate(1);
-        tops.add(&frame(&config, 1.4));
+        tops.add(&frame(&config, 1.4, 0.8));
         assert_eq!(tops.measured(), None);
+    }
+
+    #[test]
+    fn specks_and_poor_light_hide_nothing() {
+        let config = Preset::MirosotTriangles.config();
+        let mut seen = frame(&config, 1.4, 0.4);
+        for index in 0..800 {
+            let (column, row) = (index % 40, index / 40);
+            seen.regions[seen.region_count as usize] = Region {
+                class: index as u32 % 8,
+                x_px: 30.0 + 14.0 * column as f32,
+                y_px: 30.0 + 20.0 * row as f32,
+                pixel_count: 3,
+                ..Region::default()
+            };
+            seen.region_count += 1;
+        }
+        let mut tops = TopScale::new(&config).unwrap();
+        tops.add(&seen);
+        let measured = tops.measured().unwrap();
+        assert!((measured.scale / 1.4 - 1.0).abs() < 0.03, "{measured:?}");
     }
 }
