@@ -88,6 +88,8 @@ pub struct GroupMemory {
 
 /// Queues between writers and readers, iceoryx2's bookkeeping, heartbeats and status.
 const BOOKKEEPING_BYTES: u64 = 4 << 20;
+/// What connecting a new process takes in all others together.
+const STARTING_BYTES: u64 = 2 << 20;
 /// When less is free, nothing new is made: the next to touch something would die of it, and that may
 /// be a healthy stage which connects to a new reader.
 const MARGIN_BYTES: u64 = 512 << 10;
@@ -121,6 +123,14 @@ impl GroupMemory {
         let of =
             |topic: &TopicMemory| topic.usual_places * topic.ordinary_message_bytes * topic.writers;
         self.topics.iter().map(of).sum::<u64>() + BOOKKEEPING_BYTES
+    }
+
+    /// With less than this no process of a stage is started in a match that runs: what it lays aside for
+    /// its own messages, and what all others make for a new reader. Those die where that is not there.
+    pub fn start_bytes(&self, topic: &str) -> u64 {
+        let own = self.topics.iter().filter(|memory| memory.topic == topic);
+        own.map(|memory| memory.usual_places * memory.ordinary_message_bytes).sum::<u64>()
+            + STARTING_BYTES
     }
 
     /// With this much no picture and no hand-over makes memory short: pictures full of noise, and a

@@ -47,6 +47,7 @@ const LAST_RESULTS: Duration = Duration::from_secs(2);
 /// A group while it lives.
 pub struct Group<'a> {
     launch: Launch,
+    config: Config,
     policy: Policy,
     processes: HashMap<MemberId, Process>,
     progress: Progress,
@@ -141,6 +142,7 @@ impl<'a> Group<'a> {
             progress,
             janitor: Janitor::start(&launch.instance),
             launch,
+            config: config.clone(),
             tick: tick(&settings),
             policy: Policy::new(settings.clone()),
             processes: HashMap::new(),

@@ -2,13 +2,17 @@
 
 use super::Group;
 use crate::supervisor::SupervisorError;
-use crate::supervisor::children::Process;
+use crate::supervisor::children::{Launch, Process};
 use crate::supervisor::evidence;
 use crate::supervisor::policy::{Action, Cause, Event, MemberId};
 use common::clock::monotonic_ns;
+use common::config::Config;
 use common::handover::Handover;
+use common::memory::{self, GroupMemory};
 use common::messages::{EventKind, ProcessKind};
+use common::topics;
 use rustix::process::Signal;
+use std::io;
 
 /// So many failures before anything ever worked mean that it never will.
 const HOPELESS_STARTS: u32 = 3;
@@ -71,9 +75,10 @@ impl Group<'_> {
         if !spare {
             self.hand_over(kind);
         }
-        let Self { launch, progress, reserve, .. } = self;
+        let Self { launch, config, progress, reserve, .. } = self;
         let last_frame = progress.last_frame();
-        let started = reserve.lend(|| Process::start(launch, kind, spare, last_frame));
+        let started = room_for(launch, config, kind)
+            .and_then(|()| reserve.lend(|| Process::start(launch, kind, spare, last_frame)));
         let failure = started.as_ref().err().map(ToString::to_string);
         let outcome = started.map(|process| drop(self.processes.insert(id, process)));
         self.attempted(&format!("start the {}", kind.name()), outcome);
@@ -139,5 +144,26 @@ impl Group<'_> {
             None => format!("the frame after {after} has killed two processes and is skipped"),
         };
         self.log(EventKind::Poisonous, kind, 0, &what, "");
+    }
+}
+
+/// Whether there is the shared memory that a new process takes, in itself and in all that connect to it.
+fn room_for(launch: &Launch, config: &Config, kind: ProcessKind) -> io::Result<()> {
+    let topic = match kind {
+        ProcessKind::Grabber => topics::FRAMES.name,
+        ProcessKind::Classifier => topics::RUNS.name,
+        ProcessKind::Tracker => topics::DETECTIONS.name,
+        ProcessKind::Filter => topics::WORLD.name,
+    };
+    let frame_bytes = launch.source.frame_capacity(&config.camera);
+    let needed = GroupMemory::with_frames_of(config, frame_bytes).start_bytes(topic);
+    match memory::free_bytes() {
+        Ok(free) if free < needed => Err(io::Error::other(format!(
+            "not enough shared memory: it takes about {} kB, {} kB are free in {}, see `touchline doctor`",
+            needed >> 10,
+            free >> 10,
+            memory::SHARED_MEMORY
+        ))),
+        _ => Ok(()),
     }
 }
