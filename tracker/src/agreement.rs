@@ -3,12 +3,20 @@
 //! A fit of centroids is as good as the regions are whole. Small, dark patches under a poor camera
 //! are not: half of one is missing, a neighbour's rim has its colour, and the heading is off by ten
 //! degrees. What then still tells the pose is every single pixel: at the right pose pixels of each
-//! patch's colour lie in that patch, and few others do. So the pose is moved, by ever smaller steps,
-//! to where the sum over all pixels around is greatest: a pixel counts for the patch it lies in,
-//! weighted by how far inside it lies, when it has the patch's colour, and half as much against it when
-//! it has another or none. Since a patch covers as many pixels wherever it lies, those against it are
-//! known from those for it, and only pixels of some colour need be looked at.
+//! patch's colour lie in that patch, and few others do. So the pose is moved to where the sum over all
+//! pixels around is greatest: a pixel counts for the patch it lies in, weighted by how far inside it
+//! lies, when it has the patch's colour, and half as much against it when it has another or none. Since
+//! a patch covers as many pixels wherever it lies, those against it are known from those for it, and only
+//! pixels of some colour need be looked at.
+//!
+//! # The search
+//!
+//! The weights s fade at the rims of patches, so the sum F(x, y, θ) = Σ s is smooth, and Newton's method
+//! finds its maximum: the step is H⁻¹·∇F. ∇F comes with F, from differences of the table of weights; H
+//! is that of a whole robot at its own pose, known beforehand, times the part of the robot that shows.
+//! A step that leads down is halved. Four or five looks at the pixels are enough.
 
+use crate::linear::{UPPER, inverse, times};
 use crate::pattern::Top;
 use crate::pose::robot_from_field;
 use common::config::PatchConfig;
@@ -28,21 +36,13 @@ const INSIDE: f32 = 0.5;
 const MAX_PIXELS: f64 = 1600.0;
 /// The robot may be so far from where it is looked for.
 const START_ERROR_MM: f64 = 12.0;
-/// First and last steps of the search.
-const FIRST_STEP_MM: f64 = 4.0;
-const FIRST_STEP_DEG: f64 = 8.0;
-const HALVINGS: u32 = 4;
-/// Headings from which a search begins, around the one that is given: there may be another maximum.
-const BEGINNINGS_DEG: [f64; 3] = [0.0, 12.0, -12.0];
-/// Headings around the best one over which the mean is taken, …
-const MEAN_STEPS: i32 = 5;
-const MEAN_STEP_DEG: f64 = 2.0;
-/// … each at the best of five places this far apart …
-const MEAN_STEP_MM: f64 = 1.5;
-/// … and by how many pixels less agreement a heading counts e times less.
-const MEAN_TOLERANCE: f32 = 2.0;
-/// Most times a pose is tried for a robot.
-const MAX_TRIALS: u32 = 160;
+/// Longest step of the search.
+const LONGEST_STEP_MM: f64 = 6.0;
+const LONGEST_STEP_DEG: f64 = 12.0;
+/// A step shorter than this was the last.
+const SETTLED_MM: f64 = 0.2;
+/// Most looks at the pixels.
+const MAX_LOOKS: u32 = 12;
 
 /// How much of each patch there is at every point of a robot's top, the rims faded.
 #[derive(Debug, Clone)]
@@ -55,6 +55,18 @@ pub(crate) struct Shares {
     areas_mm2: [f32; MAX_PATCHES],
     /// For each patch, the area of the cells well inside it, which have at least [`INSIDE`] of it.
     insides_mm2: [f32; MAX_PATCHES],
+    /// By how much the sum over a whole robot falls with the square of a step, in square millimetres:
+    /// upper triangle for steps in x, y (mm) and heading (rad), all in the robot's frame.
+    curvature: [f64; 6],
+}
+
+/// What the pixels say at a pose, and which way they pull.
+#[derive(Debug, Clone, Copy, Default)]
+struct Look {
+    /// Pixels that agree, weighted.
+    sum: f32,
+    /// How that changes with a step of the robot in its own frame: mm, mm, rad.
+    slope: [f32; 3],
 }
 
 /// The pixels around a robot that have a colour.
@@ -80,8 +92,9 @@ pub(crate) type Accepted = [u32; MAX_PATCHES];
 
 impl Shares {
     pub fn new(patches: &[PatchConfig]) -> Self {
-        let reach_mm = reach_mm(patches) + 2.0 * FADE_MM;
-        let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(1);
+        // With a border all around.
+        let reach_mm = reach_mm(patches) + 2.0 * FADE_MM + CELL_MM;
+        let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(3);
         let place = |index: usize| (index as f64 + 0.5) * CELL_MM - reach_mm;
         let mut cells = vec![[0.0; MAX_PATCHES]; columns * columns];
         for (cell, share) in cells.iter_mut().enumerate() {
@@ -90,7 +103,8 @@ impl Shares {
                 share[patch] = 1.0;
             }
         }
-        fade(&mut cells, columns);
+        let curvature = curvature(cells.clone(), columns, place);
+        fade(&mut cells, columns, FADE_MM);
         let mut areas_mm2 = [0.0; MAX_PATCHES];
         for share in &cells {
             areas_mm2.iter_mut().zip(share).for_each(|(area, share)| *area += share);
@@ -100,8 +114,40 @@ impl Shares {
             cells.iter().filter(is_inside).count() as f32 * (CELL_MM * CELL_MM) as f32
         });
         areas_mm2.iter_mut().for_each(|area| *area *= (CELL_MM * CELL_MM) as f32);
-        Self { reach_mm, columns, cells, areas_mm2, insides_mm2 }
+        Self { reach_mm, columns, cells, areas_mm2, insides_mm2, curvature }
     }
+
+    /// Square millimetres that a whole robot's patches agree with at its own pose.
+    fn area_mm2(&self) -> f32 {
+        self.areas_mm2.iter().sum()
+    }
+}
+
+/// The negative second derivatives of the sum over a robot whose patches are all there, at its pose.
+/// The sum is the correlation of its patches with the patches faded. That is the correlation of the
+/// patches faded half as much (in variance) with themselves, so its second derivatives are products of
+/// their slopes.
+fn curvature(
+    mut shares: Vec<[f32; MAX_PATCHES]>,
+    columns: usize,
+    place: impl Fn(usize) -> f64,
+) -> [f64; 6] {
+    fade(&mut shares, columns, FADE_MM / std::f64::consts::SQRT_2);
+    let mut sums = [0.0; 6];
+    for (row, column) in (1..columns - 1).flat_map(|row| (1..columns - 1).map(move |c| (row, c))) {
+        let cell = row * columns + column;
+        for patch in 0..MAX_PATCHES {
+            let between = |step: usize| {
+                f64::from(shares[cell + step][patch] - shares[cell - step][patch]) / (2.0 * CELL_MM)
+            };
+            let (x, y) = (between(1), between(columns));
+            let slope = [x, y, place(row) * x - place(column) * y];
+            for (sum, (i, j)) in sums.iter_mut().zip(UPPER) {
+                *sum += slope[i] * slope[j] * CELL_MM * CELL_MM;
+            }
+        }
+    }
+    sums
 }
 
 impl Surroundings {
@@ -166,7 +212,8 @@ impl Surroundings {
                 for x in (first..end).step_by(step as usize) {
                     let (dx, dy) = ((left + x - column) as f64, (y - row) as f64);
                     let at = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
-                    if (at[0] - off[0]).hypot(at[1] - off[1]) <= reach_mm {
+                    let [dx, dy] = [at[0] - off[0], at[1] - off[1]];
+                    if dx * dx + dy * dy <= reach_mm * reach_mm {
                         let [x_mm, y_mm] = at.map(|value| value as f32);
                         self.pixels.push(Pixel { x_mm, y_mm, class_bit });
                     }
@@ -247,10 +294,6 @@ impl Surroundings {
         })
     }
 
-    fn total(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> f32 {
-        self.sums(shares, accepted, pose).iter().sum()
-    }
-
     /// For each patch, 1 when all of it has a colour that agrees; at worst −½.
     pub fn agreement(
         &self,
@@ -265,83 +308,88 @@ impl Surroundings {
         sums
     }
 
+    /// The sum over all pixels, and its slope.
+    fn look(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
+        let (sin, cos) = pose.orientation.sin_cos();
+        let (sin, cos) = (sin as f32, cos as f32);
+        let (middle, columns) = (shares.reach_mm as f32, shares.columns);
+        let last = (columns - 1) as f32;
+        let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
+        let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
+        let (mut sum, mut slope) = (0.0, [0.0; 3]);
+        for pixel in &self.pixels {
+            let (dx, dy) = (pixel.x_mm - center_x, pixel.y_mm - center_y);
+            let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            let [column, row] = [x, y].map(|at| (at + middle) * (1.0 / CELL_MM as f32));
+            // Not at the border, so that there is a cell on each side.
+            if !(column >= 1.0 && row >= 1.0 && column < last && row < last) {
+                continue;
+            }
+            let cell = row as usize * columns + column as usize;
+            let near = [cell, cell - 1, cell + 1, cell - columns, cell + columns];
+            let near = near.map(|cell| &shares.cells[cell]);
+            for (patch, accepted) in accepted.iter().enumerate() {
+                if accepted & pixel.class_bit != 0 {
+                    let [here, left, right, above, below] = near.map(|cell| cell[patch]);
+                    let (by_x, by_y) = (right - left, below - above);
+                    sum += here;
+                    // The robot moves on by the step, so the pixel moves back within it.
+                    slope[0] -= by_x;
+                    slope[1] -= by_y;
+                    slope[2] += y * by_x - x * by_y;
+                }
+            }
+        }
+        Look { sum, slope: slope.map(|part| part / (2.0 * CELL_MM as f32)) }
+    }
+
     /// The pose near `start` that explains most.
     pub fn best_near(&self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
         let mut best = start;
-        let mut most = self.total(shares, accepted, &best);
-        let mut trials = 0;
-        for halving in 0..=HALVINGS {
-            let part = 0.5f64.powi(halving as i32);
-            let (step_mm, step) = (FIRST_STEP_MM * part, FIRST_STEP_DEG.to_radians() * part);
-            loop {
-                let before = most;
-                for [dx, dy, turn] in [
-                    [step_mm, 0.0, 0.0],
-                    [-step_mm, 0.0, 0.0],
-                    [0.0, step_mm, 0.0],
-                    [0.0, -step_mm, 0.0],
-                    [0.0, 0.0, step],
-                    [0.0, 0.0, -step],
-                ] {
-                    let position =
-                        FieldPoint::new(best.position.x_mm + dx, best.position.y_mm + dy);
-                    let tried = Pose { position, orientation: best.orientation + turn };
-                    let sum = self.total(shares, accepted, &tried);
-                    trials += 1;
-                    // More than rounding.
-                    if sum > most + 1e-3 {
-                        (best, most) = (tried, sum);
-                    }
-                }
-                if most <= before || trials >= MAX_TRIALS {
-                    break;
-                }
+        let mut look = self.look(shares, accepted, &best);
+        let mut damping = 1.0;
+        for _ in 1..MAX_LOOKS {
+            let Some(step) = self.step(shares, &look) else { break };
+            let [x, y, turn] = step.map(|part| damping * part);
+            let position = best.field_from_robot([x, y]);
+            let tried = Pose { position, orientation: best.orientation + turn };
+            let there = self.look(shares, accepted, &tried);
+            let moved_mm = x.hypot(y).hypot(turn * shares.reach_mm / 2.0);
+            if there.sum > look.sum {
+                (best, look, damping) = (tried, there, 1.0);
+            } else {
+                damping /= 2.0;
+            }
+            if moved_mm < SETTLED_MM {
+                break;
             }
         }
         best
     }
 
-    /// As [`best_near`](Self::best_near), from several beginnings; and the heading is the mean over all
-    /// that agree nearly as well, because a sum over pixels has many small maxima side by side.
-    pub fn fit(&self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
-        let begin = |degrees: f64| {
-            let orientation = start.orientation + degrees.to_radians();
-            let pose = self.best_near(shares, accepted, Pose { orientation, ..start });
-            (self.total(shares, accepted, &pose), pose)
-        };
-        let best = BEGINNINGS_DEG.map(begin).into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((most, best)) = best else { return start };
-        let (mut weights, mut mean) = (0.0, 0.0);
-        for step in -MEAN_STEPS..=MEAN_STEPS {
-            let turn = f64::from(step) * MEAN_STEP_DEG.to_radians();
-            let around = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
-            let sums = around.map(|[dx, dy]| {
-                let position = FieldPoint::new(
-                    best.position.x_mm + MEAN_STEP_MM * dx,
-                    best.position.y_mm + MEAN_STEP_MM * dy,
-                );
-                let tried = Pose { position, orientation: best.orientation + turn };
-                self.total(shares, accepted, &tried)
-            });
-            let sum = sums.into_iter().fold(f32::NEG_INFINITY, f32::max);
-            let weight = f64::from(((sum - most) / MEAN_TOLERANCE).exp());
-            weights += weight;
-            mean += weight * turn;
-        }
-        if weights > 0.0 && mean.is_finite() && weights.is_finite() {
-            Pose { orientation: best.orientation + mean / weights, ..best }
-        } else {
-            best
-        }
+    /// Newton's step.
+    fn step(&self, shares: &Shares, look: &Look) -> Option<[f64; 3]> {
+        // Where half of the robot shows, everything is half as steep.
+        const LEAST_SHOWN: f32 = 0.25;
+        let shown = look.sum * self.pixel_mm2 / shares.area_mm2().max(1.0);
+        let per_pixel = self.pixel_mm2 / shown.clamp(LEAST_SHOWN, 1.0);
+        let slope = look.slope.map(|part| f64::from(part * per_pixel));
+        let step = times(&inverse(&shares.curvature)?, &slope);
+        let [x, y, turn] = step;
+        let excess =
+            (x.hypot(y) / LONGEST_STEP_MM).max(turn.abs() / LONGEST_STEP_DEG.to_radians()).max(1.0);
+        let step = step.map(|part| part / excess);
+        step.iter().all(|part| part.is_finite()).then_some(step)
     }
 }
 
 /// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
-fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize) {
-    // Three boxes of width w have a variance of (w² − 1)/4 cells².
-    let sigma = FADE_MM / CELL_MM;
-    let half = (((4.0 * sigma * sigma + 1.0).sqrt() - 1.0) / 2.0).round() as usize;
-    for _ in 0..3 {
+fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
+    // A box of width w has a variance of (w² − 1)/12 cells²; each takes its part of what is left.
+    let mut left = (sigma_mm / CELL_MM).powi(2);
+    for boxes in [3.0, 2.0, 1.0] {
+        let half = (((12.0 * left / boxes + 1.0).max(1.0).sqrt() - 1.0) / 2.0).round() as usize;
+        left -= ((2 * half + 1).pow(2) - 1) as f64 / 12.0;
         for vertical in [false, true] {
             let before = shares.to_vec();
             let index = |line: usize, place: usize| {
@@ -422,7 +470,7 @@ mod tests {
                 position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
                 orientation: pose.orientation + 0.3,
             };
-            let fitted = surroundings.fit(&top.shares, &accepted, start);
+            let fitted = surroundings.best_near(&top.shares, &accepted, start);
             let turned = wrap_angle(fitted.orientation - pose.orientation).to_degrees().abs();
             assert!(turned < 6.0, "{degrees}: {turned}°");
             assert!(fitted.position.distance(position) < 6.0, "{degrees}: {fitted:?}");
@@ -453,7 +501,7 @@ mod tests {
         for x_mm in [f64::NAN, 1e12, -5000.0] {
             let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
             surroundings.look_at(top, &camera, &frame, pose.position);
-            let fitted = surroundings.fit(&top.shares, &[1; MAX_PATCHES], pose);
+            let fitted = surroundings.best_near(&top.shares, &[1; MAX_PATCHES], pose);
             assert!(!fitted.orientation.is_nan());
         }
     }

@@ -30,6 +30,7 @@
 
 use crate::edge_pixels::{EdgePixels, Sums};
 use crate::edges::{EdgeMap, MAX_STRETCHES};
+use crate::linear::{UPPER, inverse, times};
 use crate::local_map::LocalMap;
 use crate::raw::{CHANNELS, RawFrame};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
@@ -359,29 +360,6 @@ fn typical_px(stretches: &[Stretch], off_px: &[f64; MAX_STRETCHES]) -> f64 {
         return 0.0;
     }
     *seen.select_nth_unstable_by(count / 2, f64::total_cmp).1
-}
-
-/// Rows and columns of an upper triangle.
-const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-
-/// A symmetric matrix, as its upper triangle, times a vector.
-fn times(m: &[f64; 6], v: &[f64; 3]) -> [f64; 3] {
-    [
-        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
-        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
-        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
-    ]
-}
-
-/// Inverse of a positive definite matrix.
-fn inverse(&[xx, xy, xz, yy, yz, zz]: &[f64; 6]) -> Option<[f64; 6]> {
-    let (a, b, c) = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
-    let determinant = xx * a + xy * b + xz * c;
-    let inverse = [a, b, c, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy]
-        .map(|cofactor| cofactor / determinant);
-    let is_positive = [0, 3, 5].iter().all(|&index| inverse[index] > 0.0);
-    (determinant > 0.0 && is_positive && inverse.iter().all(|term| term.is_finite()))
-        .then_some(inverse)
 }
 
 #[cfg(test)]

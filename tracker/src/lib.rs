@@ -16,7 +16,9 @@
 //! 4. `pose`: the places of the patches become a pose.
 //! 5. `refine`: poses are measured to hundredths of a pixel where the patches have their edges in the
 //!    raw picture (`raw`, `edges`, `edge_fit`, `local_map`), and get their covariance.
-//! 6. `unknown`: robots of which only the team can be told; `ball`; and `reasons`: what became of
+//! 6. `faint`: where patches are blurred beyond their colours, the mixture of colours in the raw picture
+//!    is undone (`mixture`).
+//! 7. `unknown`: robots of which only the team can be told; `ball`; and `reasons`: what became of
 //!    everything else.
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
@@ -32,10 +34,13 @@ mod edge_fit;
 mod edge_pixels;
 mod edges;
 mod error;
+mod faint;
 mod footprint;
 mod hypotheses;
+mod linear;
 mod local_map;
 mod measure;
+mod mixture;
 mod pairing;
 mod pattern;
 mod pitch;

@@ -53,6 +53,28 @@ impl<'a> RawFrame<'a> {
         Some(Self { bytes, stride, width, height, channels, samples_per_pixel, step, first, deep })
     }
 
+    /// How many of red, green and blue there are samples of.
+    pub fn channels(&self) -> usize {
+        let is_bayer = self.channels != [[0; 2]; 2];
+        if is_bayer { CHANNELS } else { self.samples_per_pixel }
+    }
+
+    /// Means of each channel over a square of `size` pixels, an even number, that begins at this row
+    /// and column and lies in the picture. 0 for a channel that there are no samples of.
+    pub fn mean(&self, row: usize, column: usize, size: usize) -> [f32; CHANNELS] {
+        let (mut sums, mut counts) = ([0.0; CHANNELS], [0.0f32; CHANNELS]);
+        for row in row..row + size {
+            for column in column..column + size {
+                for index in 0..self.samples_per_pixel {
+                    let (channel, value) = self.sample(row, column, index);
+                    sums[channel] += value;
+                    counts[channel] += 1.0;
+                }
+            }
+        }
+        std::array::from_fn(|channel| sums[channel] / counts[channel].max(1.0))
+    }
+
     /// Channel and value (0–255) of a sample of a pixel, which the picture must have.
     #[inline(always)]
     pub fn sample(&self, row: usize, column: usize, index: usize) -> (usize, f32) {

@@ -1,6 +1,7 @@
 //! Why candidates became nothing: what a person needs to see to set up colours and lamps.
 
 use crate::candidates::Spot;
+use crate::faint::FaintRobots;
 use crate::hypotheses::{Fate, Outcome};
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::{Kind, Pattern, Top};
@@ -55,6 +56,7 @@ impl Rejections {
 pub(crate) fn explain_team_patches(
     pattern: &Pattern,
     pairing: &Pairing,
+    faint: &FaintRobots,
     unknown: &UnknownRobots,
     rejections: &mut Rejections,
 ) {
@@ -66,6 +68,7 @@ pub(crate) fn explain_team_patches(
             if spot.class != class
                 || spot.measure.area_mm2 < worth_listing
                 || unknown.use_region(spot.region)
+                || faint.covers(pattern, spot.measure.position)
             {
                 continue;
             }
@@ -81,6 +84,7 @@ pub(crate) fn explain_team_patches(
 pub(crate) fn explain_lonely_patches(
     pattern: &Pattern,
     pairing: &Pairing,
+    faint: &FaintRobots,
     rejections: &mut Rejections,
 ) {
     let is_of_team = |class: u32| Team::ALL.iter().any(|&team| pattern.team_class(team) == class);
@@ -89,7 +93,11 @@ pub(crate) fn explain_lonely_patches(
     // However small: a bad team patch is listed with a reason of its own.
     let team_spots = || spots().filter(|spot| is_of_team(spot.class));
     for spot in spots() {
-        if spot.outside || is_of_team(spot.class) || is_used(pattern, pairing, spot.region) {
+        if spot.outside
+            || is_of_team(spot.class)
+            || is_used(pattern, pairing, spot.region)
+            || faint.covers(pattern, spot.measure.position)
+        {
             continue;
         }
         let could_be = pattern.kinds.iter().filter(|kind| {

@@ -94,7 +94,7 @@ pub(crate) fn ask(
         if agreement < at_once - WORTH_FITTING {
             continue;
         }
-        let pose = surroundings.fit(&top.shares, &accepted, start);
+        let pose = surroundings.best_near(&top.shares, &accepted, start);
         let agreement = surroundings.agreement(&top.shares, &accepted, &pose);
         let agreement = &agreement[..top.patches.len()];
         best = best.max(agreement.iter().sum());

@@ -1,6 +1,7 @@
 //! The pure tracker: runs in, everything seen out.
 
 use crate::ball::BallFinder;
+use crate::faint::FaintRobots;
 use crate::pairing::{Pairing, Scene};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
@@ -26,6 +27,7 @@ pub struct Tracker {
     region_finder: RegionFinder,
     prior: Prior,
     pairing: Pairing,
+    faint: FaintRobots,
     /// Whether robots of which only the team is known are reported.
     report_unknown: bool,
     unknown: UnknownRobots,
@@ -52,6 +54,7 @@ impl Tracker {
             ),
             prior: Prior::default(),
             pairing: Pairing::default(),
+            faint: FaintRobots::new(config, &pattern),
             report_unknown: config.robots.report_unknown,
             unknown: UnknownRobots::default(),
             ball_finder: BallFinder::new(config, pattern.limits)?,
@@ -75,8 +78,9 @@ impl Tracker {
     ///
     /// With the raw frame, robots and balls are measured by their edges; without it, or where there
     /// is too little of them, by their classified pixels ([`DetectionFrame::FRAME_USED`],
-    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). What is found,
-    /// and under which name, does not depend on it.
+    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). What is found
+    /// by classified pixels, and under which name, does not depend on it; robots whose colours are mixed
+    /// beyond that, out of focus or by their motion, are found in it besides.
     ///
     /// `prior` decides between explanations of the picture that are equally good, and says where to
     /// measure first, which changes a pose by less than it is uncertain, and nothing else; it is
@@ -121,14 +125,18 @@ impl Tracker {
             (top, identity.and_then(|identity| self.prior.pose(identity)).copied())
         };
         self.refiner.refine_robots(&self.camera, frame.as_ref(), expected, out);
+        self.faint.clear();
+        if let Some(frame) = &frame {
+            self.faint.find(&scene, &self.pairing, frame, out);
+        }
         self.unknown.clear();
         if self.report_unknown {
-            self.unknown.find(&scene, &self.pairing, out);
+            self.unknown.find(&scene, &self.pairing, &self.faint, out);
         }
         self.rejections.clear();
-        let rejections = &mut self.rejections;
-        explain_team_patches(&self.pattern, &self.pairing, &self.unknown, rejections);
-        explain_lonely_patches(&self.pattern, &self.pairing, &mut self.rejections);
+        let (pattern, pairing, rejections) = (&self.pattern, &self.pairing, &mut self.rejections);
+        explain_team_patches(pattern, pairing, &self.faint, &self.unknown, rejections);
+        explain_lonely_patches(pattern, pairing, &self.faint, rejections);
         self.ball_finder.find(&self.pattern, &self.camera, &self.pitch, out, &mut self.rejections);
         self.refiner.refine_balls(&self.camera, frame.as_ref(), out);
         self.rejections.write(out);

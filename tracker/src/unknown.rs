@@ -6,6 +6,7 @@
 //! centre. Number and heading are not guessed.
 
 use crate::candidates::Candidate;
+use crate::faint::FaintRobots;
 use crate::measure::distance_mm;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
 use crate::pattern::Top;
@@ -41,7 +42,13 @@ impl UnknownRobots {
     }
 
     /// Appends to the frame, by team, what `pairing` has found no robot for.
-    pub fn find(&mut self, scene: &Scene, pairing: &Pairing, frame: &mut DetectionFrame) {
+    pub fn find(
+        &mut self,
+        scene: &Scene,
+        pairing: &Pairing,
+        faint: &FaintRobots,
+        frame: &mut DetectionFrame,
+    ) {
         self.found.clear();
         let pattern = scene.pattern;
         for team in Team::ALL {
@@ -51,6 +58,7 @@ impl UnknownRobots {
                 for candidate in pairing.finder.of_kind(kind) {
                     if scene.pitch.contains(candidate.measure.position, 0.0)
                         && !is_of_known(scene, pairing, candidate)
+                        && !faint.covers(pattern, candidate.measure.position)
                         && !self.is_of_found(&pattern.tops[top], candidate)
                     {
                         self.found.push(Found { team, top, candidate: *candidate });

@@ -325,6 +325,7 @@ impl Default for SyntheticConfig {
             gradient: 0.0,
             color_temperature_k: 6500.0,
             glare: 0.0,
+            defocus_px: 0.0,
             noise: 2.0,
         }
     }

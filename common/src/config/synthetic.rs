@@ -41,6 +41,10 @@ pub struct SyntheticConfig {
     /// A lamp mirrored in floor and robots, 0–1; 1 is white.
     #[schemars(range(min = 0, max = 1))]
     pub glare: f64,
+    /// How far out of focus the lens is: standard deviation of the spot it makes of a point, in pixels,
+    /// besides that of a sharp lens.
+    #[schemars(range(min = 0, max = 20))]
+    pub defocus_px: f64,
     /// Sensor noise, 1σ, in grey levels of 255.
     #[schemars(range(min = 0, max = 100))]
     pub noise: f64,

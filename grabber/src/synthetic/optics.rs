@@ -10,8 +10,8 @@ use common::geometry::CameraModel;
 use common::messages::BayerOrder;
 use common::rolling_shutter::RollingShutter;
 
-/// Standard deviation of the spot.
-pub const SPOT_PX: f64 = 0.6;
+/// Standard deviation of the spot of a lens in focus.
+const SPOT_PX: f64 = 0.6;
 /// Beyond so many standard deviations there is no light worth a grey level.
 pub const SPOT_REACH: f32 = 3.0;
 
@@ -34,8 +34,15 @@ pub struct Optics {
     pub shutter: RollingShutter,
     /// Light on the pitch.
     pub light: Light,
+    /// Standard deviation of the spot, in pixels.
+    pub spot_px: f64,
     /// The spot at edges.
     pub edge: SoftEdge,
+}
+
+/// Standard deviation of the spot of a lens that far out of focus, in pixels.
+pub fn spot_px(defocus_px: f64) -> f64 {
+    SPOT_PX.hypot(defocus_px.clamp(0.0, 20.0))
 }
 
 /// How much of a spot lies on the near side of a straight edge.

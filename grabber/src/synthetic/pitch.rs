@@ -1,6 +1,6 @@
 //! What does not move: the pitch with its markings, the goals, the walls and the floor around.
 
-use super::optics::{LOOKS, Optics, SPOT_PX, look_set, looks_within_spot};
+use super::optics::{LOOKS, Optics, look_set, looks_within_spot};
 use common::config::FieldConfig;
 use common::geometry::{FieldPoint, ImagePoint};
 
@@ -89,7 +89,8 @@ pub fn paint(field: &FieldConfig, optics: &Optics) -> Vec<u8> {
         for column in 0..width {
             let channel = optics.order.channel_at(column, row);
             let corners = [above[column], above[column + 1], below[column], below[column + 1]];
-            let color = pixel_color(&pitch, corners, &looks[look_set(column, row)]);
+            let looks = &looks[look_set(column, row)];
+            let color = pixel_color(&pitch, corners, looks, optics.spot_px);
             let value =
                 color[channel] * optics.light.at(column, row) + optics.light.glare_at(column, row);
             pixels.push((value + 0.5) as u8);
@@ -104,10 +105,11 @@ fn pixel_color(
     pitch: &Pitch,
     [top_left, top_right, bottom_left, bottom_right]: [FieldPoint; 4],
     looks: &[[f64; 2]; LOOKS],
+    spot_px: f64,
 ) -> [f32; 3] {
     let mut sum = [0.0; 3];
     for look in looks {
-        let [x, y] = look.map(|sigmas| 0.5 + sigmas * SPOT_PX);
+        let [x, y] = look.map(|sigmas| 0.5 + sigmas * spot_px);
         let blend = |a: f64, b: f64, c: f64, d: f64| {
             (a * (1.0 - x) + b * x) * (1.0 - y) + (c * (1.0 - x) + d * x) * y
         };

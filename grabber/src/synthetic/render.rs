@@ -6,7 +6,7 @@
 
 use super::light::Light;
 use super::motion::Twist;
-use super::optics::{Optics, SPOT_PX, SoftEdge};
+use super::optics::{Optics, SoftEdge, spot_px};
 use super::pitch;
 use super::play::{Play, Robot};
 use super::random::{Random, hash};
@@ -80,12 +80,13 @@ impl Renderer {
             exposure_s: f64::from(camera.exposure_us) * 1e-6,
             shutter: RollingShutter::new(camera),
             light: Light::new(config),
+            spot_px: spot_px(config.synthetic.defocus_px),
             edge: SoftEdge::new(),
         };
         // The scale hardly changes over the picture, so one table serves everywhere.
         let middle = optics.model.image_from_field(FieldPoint::default(), tallest_mm);
         let area_mm2 = optics.model.pixel_area_mm2(middle, tallest_mm);
-        let spot_mm = positive("geometry.points", area_mm2.sqrt() * SPOT_PX)?;
+        let spot_mm = positive("geometry.points", area_mm2.sqrt() * optics.spot_px)?;
         let background = pitch::paint(&config.field, &optics);
         let mut tops: Vec<(Top, Arc<Shape>)> = Vec::new();
         let mut shapes = Vec::with_capacity(config.robots.identities.len());

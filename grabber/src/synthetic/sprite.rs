@@ -4,7 +4,7 @@
 //! middle shows what the pixel shows; motion blur takes a few more.
 
 use super::motion::{Twist, drive};
-use super::optics::{Optics, SPOT_PX, SPOT_REACH};
+use super::optics::{Optics, SPOT_REACH};
 use super::shape::{Outline, PARTS, SIDE, Shape, WHOLE};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
@@ -252,7 +252,7 @@ pub fn draw_robot(
         let height = if index & 4 == 0 { height_mm } else { 0.0 };
         optics.model.image_from_field(pose.field_from_robot([sign(1), sign(2)]), height)
     });
-    let margin_px = f64::from(SPOT_REACH) * SPOT_PX + f64::from(blur_px) + 0.5;
+    let margin_px = f64::from(SPOT_REACH) * optics.spot_px + f64::from(blur_px) + 0.5;
     layer.reset(Rect::around(&corners, margin_px, optics.width, optics.height));
 
     let mut views = [View::default(); MAX_VIEWS];
@@ -331,7 +331,7 @@ pub fn draw_ball(
     let [vx, vy] = velocity_mm_s;
     let position = FieldPoint::new(position.x_mm + vx * late_s, position.y_mm + vy * late_s);
     let map = LocalMap::new(&optics.model, position, radius_mm, radius_mm);
-    let spot_mm = map.mm_per_px() * SPOT_PX as f32;
+    let spot_mm = map.mm_per_px() * optics.spot_px as f32;
     let blur_mm = (velocity_mm_s[0].hypot(velocity_mm_s[1]) * optics.exposure_s / 2.0) as f32;
     let blur_px = blur_mm / map.mm_per_px();
     let corners: [ImagePoint; 4] = std::array::from_fn(|index| {
@@ -339,7 +339,7 @@ pub fn draw_ball(
         let corner = FieldPoint::new(position.x_mm + sign(1), position.y_mm + sign(2));
         optics.model.image_from_field(corner, radius_mm)
     });
-    let margin_px = f64::from(SPOT_REACH) * SPOT_PX + f64::from(blur_px) + 0.5;
+    let margin_px = f64::from(SPOT_REACH) * optics.spot_px + f64::from(blur_px) + 0.5;
     layer.reset(Rect::around(&corners, margin_px, optics.width, optics.height));
 
     let mut shifts = [[0.0; 2]; MAX_VIEWS];

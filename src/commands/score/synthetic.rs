@@ -32,6 +32,18 @@ const SCENES: &[(&str, Change)] = &[
     ("glare", |config| config.synthetic.glare = 0.25),
     ("noise", |config| config.synthetic.noise = 6.0),
     ("blur", |config| config.camera.exposure_us = 10_000),
+    ("blur-11px", |config| {
+        // A robot at full speed covers 11 pixels while the shutter is open.
+        config.camera.fps = 30.0;
+        config.camera.exposure_us = 31_000;
+    }),
+    ("defocus", |config| config.synthetic.defocus_px = 2.5),
+    ("dim", |config| {
+        // Half as bright as "light-0.5", and a read noise of nine electrons, 255 grey levels being a
+        // thousand.
+        config.synthetic.brightness = 0.25;
+        config.synthetic.noise = 2.3;
+    }),
     ("3v3", |config| config.robots.identities.retain(|identity| identity.id < 3)),
     ("vsss", |config| *config = Preset::Vsss3v3.config()),
     ("tall-opponents", |config| config.teams.blue.height_mm = Some(150.0)),
