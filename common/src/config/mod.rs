@@ -261,7 +261,8 @@ pub struct ColorConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("examples" = [[150, 200]]))]
     pub v: Option<[u8; 2]>,
-    /// What it looks like: for overlays, and for painting the synthetic match.
+    /// What it looks like: for overlays, for painting the synthetic match, and for telling robots apart
+    /// whose patches are blurred.
     pub looks: [u8; 3],
 }
 
