@@ -136,11 +136,12 @@ fn curvature(
     let mut sums = [0.0; 6];
     for (row, column) in (1..columns - 1).flat_map(|row| (1..columns - 1).map(move |c| (row, c))) {
         let cell = row * columns + column;
-        for patch in 0..MAX_PATCHES {
-            let between = |step: usize| {
-                f64::from(shares[cell + step][patch] - shares[cell - step][patch]) / (2.0 * CELL_MM)
-            };
-            let (x, y) = (between(1), between(columns));
+        // How the share of each patch changes from the cell before to the one behind.
+        let between = |step: usize| {
+            let pairs = shares[cell - step].iter().zip(&shares[cell + step]);
+            pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * CELL_MM))
+        };
+        for (x, y) in between(1).zip(between(columns)) {
             let slope = [x, y, place(row) * x - place(column) * y];
             for (sum, (i, j)) in sums.iter_mut().zip(UPPER) {
                 *sum += slope[i] * slope[j] * CELL_MM * CELL_MM;

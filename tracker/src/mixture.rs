@@ -317,10 +317,10 @@ impl Unmixed {
     pub fn distance(&self, colors: &Colors) -> f64 {
         let brightness = self.hold(colors).brightness;
         let mut squares = 0.0;
-        for patch in 0..self.patch_count {
+        for (patch, color) in colors.iter().enumerate().take(self.patch_count) {
             // As they would be were they not held at nothing.
             let held = (1.0 - LAMBDA * self.inverse[patch][patch]).max(0.05);
-            for (level, color) in self.levels[patch].iter().zip(&colors[patch]) {
+            for (level, color) in self.levels[patch].iter().zip(color) {
                 squares += (level / (held * brightness) - color).powi(2);
             }
         }

@@ -52,7 +52,7 @@ fn painted(config: &Config, robots: &[Robot]) -> Pixels {
 }
 
 /// The mean of a picture shifted by each of these offsets, weighted.
-fn shifted(config: &Config, pixels: &Pixels, offsets: &[(f64, f64, f64)]) -> Pixels {
+fn shifted(config: &Config, pixels: &[[f64; 3]], offsets: &[(f64, f64, f64)]) -> Pixels {
     let (width, height) = (config.camera.width as i64, config.camera.height as i64);
     let at =
         |x: i64, y: i64| pixels[(y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize];
@@ -77,7 +77,7 @@ fn shifted(config: &Config, pixels: &Pixels, offsets: &[(f64, f64, f64)]) -> Pix
         .collect()
 }
 
-fn moved(config: &Config, pixels: &Pixels, way_px: f64, degrees: f64) -> Pixels {
+fn moved(config: &Config, pixels: &[[f64; 3]], way_px: f64, degrees: f64) -> Pixels {
     const PLACES: i32 = 21;
     let (sin, cos) = degrees.to_radians().sin_cos();
     let offsets: Vec<(f64, f64, f64)> = (0..PLACES)
@@ -87,7 +87,7 @@ fn moved(config: &Config, pixels: &Pixels, way_px: f64, degrees: f64) -> Pixels 
     shifted(config, pixels, &offsets)
 }
 
-fn defocused(config: &Config, pixels: &Pixels, sigma_px: f64) -> Pixels {
+fn defocused(config: &Config, pixels: &[[f64; 3]], sigma_px: f64) -> Pixels {
     let reach = (3.0 * sigma_px).ceil() as i32;
     let line = |along: fn(f64) -> (f64, f64)| -> Vec<(f64, f64, f64)> {
         (-reach..=reach)
@@ -103,7 +103,7 @@ fn defocused(config: &Config, pixels: &Pixels, sigma_px: f64) -> Pixels {
 }
 
 /// What a tracker sees in a picture with this much noise, 1σ.
-fn seen(config: &Config, pixels: &Pixels, noise: f64) -> Box<DetectionFrame> {
+fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame> {
     let width = config.camera.width as usize;
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut random = move || {
