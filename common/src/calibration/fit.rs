@@ -43,6 +43,8 @@ pub(super) struct Fitted {
     variance_px2: f64,
     /// Akaike's information criterion, corrected for few data: the least is the likeliest.
     criterion: f64,
+    /// The same for points marked by hand, where smaller errors are chance.
+    criterion_by_hand: f64,
 }
 
 /// Parameters of a polynomial: k1, k2 and the centre.
@@ -80,6 +82,8 @@ const MAX_LENS_SIGMA: f64 = 0.25;
 const NEGLIGIBLE_RMS_PX: f64 = 0.01;
 /// Differences much smaller than this tell no camera from another.
 const TELLING_SIGMA_PX: f64 = 0.03;
+/// The same between physical cameras: nobody marks better than this.
+const BY_HAND_SIGMA_PX: f64 = 0.1;
 /// With this error left there is more to look for, even if the points are too few to show it.
 const TOO_LARGE_RMS_PX: f64 = 1.0;
 /// A ray through which a point is marked must have at least this third coordinate.
@@ -112,7 +116,8 @@ impl Task<'_> {
             return free;
         }
         let cameras = LensForm::all().filter_map(|form| self.physical_fit(&form));
-        let all = free.clone().into_iter().chain(cameras);
+        let likeliest = cameras.min_by(|a, b| a.criterion_by_hand.total_cmp(&b.criterion_by_hand));
+        let all = free.clone().into_iter().chain(likeliest);
         all.min_by(|a, b| a.criterion.total_cmp(&b.criterion)).map_or(free, Ok)
     }
 
@@ -177,7 +182,8 @@ impl Task<'_> {
             surplus: evidence.surplus(),
             distortion_parameters: *distortion_parameters,
             variance_px2: evidence.variance_px2(),
-            criterion: evidence.criterion() + camera.occam,
+            criterion: evidence.criterion(TELLING_SIGMA_PX) + camera.occam,
+            criterion_by_hand: evidence.criterion(BY_HAND_SIGMA_PX) + camera.occam,
             is_physical: true,
         })
     }
@@ -489,8 +495,9 @@ impl Task<'_> {
             sum_of_squares: self.sum_of_squares(&model),
             model,
             variance_px2: evidence.variance_px2(),
-            criterion: evidence.criterion()
+            criterion: evidence.criterion(TELLING_SIGMA_PX)
                 + FREEDOM * (NOT_PHYSICAL + minimum.parameters.len() - fixed) as f64,
+            criterion_by_hand: evidence.criterion(BY_HAND_SIGMA_PX),
             is_physical: false,
         })
     }
@@ -542,14 +549,14 @@ impl Evidence<'_> {
 
     /// Hurvich & Tsai, Regression and time series model selection in small samples, 1989. A number of which something is
     /// expected is not free.
-    fn criterion(&self) -> f64 {
+    fn criterion(&self, telling_sigma_px: f64) -> f64 {
         let count = self.equations as f64;
         let free = self.minimum.parameters.len() as f64 - self.expectations as f64;
         let left = count - free - 1.0;
         if left <= 0.0 {
             return f64::INFINITY;
         }
-        let variance = self.minimum.sum_of_squares / count + TELLING_SIGMA_PX * TELLING_SIGMA_PX;
+        let variance = self.minimum.sum_of_squares / count + telling_sigma_px.powi(2);
         count * variance.ln() + 2.0 * free + 2.0 * free * (free + 1.0) / left
     }
 }
