@@ -280,7 +280,7 @@ mod tests {
             "640 × 480 pixels, RGGB, 60 fps",
             "orange (ball), yellow (team yellow), blue (team blue), green",
             "cost      no colour has bounds in hue or saturation",
-            "yellow 0–2, blue 0–2; 75 mm, 1 identification patch",
+            "yellow 0–2, blue 0–2; 75 mm square, 75 mm high, 1 identification patch",
             "match.toml:4:15: camera.exposure_us: is longer than a frame at 60 fps",
         ] {
             assert!(report.contains(part), "{part:?} is missing in\n{report}");
