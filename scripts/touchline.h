@@ -189,7 +189,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineRun) == 8);
 typedef struct TouchlineDetectedRobot {
     /* A Team number. */
     uint32_t team;
-    /* Number of the robot in its team, or DetectedRobot::UNKNOWN_ID. */
+    /* Number of the robot in its team; 4294967295 where it is not known. */
     uint32_t robot_id;
     /* Centre of the robot on the field. */
     float x_mm;

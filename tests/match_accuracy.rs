@@ -123,7 +123,7 @@ fn score(game: &SyntheticMatch, seen: &DetectionFrame, world: &WorldFrame, outco
         let robot = seen
             .robots()
             .iter()
-            .find(|robot| (robot.team, robot.robot_id) == (truth.team, truth.robot_id));
+            .find(|robot| (robot.team, robot.robot_id) == (truth.team, truth.robot_id.into()));
         if let Some(robot) = robot {
             outcome.found += 1;
             let pose = [robot.x_mm, robot.y_mm, robot.orientation].map(f64::from);

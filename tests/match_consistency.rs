@@ -172,7 +172,8 @@ fn compare_robot(
     let place = |world: &WorldFrame| {
         world.robots().iter().position(|state| (state.team, state.robot_id) == name)
     };
-    let Some(robot) = seen.robots().iter().find(|robot| (robot.team, robot.robot_id) == name)
+    let Some(robot) =
+        seen.robots().iter().find(|robot| (robot.team, robot.robot_id) == (name.0, name.1.into()))
     else {
         return;
     };

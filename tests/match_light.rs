@@ -69,7 +69,10 @@ impl Outcome {
             let name = (truth.team, truth.robot_id);
             let is_here =
                 |x_mm: f64, y_mm: f64| (x_mm - truth.x_mm).hypot(y_mm - truth.y_mm) < 20.0;
-            let robot = seen.robots().iter().find(|robot| (robot.team, robot.robot_id) == name);
+            let robot = seen
+                .robots()
+                .iter()
+                .find(|robot| (robot.team, robot.robot_id) == (name.0, name.1.into()));
             let is_found = robot.is_some_and(|robot| is_here(robot.x_mm.into(), robot.y_mm.into()));
             self.wrong += u64::from(robot.is_some() && !is_found);
             self.seen.note(name, is_found);

@@ -240,7 +240,11 @@ fn a_hidden_identification_patch_makes_no_ghost() {
         assert_eq!(world.robots().len(), 10, "frame {frame}");
         let name = (robot.team, robot.robot_id);
         let is_it = |(team, id): (u32, u32)| (team, id) == name;
-        let seen = offline.seen.robots().iter().any(|it| is_it((it.team, it.robot_id)));
+        let seen = offline
+            .seen
+            .robots()
+            .iter()
+            .any(|it| it.robot_id.number().is_some_and(|id| is_it((it.team, id))));
         let known = world.robots().iter().find(|it| is_it((it.team, it.robot_id))).unwrap();
         if is_hidden && !seen {
             unrecognised += 1;

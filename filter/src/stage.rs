@@ -188,7 +188,9 @@ impl Filter {
         let candidates = |team: Team, robot_id: u32| {
             detected
                 .iter()
-                .filter(move |robot| robot.team == team as u32 && robot.robot_id == robot_id)
+                .filter(move |robot| {
+                    robot.team == team as u32 && robot.robot_id.number() == Some(robot_id)
+                })
                 .filter_map(|robot| {
                     let delay_s = shutter.delay_s(robot.y_px.into());
                     Some((delay_s, robot_candidate(robot, robot_motion)?))

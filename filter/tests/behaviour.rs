@@ -148,7 +148,7 @@ fn robots_do_not_know_of_each_other() {
         let sent = game.next_frame();
         let robots = game.detections.robots().to_vec();
         let alone: Vec<_> =
-            robots.iter().copied().filter(|r| (r.team, r.robot_id) == (0, 2)).collect();
+            robots.iter().copied().filter(|r| (r.team, r.robot_id) == (0, 2.into())).collect();
         all.see(&robots);
         one.see(&alone);
         assert_eq!(all.robot(), one.robot());
@@ -165,8 +165,8 @@ fn robots_without_a_number_have_no_track_and_disturb_none() {
     let (mut bench, mut alone) = (Bench::new(), Bench::new());
     for frame in 0..60 {
         let pose = at(100.0 + f64::from(frame) * 5.0, -200.0, 0.0);
-        let unknown = detected(0, DetectedRobot::UNKNOWN_ID, at(pose.x + 1.0, pose.y, 1.0));
-        let other = detected(1, DetectedRobot::UNKNOWN_ID, at(-300.0, 50.0, 0.0));
+        let unknown = detected(0, u32::MAX, at(pose.x + 1.0, pose.y, 1.0));
+        let other = detected(1, u32::MAX, at(-300.0, 50.0, 0.0));
         let known = detected(0, 2, pose);
         alone.see(&[known]);
         bench.see(&[known, unknown, other]);
@@ -350,7 +350,7 @@ fn any_robot() -> impl Strategy<Value = DetectedRobot> {
     (small.clone(), small, [number.clone(), number.clone(), number.clone(), number]).prop_map(
         |(team, robot_id, [x_mm, y_mm, orientation, confidence])| DetectedRobot {
             team,
-            robot_id,
+            robot_id: robot_id.into(),
             x_mm,
             y_mm,
             orientation,

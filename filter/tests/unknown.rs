@@ -42,7 +42,7 @@ fn patch(team: u32, [x, y]: [f64; 2]) -> DetectedRobot {
         covariance: [place, 0.0, 0.0, place, 0.0, 3.3],
         confidence: 0.4,
         orientation: 0.0,
-        ..detected(team, DetectedRobot::UNKNOWN_ID, Pose { x, y, theta: 0.0 })
+        ..detected(team, u32::MAX, Pose { x, y, theta: 0.0 })
     }
 }
 

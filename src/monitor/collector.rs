@@ -307,13 +307,14 @@ impl Collector {
             let robots: Vec<ReportedRobot> = detection
                 .robots()
                 .iter()
-                .filter(|robot| robot.is_identified())
-                .map(|robot| ReportedRobot {
-                    team: robot.team,
-                    robot_id: robot.robot_id,
-                    x_mm: robot.x_mm.into(),
-                    y_mm: robot.y_mm.into(),
-                    orientation: robot.orientation.into(),
+                .filter_map(|robot| {
+                    Some(ReportedRobot {
+                        team: robot.team,
+                        robot_id: robot.robot_id.number()?,
+                        x_mm: robot.x_mm.into(),
+                        y_mm: robot.y_mm.into(),
+                        orientation: robot.orientation.into(),
+                    })
                 })
                 .collect();
             let ball = detection.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);

@@ -58,7 +58,7 @@ fn main() {
     for (state, robot) in world.robots.iter_mut().zip(seen.robots()) {
         *state = RobotState {
             team: robot.team,
-            robot_id: robot.robot_id,
+            robot_id: robot.robot_id.number().expect("all robots are named"),
             status: TrackStatus::Measured as u32,
             x_mm: robot.x_mm.into(),
             y_mm: robot.y_mm.into(),

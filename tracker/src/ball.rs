@@ -179,7 +179,7 @@ fn is_on_top_of(
     robot: &DetectedRobot,
     ball: &Measure,
 ) -> bool {
-    let top = pattern.top_by_numbers(robot.team, robot.robot_id);
+    let top = pattern.top_by_numbers(robot.team, robot.robot_id.number());
     // Where the same point of the picture lies on the plane of the robot's top.
     let place = camera.field_from_image(ball.image, top.height_mm);
     let pose = Pose {

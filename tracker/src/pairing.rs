@@ -433,7 +433,7 @@ impl Pairing {
             }
             frame.push_robot(DetectedRobot {
                 team: identity.team as u32,
-                robot_id: identity.id,
+                robot_id: identity.id.into(),
                 x_mm: robot.pose.position.x_mm as f32,
                 y_mm: robot.pose.position.y_mm as f32,
                 orientation: wrap_angle(robot.pose.orientation) as f32,

@@ -253,8 +253,9 @@ impl Pattern {
     }
 
     /// The top of a robot that a message names by numbers.
-    pub fn top_by_numbers(&self, team: u32, id: u32) -> &Top {
-        match (self.identity_of(team, id), Team::from_number(team)) {
+    pub fn top_by_numbers(&self, team: u32, id: Option<u32>) -> &Top {
+        let identity = id.and_then(|id| self.identity_of(team, id));
+        match (identity, Team::from_number(team)) {
             (Some(identity), _) => self.top_of(identity),
             (None, team) => self.usual_top(team.unwrap_or(Team::Yellow)),
         }

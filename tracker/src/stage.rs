@@ -120,7 +120,8 @@ impl Tracker {
         };
         self.pairing.find(&scene, out);
         let expected = |robot: &DetectedRobot| {
-            let identity = self.pattern.identity_of(robot.team, robot.robot_id);
+            let number = robot.robot_id.number();
+            let identity = number.and_then(|id| self.pattern.identity_of(robot.team, id));
             let top = identity.map_or(0, |identity| self.pattern.identities[identity].top);
             (top, identity.and_then(|identity| self.prior.pose(identity)).copied())
         };

@@ -10,7 +10,7 @@ use crate::faint::FaintRobots;
 use crate::measure::distance_mm;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
 use crate::pattern::Top;
-use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, RobotId, Team};
 use std::f64::consts::PI;
 
 /// At most this much confidence without a number.
@@ -76,7 +76,7 @@ impl UnknownRobots {
             patch_regions[top.team_patch] = candidate.seed().region;
             frame.push_robot(DetectedRobot {
                 team: team as u32,
-                robot_id: DetectedRobot::UNKNOWN_ID,
+                robot_id: RobotId::UNKNOWN,
                 x_mm: measure.position.x_mm as f32,
                 y_mm: measure.position.y_mm as f32,
                 confidence: (CONFIDENCE * (-candidate.misfit).exp()) as f32,

@@ -51,7 +51,7 @@ fn check_layout(config: &Config, most_mm: f64, most_deg: f64) {
 fn check_image_poses(frame: &DetectionFrame, robots: &[Robot], config: &Config, most_deg: f64) {
     let picture = Picture::new(config);
     for found in frame.robots() {
-        let is_it = |r: &&Robot| (r.team as u32, r.id) == (found.team, found.robot_id);
+        let is_it = |r: &&Robot| (r.team as u32, r.id.into()) == (found.team, found.robot_id);
         let truth = robots.iter().find(is_it).unwrap();
         let height = config.robots.height_mm;
         let at = |x| picture.camera.image_from_field(truth.pose.field_from_robot([x, 0.0]), height);
@@ -178,7 +178,7 @@ fn the_message_names_its_inputs() {
             .robots
             .identities
             .iter()
-            .find(|i| (i.team as u32, i.id) == (robot.team, robot.robot_id))
+            .find(|i| (i.team as u32, i.id.into()) == (robot.team, robot.robot_id))
             .unwrap();
         assert_eq!(color(identification), identity.colors[0]);
     }

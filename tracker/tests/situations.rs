@@ -6,7 +6,7 @@ mod support;
 use bytemuck::Zeroable;
 use common::config::{Config, Preset};
 use common::geometry::FieldPoint;
-use common::messages::{DetectedRobot, RejectReason, Team, TrackStatus, WorldFrame};
+use common::messages::{RejectReason, Team, TrackStatus, WorldFrame};
 use std::f64::consts::FRAC_PI_4;
 use support::*;
 
@@ -410,7 +410,7 @@ fn a_robot_of_which_only_the_team_is_known_has_a_place() {
     picture.square([0.0, -600.0], 90.0, Some(blue));
     picture.square([-1230.0, 600.0], 34.0, Some(yellow));
     let frame = picture.detections();
-    let unknown = DetectedRobot::UNKNOWN_ID;
+    let unknown = UNKNOWN;
     assert_eq!(names(&frame), [(Yellow, 1), (Yellow, unknown), (Blue, 0), (Blue, unknown)]);
     for (index, place) in [(1, [-500.0, -500.0]), (3, [200.0, 100.0])] {
         let found = &frame.robots()[index];

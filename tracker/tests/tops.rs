@@ -41,7 +41,7 @@ fn teams_and_robots_have_heights_of_their_own() {
     let frame = detections(&flat, &picture.runs(), None);
     let off = |robot: &Robot| {
         let is_it = |found: &&common::messages::DetectedRobot| {
-            (found.team, found.robot_id) == (robot.team as u32, robot.id)
+            (found.team, found.robot_id) == (robot.team as u32, robot.id.into())
         };
         frame.robots().iter().find(is_it).map(|found| error_of(found, robot).0)
     };

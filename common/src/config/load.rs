@@ -391,7 +391,7 @@ mod tests {
              { role = \"identification\", outline_mm = [[-5, 30], [-30, 30], [-30, -30], [-5, -30]] },\n  \
              { role = \"identification\", outline_mm = [[-20, 5], [-30, 5], [-30, -5], [-20, -5]] },\n]";
         let config = parse(&robot(&format!("height_mm = 120\n{patches}")));
-        let top = config.top(Team::Blue as u32, 4);
+        let top = config.top(Team::Blue as u32, Some(4));
         assert_eq!((top.patches.len(), top.height_mm), (3, 120.0));
         // Two colours are one too many for the preset's patches.
         let refused = headlines(&robot(""));

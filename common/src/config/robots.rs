@@ -181,9 +181,10 @@ impl Config {
         Top { patches: &robots.patches, height_mm }
     }
 
-    /// The top of a robot by the numbers that messages carry.
-    pub fn top(&self, team: u32, id: u32) -> Top<'_> {
-        let is_it = |identity: &&IdentityConfig| (identity.team as u32, identity.id) == (team, id);
+    /// The top of a robot by the numbers that messages carry; its own may not be known.
+    pub fn top(&self, team: u32, id: Option<u32>) -> Top<'_> {
+        let is_it =
+            |identity: &&IdentityConfig| (identity.team as u32, Some(identity.id)) == (team, id);
         match (self.robots.identities.iter().find(is_it), Team::from_number(team)) {
             (Some(identity), _) => self.top_of(identity),
             (None, Some(team)) => self.top_of_team(team),

@@ -52,8 +52,8 @@ pub struct Region {
 pub struct DetectedRobot {
     /// A [`Team`](super::Team) number.
     pub team: u32,
-    /// Number of the robot in its team, or [`DetectedRobot::UNKNOWN_ID`].
-    pub robot_id: u32,
+    /// Number of the robot in its team; 4294967295 where it is not known.
+    pub robot_id: RobotId,
     /// Centre of the robot on the field.
     pub x_mm: f32,
     /// Centre of the robot on the field.
@@ -82,13 +82,49 @@ pub struct DetectedRobot {
 }
 
 impl DetectedRobot {
-    /// In the place of a number: a robot of which only the team patch can be told. Its place is that
-    /// of the patch, its heading is not known (0).
-    pub const UNKNOWN_ID: u32 = u32::MAX;
-
-    /// Whether it is known which robot it is.
+    /// Whether it is known which robot it is. Of one that is not, only the team patch can be told: its
+    /// place is that of the patch, its heading is not known (0).
     pub fn is_identified(&self) -> bool {
-        self.robot_id != Self::UNKNOWN_ID
+        self.robot_id.number().is_some()
+    }
+}
+
+/// The number of a robot in its team, or that it is not known: a number is had only by asking for it.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Pod, Zeroable, ZeroCopySend,
+)]
+#[type_name("touchline/RobotId/1")]
+#[repr(C)]
+pub struct RobotId(u32);
+
+impl RobotId {
+    /// The number is not known.
+    pub const UNKNOWN: Self = Self(u32::MAX);
+
+    /// The number, if it is known.
+    pub fn number(self) -> Option<u32> {
+        (self != Self::UNKNOWN).then_some(self.0)
+    }
+}
+
+impl From<u32> for RobotId {
+    fn from(number: u32) -> Self {
+        Self(number)
+    }
+}
+
+/// In a message it is described as what it is there: a number of four bytes.
+impl JsonSchema for RobotId {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        u32::schema_name()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        u32::json_schema(generator)
     }
 }
 

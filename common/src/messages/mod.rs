@@ -32,7 +32,7 @@ pub use camera::{CameraReport, CameraState, read_text, write_text};
 pub use command::{Commands, MAX_COMMANDS, WheelCommand, are_possible_speeds};
 pub use detection::{
     DetectedBall, DetectedRobot, DetectionFrame, MAX_BALLS, MAX_PATCHES, MAX_REGIONS, MAX_REJECTED,
-    Region, RejectReason, Rejected,
+    Region, RejectReason, Rejected, RobotId,
 };
 pub use event::{EventKind, GroupEvent};
 pub use frame::{BayerOrder, FrameFault, FrameHeader, MOST_AGE_NS, PixelLayout, reachable_frames};

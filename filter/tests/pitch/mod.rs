@@ -249,7 +249,7 @@ pub fn stamp(frame: &mut DetectionFrame, seq: u64, t_ns: u64) {
 pub fn detected(team: u32, robot_id: u32, pose: Pose) -> DetectedRobot {
     DetectedRobot {
         team,
-        robot_id,
+        robot_id: robot_id.into(),
         x_mm: pose.x as f32,
         y_mm: pose.y as f32,
         orientation: wrap_angle(pose.theta) as f32,

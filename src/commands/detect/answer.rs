@@ -111,7 +111,7 @@ impl RobotAnswer {
     fn new(robot: &DetectedRobot) -> Self {
         Self {
             team: Team::from_number(robot.team).map_or("unknown", Team::name),
-            id: robot.is_identified().then_some(robot.robot_id),
+            id: robot.robot_id.number(),
             x_px: rounded(robot.x_px, 3),
             y_px: rounded(robot.y_px, 3),
             heading_image_deg: robot.is_identified().then(|| degrees(robot.orientation_image)),
@@ -178,7 +178,7 @@ mod tests {
         let mut seen = Box::new(DetectionFrame::zeroed());
         seen.push_robot(DetectedRobot {
             team: 1,
-            robot_id: 3,
+            robot_id: 3.into(),
             x_mm: -1.25,
             y_mm: 2.0,
             orientation: -0.5 * std::f32::consts::PI,

@@ -216,7 +216,7 @@ impl Drawing<'_> {
             position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
             orientation: f64::from(robot.orientation),
         };
-        let top = overlay.config.top(robot.team, robot.robot_id);
+        let top = overlay.config.top(robot.team, robot.robot_id.number());
         let at = |point: [f64; 2]| {
             let point = pose.field_from_robot(point);
             overlay.image_spot(overlay.camera.image_from_field(point, top.height_mm))
@@ -287,7 +287,7 @@ impl Drawing<'_> {
     fn name_everything(&mut self, seen: &DetectionFrame) {
         for robot in seen.robots() {
             let (x, y) = (f64::from(robot.x_px), f64::from(robot.y_px));
-            let text = short_name(robot.team, robot.robot_id);
+            let text = short_name(robot.team, robot.robot_id.number());
             let radius = 0.75 * self.overlay.robot_size(x, y);
             let color = self.overlay.team_color(robot.team);
             self.label(self.overlay.spot(x, y), radius, &text, LETTER + 1, color, true);
@@ -359,12 +359,14 @@ impl Drawing<'_> {
     fn sum_up(&mut self, seen: &DetectionFrame, line_height: i32) {
         let robots = &self.overlay.config.robots.identities;
         let is_found = |team: u32, id: u32| {
-            seen.robots().iter().any(|robot| (robot.team, robot.robot_id) == (team, id))
+            seen.robots()
+                .iter()
+                .any(|robot| (robot.team, robot.robot_id.number()) == (team, Some(id)))
         };
         let missing: Vec<String> = robots
             .iter()
             .filter(|robot| !is_found(robot.team as u32, robot.id))
-            .map(|robot| short_name(robot.team as u32, robot.id))
+            .map(|robot| short_name(robot.team as u32, Some(robot.id)))
             .collect();
         let known = seen.robots().iter().filter(|robot| robot.is_identified()).count();
         let unknown = match seen.robots().len() - known {
@@ -400,9 +402,9 @@ fn is_noise(rejected: &Rejected) -> bool {
 }
 
 /// "Y3": team and number.
-fn short_name(team: u32, id: u32) -> String {
+fn short_name(team: u32, id: Option<u32>) -> String {
     let team = Team::from_number(team).map_or("?", Team::name);
-    let id = if id == DetectedRobot::UNKNOWN_ID { "?".into() } else { id.to_string() };
+    let id = id.map_or("?".into(), |id| id.to_string());
     format!("{}{id}", team[..1].to_uppercase())
 }
 
@@ -463,7 +465,7 @@ mod tests {
         let before = blank(&seen);
         seen.push_robot(DetectedRobot {
             team: 1,
-            robot_id: 2,
+            robot_id: 2.into(),
             x_px: 320.0,
             y_px: 240.0,
             ..DetectedRobot::default()

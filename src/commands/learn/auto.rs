@@ -175,7 +175,7 @@ fn label(config: &Config, file: PathBuf, seen: &DetectionFrame) -> ImageLabels {
     let clear = |robot: &DetectedRobot| {
         Some(RobotLabel {
             team: Team::from_number(robot.team)?,
-            id: robot.robot_id,
+            id: robot.robot_id.number()?,
             x_px: robot.x_px.into(),
             y_px: robot.y_px.into(),
             heading_deg: f64::from(robot.orientation_image).to_degrees(),
@@ -195,10 +195,10 @@ fn label(config: &Config, file: PathBuf, seen: &DetectionFrame) -> ImageLabels {
             quality: Quality::Hard,
         })
     };
-    let found = seen.robots().iter().filter_map(|robot| match robot.is_identified() {
-        true => clear(robot),
-        false => hard(robot.team, robot.x_px, robot.y_px),
-    });
+    let found = seen
+        .robots()
+        .iter()
+        .filter_map(|robot| clear(robot).or_else(|| hard(robot.team, robot.x_px, robot.y_px)));
     let is_robot = |rejected: &&Rejected| {
         let reason = RejectReason::from_number(rejected.reason);
         rejected.team != Rejected::BALL

@@ -245,7 +245,7 @@ fn right(config: &Config, lessons: &Lessons, labels: &[ImageLabels]) -> [usize; 
                 let (dx, dy) =
                     (f64::from(robot.x_px) - label.x_px, f64::from(robot.y_px) - label.y_px);
                 Team::from_number(robot.team) == Some(label.team)
-                    && robot.robot_id == label.id
+                    && robot.robot_id.number() == Some(label.id)
                     && dx.hypot(dy) < 3.0
                     && ((degrees + 180.0).rem_euclid(360.0) - 180.0).abs() < 6.0
             }));

@@ -117,7 +117,7 @@ mod tests {
             let seen = pipeline.step(&bayer).unwrap();
             let robots = seen.robots().iter().map(|robot| RobotLabel {
                 team: Team::from_number(robot.team).unwrap(),
-                id: robot.robot_id,
+                id: robot.robot_id.number().unwrap(),
                 x_px: robot.x_px.into(),
                 y_px: robot.y_px.into(),
                 heading_deg: f64::from(robot.orientation_image).to_degrees(),

@@ -158,7 +158,7 @@ fn team(number: u32) -> &'static str {
 fn of_detections(message: &DetectionFrame) -> Vec<Row> {
     let robots = message.robots().iter().map(|robot| Row {
         what: team(robot.team),
-        robot_id: robot.is_identified().then_some(robot.robot_id),
+        robot_id: robot.robot_id.number(),
         x_mm: robot.x_mm.into(),
         y_mm: robot.y_mm.into(),
         orientation: robot.is_identified().then_some(robot.orientation.into()),

@@ -154,12 +154,14 @@ fn play_scene(
         let robots: Vec<ReportedRobot> = seen
             .robots()
             .iter()
-            .map(|robot| ReportedRobot {
-                team: robot.team,
-                robot_id: robot.robot_id,
-                x_mm: robot.x_mm.into(),
-                y_mm: robot.y_mm.into(),
-                orientation: robot.orientation.into(),
+            .filter_map(|robot| {
+                Some(ReportedRobot {
+                    team: robot.team,
+                    robot_id: robot.robot_id.number()?,
+                    x_mm: robot.x_mm.into(),
+                    y_mm: robot.y_mm.into(),
+                    orientation: robot.orientation.into(),
+                })
             })
             .collect();
         let ball = seen.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);

@@ -163,12 +163,13 @@ impl Judge<'_> {
         let near = |found: &&DetectedRobot| {
             distance_px(place(label), (found.x_px, found.y_px)) < size_px / 2.0
         };
-        let is_named =
-            |found: &DetectedRobot| (found.team, found.robot_id) == (label.team as u32, label.id);
+        let is_named = |found: &DetectedRobot| {
+            (found.team, found.robot_id) == (label.team as u32, label.id.into())
+        };
         // Where robots touch, the neighbour may be within reach: whoever is at home there, is.
         let is_at_home = |found: &&DetectedRobot| {
             all.iter().any(|other| {
-                (found.team, found.robot_id) == (other.team as u32, other.id)
+                (found.team, found.robot_id) == (other.team as u32, other.id.into())
                     && (other.team, other.id) != (label.team, label.id)
                     && distance_px(place(other), (found.x_px, found.y_px))
                         < distance_px(place(label), (found.x_px, found.y_px))
@@ -296,7 +297,7 @@ impl Judge<'_> {
 
     /// Side of a robot's top as it appears.
     fn robot_size_px(&self, label: &RobotLabel) -> f64 {
-        let height_mm = self.config.top(label.team as u32, label.id).height_mm;
+        let height_mm = self.config.top(label.team as u32, Some(label.id)).height_mm;
         self.config.robots.size_mm / self.camera.pixel_area_mm2(place(label), height_mm).sqrt()
     }
 }
@@ -312,7 +313,7 @@ fn distance_px(a: ImagePoint, (x_px, y_px): (f32, f32)) -> f64 {
 fn found_robot(robot: &DetectedRobot) -> Option<FoundRobot> {
     Some(FoundRobot {
         team: Team::from_number(robot.team)?,
-        id: robot.robot_id,
+        id: robot.robot_id.number()?,
         x_px: rounded(robot.x_px.into()),
         y_px: rounded(robot.y_px.into()),
     })
@@ -335,7 +336,7 @@ mod tests {
     fn found(team: Team, robot_id: u32, x_px: f32, y_px: f32, degrees: f32) -> DetectedRobot {
         DetectedRobot {
             team: team as u32,
-            robot_id,
+            robot_id: robot_id.into(),
             x_px,
             y_px,
             orientation_image: degrees.to_radians(),

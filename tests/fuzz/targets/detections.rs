@@ -5,7 +5,7 @@
 use bytemuck::{Pod, bytes_of_mut};
 use common::config::Config;
 use common::messages::{
-    Commands, DetectedBall, DetectedRobot, DetectionFrame, TrackStatus, WorldFrame,
+    Commands, DetectedBall, DetectedRobot, DetectionFrame, RobotId, TrackStatus, WorldFrame,
 };
 use filter::Filter;
 use libfuzzer_sys::fuzz_target;
@@ -78,10 +78,10 @@ fuzz_target!(|bytes: &[u8]| {
                 let robot: &mut DetectedRobot = &mut detections.robots[slot];
                 bytes.fill(robot);
                 if kind % 8 == 1 {
-                    (robot.team, robot.robot_id) = (robot.team % 2, robot.robot_id % 6);
-                    if robot.robot_id == 5 {
-                        robot.robot_id = DetectedRobot::UNKNOWN_ID;
-                    }
+                    let number = robot.robot_id.number().unwrap_or(5) % 6;
+                    robot.team %= 2;
+                    robot.robot_id =
+                        if number == 5 { RobotId::UNKNOWN } else { RobotId::from(number) };
                     (robot.x_mm, robot.y_mm) = (robot.x_mm % 1100.0, robot.y_mm % 900.0);
                     robot.confidence = 0.9;
                 }

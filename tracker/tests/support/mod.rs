@@ -106,7 +106,7 @@ impl Picture {
     pub fn paint_robot(&mut self, robot: &Robot) {
         let classes = self.classes_of(robot);
         let config = self.config.clone();
-        let top = config.top(robot.team as u32, robot.id);
+        let top = config.top(robot.team as u32, Some(robot.id));
         self.paint_patches(&robot.pose, top, &classes);
     }
 
@@ -213,12 +213,18 @@ pub fn detections(
     out
 }
 
+/// The number of a robot of which it is not known, among [`names`].
+pub const UNKNOWN: u32 = u32::MAX;
+
 /// Names of the robots found.
 pub fn names(frame: &DetectionFrame) -> Vec<(Team, u32)> {
     frame
         .robots()
         .iter()
-        .map(|robot| (Team::from_number(robot.team).unwrap(), robot.robot_id))
+        .map(|robot| {
+            let number = robot.robot_id.number().unwrap_or(UNKNOWN);
+            (Team::from_number(robot.team).unwrap(), number)
+        })
         .collect()
 }
 
