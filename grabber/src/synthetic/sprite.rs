@@ -331,11 +331,13 @@ pub fn draw_ball(
     let [vx, vy] = velocity_mm_s;
     let position = FieldPoint::new(position.x_mm + vx * late_s, position.y_mm + vy * late_s);
     let map = LocalMap::new(&optics.model, position, radius_mm, radius_mm);
+    let outline = BallOutline::new(optics.lens_mm, position, radius_mm);
     let spot_mm = map.mm_per_px() * optics.spot_px as f32;
     let blur_mm = (velocity_mm_s[0].hypot(velocity_mm_s[1]) * optics.exposure_s / 2.0) as f32;
     let blur_px = blur_mm / map.mm_per_px();
     let corners: [ImagePoint; 4] = std::array::from_fn(|index| {
-        let sign = |bit: usize| if index & bit == 0 { radius_mm } else { -radius_mm };
+        let reach_mm = f64::from(outline.reach_mm());
+        let sign = |bit: usize| if index & bit == 0 { reach_mm } else { -reach_mm };
         let corner = FieldPoint::new(position.x_mm + sign(1), position.y_mm + sign(2));
         optics.model.image_from_field(corner, radius_mm)
     });
@@ -351,7 +353,6 @@ pub fn draw_ball(
     }
     let shifts = &shifts[..view_count];
 
-    let radius = radius_mm as f32;
     let rect = layer.rect;
     let mut cells = layer.cells.iter_mut();
     for row in rect.top..rect.bottom {
@@ -361,9 +362,9 @@ pub fn draw_ball(
             let value = f32::from(color[optics.order.channel_at(column, row)]);
             let (mut cover, mut shade) = (0.0, 0.0);
             for shift in shifts {
-                let distance = (x - shift[0]).hypot(y - shift[1]);
-                let part = optics.edge.part((radius - distance) / spot_mm);
-                let rim = (distance / radius).min(1.0);
+                let (depth_mm, distance) = outline.depth(x - shift[0], y - shift[1]);
+                let part = optics.edge.part(depth_mm / spot_mm);
+                let rim = distance.min(1.0);
                 cover += part;
                 shade += part * (0.8 + 0.2 * (1.0 - rim * rim).sqrt());
             }
@@ -372,6 +373,56 @@ pub fn draw_ball(
                 + cover * scale * optics.light.glare_at(column, row);
             *cell = Cell { light: (light + 0.5) as u16, cover: (cover * scale + 0.5) as u16 };
         }
+    }
+}
+
+/// The outline of a ball on the plane of its centre: the rays from the lens that touch it make a cone, and that
+/// cuts the plane in an ellipse, longer away from below the lens, and with its middle a little farther there.
+struct BallOutline {
+    /// Of the long axis.
+    direction: [f32; 2],
+    long_mm: f32,
+    short_mm: f32,
+    /// From the ball's centre to the ellipse's.
+    beyond_mm: f32,
+}
+
+impl BallOutline {
+    fn new(lens_mm: [f64; 3], ball: FieldPoint, radius_mm: f64) -> Self {
+        let (dx, dy) = (ball.x_mm - lens_mm[0], ball.y_mm - lens_mm[1]);
+        let (beside, above) = (dx.hypot(dy), lens_mm[2] - radius_mm);
+        // Rays to both ends of the long axis, on either side of the one to the centre.
+        let angle = beside.atan2(above);
+        let half = (radius_mm / beside.hypot(above)).min(1.0).asin();
+        let far = above * (angle + half).min(1.5).tan();
+        let near = above * (angle - half).tan();
+        let long_mm = (far - near) / 2.0;
+        // Across, it is as wide as a sphere's shadow: a sphere's outline in space is a circle.
+        let opening = (angle.cos().powi(2) - half.sin().powi(2)).max(0.01);
+        let direction = if beside > 1e-9 { [dx / beside, dy / beside] } else { [1.0, 0.0] };
+        Self {
+            direction: direction.map(|part| part as f32),
+            long_mm: long_mm as f32,
+            short_mm: (above * half.sin() / opening.sqrt()) as f32,
+            beyond_mm: ((far + near) / 2.0 - beside) as f32,
+        }
+    }
+
+    /// No point of it is farther from the ball's centre along x or y.
+    fn reach_mm(&self) -> f32 {
+        self.long_mm.max(self.short_mm) + self.beyond_mm.abs()
+    }
+
+    /// How far inside a point lies that is so far from the ball's centre, and where between middle and rim, 0–1.
+    fn depth(&self, x: f32, y: f32) -> (f32, f32) {
+        let [cos, sin] = self.direction;
+        let along = (x * cos + y * sin - self.beyond_mm) / self.long_mm;
+        let across = (y * cos - x * sin) / self.short_mm;
+        let distance = along.hypot(across);
+        // By how much the distance grows with every millimetre outwards.
+        let slope = (along / self.long_mm).hypot(across / self.short_mm) / distance.max(1e-6);
+        let slope = if distance > 1e-3 { slope } else { 1.0 / self.short_mm };
+        ((1.0 - distance) / slope, distance)
     }
 }
 
