@@ -251,10 +251,12 @@ fn detections_are_as_exact_as_they_claim() {
         assert!((1.4..3.5).contains(&mean), "{mean}");
         assert!((3.5..9.0).contains(&most), "{most}");
     }
-    // 2, 5.99. A ball has few edges, and tells less of how well they fit together.
+    // 2, 5.99, and 9.21 for 99 %. The synthetic ball is lit evenly; that of the tracker's own tests, in
+    // `tracker/tests/ball.rs`, is not, and errors are as large there as claimed.
     let (mean, most) = (mean(&outcome.ball_seen), quantile(&outcome.ball_seen, 0.95));
-    assert!((0.8..2.8).contains(&mean), "{mean}");
-    assert!((3.0..10.0).contains(&most), "{most}");
+    assert!((0.2..2.8).contains(&mean), "{mean}");
+    assert!((0.8..6.0).contains(&most), "{most}");
+    assert!(quantile(&outcome.ball_seen, 0.99) < 9.21);
     // The filter allows for slip, of which there is none here: innovations are small.
     assert!(quantile(&outcome.innovations, 0.95) < 3.0);
 }

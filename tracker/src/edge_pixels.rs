@@ -12,7 +12,7 @@ use fearless_simd::{Level, dispatch};
 
 /// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
 /// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
-const SPOT_PX: f32 = 0.62;
+pub(crate) const SPOT_PX: f32 = 0.62;
 /// Grey levels are counted from here, so that sums of squares stay small.
 const MIDDLE_LEVEL: f32 = 96.0;
 /// So many pixels are looked at before those at edges are added up: mostly all there are around a body.
@@ -219,12 +219,12 @@ impl Sums {
 /// The spot is a cubic B-spline: four boxes (the pixel, the filter's blur, the lens's) folded into
 /// each other. It is hardly to be told from a normal distribution, ends somewhere and takes no
 /// exponential function. Its unit is half of what a box of it is wide: so many of its deviations.
-const SPLINE_DEVIATIONS: f32 = 1.732_050_8;
+pub(crate) const SPLINE_DEVIATIONS: f32 = 1.732_050_8;
 
 /// How much of the spot around a point that far inside an edge lies inside, and its density there, in
 /// units of [`SPLINE_DEVIATIONS`].
 #[inline(always)]
-fn spread(inside: f32) -> (f32, f32) {
+pub(crate) fn spread(inside: f32) -> (f32, f32) {
     let t = inside.abs();
     let (outer, inner) = ((2.0 - t).max(0.0), (1.0 - t).max(0.0));
     let (outer_3, inner_3) = (outer * outer * outer, inner * inner * inner);

@@ -18,8 +18,9 @@
 //!    raw picture (`raw`, `edges`, `edge_fit`, `local_map`), and get their covariance.
 //! 6. `faint`: where patches are blurred beyond their colours, the mixture of colours in the raw picture
 //!    is undone (`mixture`).
-//! 7. `unknown`: robots of which only the team can be told; `ball`; and `reasons`: what became of
-//!    everything else.
+//! 7. `unknown`: robots of which only the team can be told; `ball`, from its regions and the circle in
+//!    their outline (`silhouette`), measured by as much of its rim as is seen (`ball_fit`, `tinge`,
+//!    `sphere`); and `reasons`: what became of everything else.
 //!
 //! The core, [`Tracker`], is a pure function of its input and survives any.
 
@@ -29,6 +30,7 @@
 mod agreement;
 mod assignment;
 mod ball;
+mod ball_fit;
 mod candidates;
 mod edge_fit;
 mod edge_pixels;
@@ -52,8 +54,11 @@ mod reasons;
 mod refine;
 pub mod regions;
 mod second_opinion;
+mod silhouette;
+mod sphere;
 mod split;
 pub mod stage;
+mod tinge;
 mod unknown;
 
 pub use stage::{Tracker, TrackerError};

@@ -63,10 +63,23 @@ impl LocalMap {
         length_mm / f64::from(a.hypot(c).min(b.hypot(d)).max(1e-3))
     }
 
+    /// How fast a quantity changes from pixel to pixel at the centre that changes so fast along x and y, in
+    /// the direction in which it changes fastest.
+    pub fn slope(&self, [x, y]: [f32; 2]) -> f32 {
+        let [[a, b, ..], [c, d, ..]] = self.terms;
+        (x * a + y * c).hypot(x * b + y * d)
+    }
+
     /// The row `v` pixels below the centre.
     pub fn row(&self, v: f32) -> RowMap {
         self.terms.map(|[a, b, c, d, e]| [v * (b + e * v), a + d * v, c])
     }
+}
+
+/// Millimetres in one pixel's length at a place on a plane above the floor.
+pub(crate) fn mm_per_px(camera: &CameraModel, position: FieldPoint, height_mm: f64) -> f64 {
+    let scale = camera.pixel_area_mm2(camera.image_from_field(position, height_mm), height_mm);
+    scale.sqrt().clamp(1e-3, 1e3)
 }
 
 #[cfg(test)]

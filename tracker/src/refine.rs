@@ -1,15 +1,20 @@
 //! What has been found, measured once more in the raw picture; and how sure each measurement is.
 
+use crate::ball::Shows;
+use crate::ball_fit::{BallFitter, Start};
 use crate::edge_fit::{Deviations, EdgeFitter, Fitted};
 use crate::edges::EdgeMap;
+use crate::local_map::mm_per_px;
 use crate::pattern::{Pattern, Top};
 use crate::pose::image_pose;
 use crate::raw::RawFrame;
+use crate::silhouette::{BY_TINGE, Silhouette};
+use crate::sphere::Sphere;
+use crate::tinge::Tinge;
 use common::config::{Config, Pair, PatchConfig};
-use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
+use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::layout::topmost_patch;
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, Team};
-use std::f64::consts::TAU;
 
 /// A centroid of so many pixels of a class is off by this over the root of their number, 1σ in
 /// pixels.
@@ -23,15 +28,25 @@ const MERGED_AREA_RATIO: f64 = 1.5;
 /// By how much more uncertain than it is the pose that the fit begins with is said to be: it has
 /// been made of the same pixels.
 const START_FACTOR: f64 = 2.0;
-/// Corners of what stands for the circle of the ball.
-const BALL_CORNERS: usize = 24;
+/// A ball may lie so far from where its regions put it, and a fit begins as uncertain as that at least.
+const BALL_REACH_PX: f64 = 1.4;
+const BALL_START_PX: f64 = 0.6;
+/// The rest of a ball is looked for within so many radii of where it seems to be.
+const TINGE_RADII: f64 = 1.8;
+/// A rim that leaves so much more of the ball's outline outside than the one it began with is another's.
+const MORE_OUTSIDE: f64 = 0.08;
+/// A ball whose rim cannot be measured is as far off as light from a side may put it, in radii, 1σ.
+const BALL_UNMEASURED: f64 = 0.05;
 
 /// Measures robots and balls again.
 #[derive(Debug, Clone)]
 pub(crate) struct Refiner {
     /// One for each top of the pattern.
     tops: Vec<TopEdges>,
-    ball: EdgeFitter,
+    ball: BallFitter,
+    sphere: Sphere,
+    silhouette: Silhouette,
+    tinge: Tinge,
     ball_height_mm: f64,
 }
 
@@ -66,18 +81,13 @@ impl Refiner {
             tops[index].get_or_insert_with(edges);
         }
         let radius_mm = config.ball.diameter_mm / 2.0;
-        // The polygon's area is that of the circle.
-        let step = TAU / BALL_CORNERS as f64;
-        let corner_mm = radius_mm * (step / step.sin()).sqrt();
-        let circle: Vec<Pair> = (0..BALL_CORNERS)
-            .map(|corner| (corner as f64 * step).sin_cos())
-            .map(|(sin, cos)| [corner_mm * cos, corner_mm * sin])
-            .collect();
-        let in_ball = |[x, y]: Pair| (x.hypot(y) < radius_mm).then_some(0);
-        let circle = EdgeMap::new(&[&circle], in_ball, scale(radius_mm));
+        let sphere = Sphere::new(radius_mm, config.geometry.camera_mm);
         Self {
             tops: tops.into_iter().flatten().collect(),
-            ball: EdgeFitter::new(circle, radius_mm),
+            ball: BallFitter::new(sphere),
+            sphere,
+            silhouette: Silhouette::default(),
+            tinge: Tinge::default(),
             ball_height_mm: radius_mm,
         }
     }
@@ -123,36 +133,76 @@ impl Refiner {
         }
     }
 
-    /// Measures the balls of `seen` likewise.
+    /// Measures the balls of `seen` by their rims, likewise; of some only a part shows in
+    /// their colour.
     pub fn refine_balls(
         &mut self,
         camera: &CameraModel,
         frame: Option<&RawFrame>,
+        shows: impl Iterator<Item = Shows>,
         seen: &mut DetectionFrame,
     ) {
-        let (balls, regions) = seen.balls_and_regions_mut();
-        for ball in balls {
+        for (index, part) in (0..seen.balls().len()).zip(shows) {
+            let ball = seen.balls()[index];
             let position = FieldPoint::new(f64::from(ball.x_mm), f64::from(ball.y_mm));
-            let start = Pose { position, orientation: 0.0 };
-            let pixels = regions.get(ball.region as usize).map_or(1, |region| region.pixel_count);
+            let deviation_mm = f64::from(ball.covariance[0]).sqrt();
             let mm_per_px = mm_per_px(camera, position, self.ball_height_mm);
-            let deviation = CENTROID_NOISE_PX / f64::from(pixels.max(1)).sqrt() * mm_per_px;
-            // Which way a ball is turned nobody can see.
-            let deviations = Deviations { position_mm: deviation, heading_rad: 1e-3 };
-            let begin = Deviations { position_mm: START_FACTOR * deviation, ..deviations };
-            let fitted = frame.and_then(|frame| self.ball.fit(camera, frame, &start, &begin, None));
-            let fitted = fitted.unwrap_or_else(|| deviations.around(start));
-            let image = camera.image_from_field(fitted.pose.position, self.ball_height_mm);
-            let [xx, xy, _, yy, _, _] = fitted.covariance;
-            *ball = DetectedBall {
-                x_mm: fitted.pose.position.x_mm as f32,
-                y_mm: fitted.pose.position.y_mm as f32,
-                x_px: image.x_px as f32,
-                y_px: image.y_px as f32,
-                covariance: [xx, xy, yy].map(|term| term as f32),
-                edge_samples: fitted.samples,
-                ..*ball
+            let region = seen.regions().get(ball.region as usize);
+            self.silhouette.trace(region.map_or(&[], |region| seen.runs_of(region)));
+            let outline_px = self.sphere.radius_mm / mm_per_px;
+            let mut begin = position;
+            if let (Shows::Part, Some(frame)) = (part, frame) {
+                let middle = ImagePoint::new(f64::from(ball.x_px), f64::from(ball.y_px));
+                let reach_px = TINGE_RADII * outline_px;
+                let silhouette = &mut self.silhouette;
+                if self.tinge.complete(frame, middle, reach_px, silhouette)
+                    && let Some((position, _)) =
+                        silhouette.ball(&self.sphere, camera, position, &BY_TINGE)
+                {
+                    begin = position;
+                }
+            }
+            let silhouette = &self.silhouette;
+            let shows = |row, column| silhouette.covers(row, column);
+            let start = Start {
+                position: begin,
+                deviation_mm: (START_FACTOR * deviation_mm).max(BALL_START_PX * mm_per_px),
+                reach_mm: BALL_REACH_PX * mm_per_px,
             };
+            let fitted = frame
+                .and_then(|frame| self.ball.fit(camera, frame, &start, Some(shows)))
+                .filter(|fitted| {
+                    let outside = |place| silhouette.outside(&self.sphere, camera, place);
+                    part == Shows::All || outside(fitted.position) < outside(begin) + MORE_OUTSIDE
+                });
+            let measured = match fitted {
+                Some(fitted) => {
+                    let image = camera.image_from_field(fitted.position, self.ball_height_mm);
+                    DetectedBall {
+                        x_mm: fitted.position.x_mm as f32,
+                        y_mm: fitted.position.y_mm as f32,
+                        x_px: image.x_px as f32,
+                        y_px: image.y_px as f32,
+                        covariance: fitted.covariance.map(|term| term as f32),
+                        edge_samples: fitted.samples,
+                        ..ball
+                    }
+                }
+                None => {
+                    let deviation_mm = deviation_mm.hypot(BALL_UNMEASURED * self.ball_height_mm);
+                    let variance = (deviation_mm * deviation_mm) as f32;
+                    let image = camera.image_from_field(begin, self.ball_height_mm);
+                    DetectedBall {
+                        x_mm: begin.x_mm as f32,
+                        y_mm: begin.y_mm as f32,
+                        x_px: image.x_px as f32,
+                        y_px: image.y_px as f32,
+                        covariance: [variance, 0.0, variance],
+                        ..ball
+                    }
+                }
+            };
+            seen.balls_and_regions_mut().0[index] = measured;
         }
     }
 }
@@ -217,9 +267,4 @@ impl Deviations {
         let [place, heading] = [self.position_mm.powi(2), self.heading_rad.powi(2)];
         Fitted { pose, covariance: [place, 0.0, 0.0, place, 0.0, heading], samples: 0 }
     }
-}
-
-fn mm_per_px(camera: &CameraModel, position: FieldPoint, height_mm: f64) -> f64 {
-    let scale = camera.pixel_area_mm2(camera.image_from_field(position, height_mm), height_mm);
-    scale.sqrt().clamp(1e-3, 1e3)
 }

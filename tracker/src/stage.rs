@@ -139,7 +139,8 @@ impl Tracker {
         explain_team_patches(pattern, pairing, &self.faint, &self.unknown, rejections);
         explain_lonely_patches(pattern, pairing, &self.faint, rejections);
         self.ball_finder.find(&self.pattern, &self.camera, &self.pitch, out, &mut self.rejections);
-        self.refiner.refine_balls(&self.camera, frame.as_ref(), out);
+        let shows = self.ball_finder.shows();
+        self.refiner.refine_balls(&self.camera, frame.as_ref(), shows, out);
         self.rejections.write(out);
     }
 }
