@@ -1,6 +1,7 @@
 //! `touchline score`: how well robots and ball are found on pictures of which is known what they
 //! show.
 
+mod moments;
 mod report;
 mod synthetic;
 mod verdict;

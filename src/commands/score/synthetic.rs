@@ -3,6 +3,7 @@
 //! Every scene is a match under some difficulty. Frames are taken some time apart, each stands alone,
 //! and what was found is compared with the truth.
 
+use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
 use crate::commands::output::Reader;
 use crate::commands::painted_light::follow_painted_light;
@@ -103,9 +104,16 @@ pub struct SceneScore {
     pub ball_rms_mm: f64,
 }
 
+/// All scenes: what is changed, and the moments that are looked at, if not any.
+fn scenes() -> impl Iterator<Item = (&'static str, Change, Option<Moment>)> {
+    let unchanged: Change = |_| {};
+    let scenes = SCENES.iter().map(|&(name, change)| (name, change, None));
+    scenes.chain(MOMENTS.iter().map(move |&(name, moment)| (name, unchanged, Some(moment))))
+}
+
 /// The names of the scenes.
 pub fn names() -> Vec<&'static str> {
-    SCENES.iter().map(|(name, _)| *name).collect()
+    scenes().map(|(name, ..)| name).collect()
 }
 
 /// Plays the scenes whose names contain one of `filters`, or all. Each is handed on when it is done, as
@@ -119,12 +127,12 @@ pub fn play(
     let is_wanted = |name: &str| {
         filters.is_empty() || filters.iter().any(|filter| name.contains(filter.as_str()))
     };
-    let mut scenes = SCENES.iter().filter(|(name, _)| is_wanted(name)).peekable();
+    let mut scenes = scenes().filter(|(name, ..)| is_wanted(name)).peekable();
     if scenes.peek().is_none() {
         return Err(format!("no such scene; there are {}", names().join(", ")).into());
     }
-    for &(scene, change) in scenes {
-        if done(play_scene(config, scene, change, frames)?)? == Reader::Gone {
+    for (scene, change, moment) in scenes {
+        if done(play_scene(config, scene, change, moment, frames)?)? == Reader::Gone {
             break;
         }
     }
@@ -135,6 +143,7 @@ fn play_scene(
     config: &Config,
     scene: &'static str,
     change: Change,
+    moment: Option<Moment>,
     frames: usize,
 ) -> Result<SceneScore, CommandError> {
     let mut config = config.clone();
@@ -148,6 +157,16 @@ fn play_scene(
     for _ in 0..frames {
         for _ in 0..STRIDE {
             game.advance();
+        }
+        if let Some(is_it) = moment {
+            let mut patience = PATIENCE;
+            while !is_it(&config, game.truth()) {
+                game.advance();
+                patience -= 1;
+                if patience == 0 {
+                    return Err(format!("the match of scene {scene} has no such moment").into());
+                }
+            }
         }
         game.render(&mut pixels, width);
         let seen = pipeline.step(&pixels)?;
@@ -165,7 +184,10 @@ fn play_scene(
             })
             .collect();
         let ball = seen.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);
-        scorer.score(game.truth(), &robots, ball);
+        let mut truth = *game.truth();
+        // A moment says itself how much of the ball there must be to see.
+        truth.ball_visible |= u32::from(moment.is_some());
+        scorer.score(&truth, &robots, ball);
     }
     let errors = scorer.errors().ok_or("there is no robot in the synthetic match")?;
     Ok(SceneScore {
