@@ -25,8 +25,8 @@
 //! weights of Cauchy's distribution). The normal equations say how sure the place is: where half of the rim
 //! is hidden, less along the line that joins the halves.
 
-use crate::linear::{inverse, times};
 use crate::edge_pixels::{SPLINE_DEVIATIONS, SPOT_PX, spread};
+use crate::linear::{inverse, times};
 use crate::local_map::{LocalMap, mm_per_px};
 use crate::raw::{CHANNELS, RawFrame};
 use crate::sphere::{Outline, Sphere};

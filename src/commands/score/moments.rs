@@ -1,9 +1,9 @@
 //! Moments of a synthetic match that are worth a scene of their own: what makes them difficult is where things
 //! are, so the match goes on until they are there.
 
+use common::body::Body;
 use common::config::Config;
-use common::geometry::{FieldPoint, Pose, wrap_angle};
-use common::layout::body_turn;
+use common::geometry::FieldPoint;
 use common::messages::{TruthFrame, TruthRobot};
 
 /// Whether it is such a moment.
@@ -57,18 +57,14 @@ fn visible_share(config: &Config, truth: &TruthFrame) -> f64 {
 fn is_behind(config: &Config, robot: &TruthRobot, point: FieldPoint, height_mm: f64) -> bool {
     const STEPS: u32 = 8;
     let [lens_x, lens_y, lens_z] = config.geometry.camera_mm;
-    let pose = Pose {
-        position: FieldPoint::new(robot.x_mm, robot.y_mm),
-        orientation: wrap_angle(robot.orientation + body_turn(&config.robots)),
-    };
-    let (sin, cos) = pose.orientation.sin_cos();
+    let body = Body::new(&config.robots, &config.robots.patches);
+    let (sin, cos) = robot.orientation.sin_cos();
     (0..=STEPS).any(|step| {
         let up = f64::from(step) / f64::from(STEPS) * (config.robots.height_mm - height_mm);
         let part = up / (lens_z - height_mm);
         let dx = point.x_mm + part * (lens_x - point.x_mm) - robot.x_mm;
         let dy = point.y_mm + part * (lens_y - point.y_mm) - robot.y_mm;
-        let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
-        x.abs().max(y.abs()) < config.robots.size_mm / 2.0
+        body.contains([cos * dx + sin * dy, cos * dy - sin * dx])
     })
 }
 
