@@ -106,7 +106,12 @@ impl Pinhole {
                     image_px: self.image_of([field_mm[0], field_mm[1], 0.0]),
                 })
                 .collect(),
-            distortion: DistortionConfig { k1: 0.0, k2: 0.0, center_px: self.middle },
+            distortion: DistortionConfig {
+                k1: 0.0,
+                k2: 0.0,
+                center_px: self.middle,
+                ..DistortionConfig::default()
+            },
         }
     }
 }
