@@ -308,7 +308,7 @@ impl FaintRobots {
             patch_regions[top.team_patch] = found.region;
             out.push_robot(DetectedRobot {
                 team: identity.team as u32,
-                robot_id: identity.id,
+                robot_id: identity.id.into(),
                 x_mm: found.pose.position.x_mm as f32,
                 y_mm: found.pose.position.y_mm as f32,
                 orientation: wrap_angle(found.pose.orientation) as f32,

@@ -154,7 +154,8 @@ fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame>
 fn found(frame: &DetectionFrame, robots: &[Robot], within_mm: f64, within_deg: f64) -> usize {
     let mut found = 0;
     for seen in frame.robots() {
-        let is_it = |robot: &&Robot| (robot.team as u32, robot.id) == (seen.team, seen.robot_id);
+        let is_it =
+            |robot: &&Robot| (robot.team as u32, robot.id.into()) == (seen.team, seen.robot_id);
         let robot = robots.iter().find(is_it).unwrap_or_else(|| panic!("nobody is {seen:?}"));
         let off = (f64::from(seen.x_mm) - robot.pose.position.x_mm)
             .hypot(f64::from(seen.y_mm) - robot.pose.position.y_mm);
