@@ -125,7 +125,7 @@ fn the_defaults_hold_under_brighter_and_darker_lamps() {
     }
     // It is the light that would lose them.
     let mut config = Config::default();
-    config.synthetic.brightness = 1.3;
+    config.synthetic.brightness = 2.0;
     config.light.follow = false;
     let outcome = play(&config, 1.0, |_| 1.0);
     assert!(outcome.seen.frames > 50, "{outcome:?}");

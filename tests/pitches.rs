@@ -208,10 +208,8 @@ impl Pitch {
     fn picture(&self, config: &Config, lens: &Lens, seed: u64, scratch: &Scratch) -> Picture {
         let mut random = Random::new(seed);
         let (scene, names) = self.scene(config, &mut random);
-        let light = painter::paint(&scene, lens);
-        let bytes = painter::expose(&light, lens.width, &Sensor::default(), &mut random);
-        let file = scratch.path.join(format!("{seed}.png"));
-        image::save_buffer(&file, &bytes, lens.width, lens.height, image::ColorType::L8).unwrap();
+        let file = scratch.path.join(format!("{seed}.png")).display().to_string();
+        let file = photograph(&scene, lens, &mut random, &file);
         let robots = scene.robots.iter().zip(names).map(|(robot, (team, id))| {
             let [x, y] = lens.project([robot.x, robot.y, robot.height]);
             let (sin, cos) = robot.heading.sin_cos();
@@ -227,6 +225,14 @@ impl Pitch {
         let ball = json!({ "x_px": x, "y_px": y, "x_mm": ball.x, "y_mm": ball.y });
         Picture { file, robots: robots.collect(), ball }
     }
+}
+
+/// Writes what a camera would see, as raw Bayer.
+fn photograph(scene: &Scene, lens: &Lens, random: &mut Random, file: &str) -> PathBuf {
+    let light = painter::paint(scene, lens);
+    let bytes = painter::expose(&light, lens.width, &Sensor::default(), random);
+    image::save_buffer(file, &bytes, lens.width, lens.height, image::ColorType::L8).unwrap();
+    file.into()
 }
 
 /// A pitch that is set up as far as its geometry, and pictures of it.
@@ -249,8 +255,14 @@ impl SetUp {
         let path = |file: &str| scratch.path.join(file).display().to_string();
         let [points, before, calibrated] =
             ["points.toml", "match.toml", "calibrated.toml"].map(path);
-        let args = ["calibrate", "--points", &points, "--config", &before, "-o", &calibrated];
-        said_by(&scratch, &args);
+        // The pitch alone: the marks are refined on its lines.
+        let mut empty = pitch.scene(&config, &mut Random::new(0)).0;
+        empty.robots.clear();
+        empty.balls.clear();
+        let empty = photograph(&empty, &lens, &mut Random::new(0), &path("empty.png"));
+        let empty = empty.to_str().unwrap();
+        let args = ["calibrate", "--points", &points, "--config", &before, "--picture", empty];
+        said_by(&scratch, &[&args[..], &["-o", &calibrated]].concat());
         let picture = |number| pitch.picture(&config, &lens, number, &scratch);
         let taught = (1..=TAUGHT).map(picture).collect();
         let tried = (TAUGHT + 1..=TAUGHT + TRIED).map(picture).collect();
@@ -265,7 +277,8 @@ impl SetUp {
 
     /// The score of pictures that nothing was learned from, with colours learned with these arguments.
     fn score(&self, learning: &[&str]) -> Value {
-        let learned = self.scratch.path.join("learned.toml").display().to_string();
+        let learned = self.scratch.path.join(format!("learned{}.toml", learning[0]));
+        let learned = learned.display().to_string();
         let files = self.taught.iter().map(|picture| picture.file.to_str().unwrap());
         let mut args = vec!["learn", "--config", &self.calibrated, "-o", &learned];
         args.extend(learning.iter().copied().chain(files));

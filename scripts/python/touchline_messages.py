@@ -51,6 +51,7 @@ class RejectReason(enum.IntEnum):
     OUTSIDE_FIELD = 7
     NOT_ROUND = 8
     NO_TEAM_PATCH = 9
+    SEARCH_CUT = 10
 
 
 class ProcessKind(enum.IntEnum):

@@ -99,6 +99,20 @@ fn long_exposures_blur_evenly_around_the_truth() {
     assert!(standing < 0.02 && moving < 0.08, "{standing} {moving} px");
 }
 
+/// Where the middle of a ball's outline is seen. Rays that touch the sphere make a cone around the ray
+/// through its centre: nearest and farthest from the point below the lens they are equally far from that
+/// ray in angle, not on the plane.
+fn middle_of_outline(config: &Config, model: &CameraModel, ball: FieldPoint) -> ImagePoint {
+    let radius = config.ball.diameter_mm / 2.0;
+    let [lens_x, lens_y, lens_z] = config.geometry.camera_mm;
+    let (dx, dy) = (ball.x_mm - lens_x, ball.y_mm - lens_y);
+    let (across, up) = (dx.hypot(dy), lens_z - radius);
+    let (angle, half) = (across.atan2(up), (radius / across.hypot(up)).asin());
+    let middle = up * ((angle + half).tan() + (angle - half).tan()) / 2.0;
+    let place = FieldPoint::new(lens_x + dx * middle / across, lens_y + dy * middle / across);
+    model.image_from_field(place, radius)
+}
+
 #[test]
 fn the_ball_is_painted_where_the_truth_says() {
     let config = Config::default();
@@ -113,7 +127,7 @@ fn the_ball_is_painted_where_the_truth_says() {
             continue;
         }
         let ball = FieldPoint::new(truth.ball_x_mm, truth.ball_y_mm);
-        let expected = model.image_from_field(ball, config.ball.diameter_mm / 2.0);
+        let expected = middle_of_outline(&config, &model, ball);
         let (with, without) = (full_color(&with, frame), full_color(&without, frame));
         let (seen, _) = centroid(&with, &without, expected, 12.0);
         assert!(off(seen, expected) < 0.02, "frame {frame}: {seen:?} for {expected:?}");
