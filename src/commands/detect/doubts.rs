@@ -48,8 +48,9 @@ impl Doubts {
                 best = Some((named, advice));
             }
         }
-        // One robot more or less is chance.
-        let found = best.filter(|(named, _)| *named >= self.named + 2 && *named > 2 * self.named);
+        // One robot more or less is chance. Where colours are exchanged, some robots look like others.
+        let is_clear = |named: usize| named >= self.named + 2 && 2 * named >= 3 * self.named;
+        let found = best.filter(|(named, _)| is_clear(*named));
         Ok(found.map(|(named, advice)| {
             let all = config.robots.identities.len() * self.pictures.len();
             format!("{} of {all} robots are found; {advice} {named} of {all} would be", self.named)
