@@ -11,7 +11,7 @@
 //!
 //! Neither is computed for a pixel. Both are ratios, of which pixels of bytes have finitely many, so each bound
 //! becomes one that lies between two neighbouring ones of them and is written with small integers
-//! ([`Bound`]): the sign of a sum of two products tells on which side a pixel lies. Bounds are put there by
+//! (`Bound`): the sign of a sum of two products tells on which side a pixel lies. Bounds are put there by
 //! the formulas above, so the answer is theirs, the same on every machine, and in vectors of integers.
 
 use crate::ClassifierError;

@@ -183,7 +183,7 @@ impl ClassTables {
     }
 
     /// The pixel's class: the first of the configured colours whose box holds it and whose second
-    /// look, if it has one, admits it; [`BACKGROUND`] if there is none.
+    /// look, if it has one, admits it; `BACKGROUND` if there is none.
     #[inline(always)]
     pub fn classify(&self, rgb: [u8; 3]) -> u8 {
         let boxes = self.boxes(rgb);
