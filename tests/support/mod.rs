@@ -307,7 +307,9 @@ impl Drop for Group {
             let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), Signal::KILL);
         }
         for name in shared_memory(&self.instance.shared_memory_prefix()) {
-            let _ = fs::remove_file(Path::new("/dev/shm").join(name));
+            let path = Path::new("/dev/shm").join(name);
+            // iceoryx2's own files lie in a directory.
+            let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
         }
     }
 }
