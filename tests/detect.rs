@@ -307,7 +307,7 @@ fn a_camera_held_upside_down_says_so_in_its_picture() {
     }
 }
 
-/// What a decoder does not find it fills with grey, and robots there would be missing without a word.
+/// A decoder fills missing data with grey; robots there would be missing without a word.
 #[test]
 fn a_cut_off_jpeg_is_an_error() {
     let scratch = Scratch::new("detect-cut");

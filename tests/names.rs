@@ -12,7 +12,7 @@ fn shared(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path)
 }
 
-/// What the program prints; it must succeed.
+/// Standard output of the program, which must succeed.
 fn printed(scratch: &Scratch, args: &[&str]) -> Vec<u8> {
     let output = output_of(scratch, args);
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));

@@ -325,7 +325,7 @@ fn distance_mm(a: &Value, b: &Value) -> f64 {
     dx.hypot(dy)
 }
 
-/// What the program says; it must succeed.
+/// Standard output of the program, which must succeed.
 fn said_by(scratch: &Scratch, args: &[&str]) -> String {
     let output = output_of(scratch, args);
     let complaint = String::from_utf8_lossy(&output.stderr);

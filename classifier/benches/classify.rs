@@ -141,7 +141,7 @@ const GREEN: [u8; 3] = [30, 75, 35];
 
 #[derive(Clone, Copy)]
 enum Picture {
-    /// As [`Pitch`](Self::Pitch) with 0.5 % of patches, on a floor of another colour.
+    /// A [`Pitch`](Self::Pitch) with 0.5 % of patches on a floor of another colour.
     Floor([u8; 3]),
     /// A dark, noisy pitch, white lines, and colour patches that take this share of it.
     Pitch(f64),

@@ -29,7 +29,7 @@ const STEP: u8 = 8;
 const LEVELS: usize = 18;
 /// Under haze every second of the zones of uneven light has to do.
 const HAZY_ZONES: usize = shading::ZONES.div_ceil(2);
-/// Those without haze, and those under each level of it.
+/// Zones without haze, then the zones under each haze level.
 const ZONES: usize = shading::ZONES + LEVELS * HAZY_ZONES;
 /// Places in a row and column of a block that is looked at first.
 const BLOCK: usize = 4;
@@ -58,7 +58,7 @@ pub(crate) struct Haze {
     /// Level of haze of each place.
     levels: Vec<u8>,
     zones: Zones,
-    /// By zone, and the gains each was made for.
+    /// Tables per zone, with the gains each was made for.
     tables: Vec<ClassTables>,
     made_for: Vec<Option<Gains>>,
 }

@@ -132,7 +132,7 @@ const fn steps(table: &Bytes) -> ([[u16; 2]; 256], usize) {
     (steps, count)
 }
 
-/// By key of a channel: what part of the greatest channel it may be.
+/// Indexed by a channel's key: admitted share of the greatest channel.
 const CHANNEL_PARTS: [Range; KEYS] = {
     let mut parts = [None; KEYS];
     let (steps, count) = steps(&LOG);
@@ -151,7 +151,7 @@ const CHANNEL_PARTS: [Range; KEYS] = {
     parts
 };
 
-/// By key for saturation: the saturations it stands for.
+/// Indexed by the saturation key: the saturations it stands for.
 const SATURATIONS: [Range; KEYS] = {
     let mut saturations = [None; KEYS];
     // Without any colour it is 0, that of black too.

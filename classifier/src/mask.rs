@@ -152,7 +152,7 @@ const HEIGHTS: u32 = 4;
 impl<'a> Area<'a> {
     fn new(config: &'a Config, model: CameraModel) -> Self {
         let (field, robots) = (&config.field, &config.robots);
-        // As far as a robot's body reaches, or a ball if that is larger.
+        // Reach of a robot's body, or of a ball if that is larger.
         let body_mm = Body::new(robots, &robots.patches).reach_mm();
         let reach_mm = field.margin_mm + (1.01 * body_mm).max(config.ball.diameter_mm);
         let (half_length, half_width) = (field.length_mm / 2.0, field.width_mm / 2.0);

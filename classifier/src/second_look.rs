@@ -37,7 +37,7 @@ pub(crate) struct Bound {
     pub least: i32,
 }
 
-/// What bounds look at.
+/// The quantities that bounds compare.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {
     /// R − B and G − B: hue is the direction of this vector, in axes that are not at right angles.

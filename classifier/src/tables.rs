@@ -37,7 +37,7 @@ pub struct ClassTables {
 pub(crate) struct SecondLooks {
     of_class: [SecondLook; MAX_CLASSES],
     pub tables: LookTables,
-    /// Of each colour its box in RGB and its second look.
+    /// Box in RGB and second look of each colour.
     pub classes: Vec<([[u8; 2]; 3], SecondLook)>,
 }
 

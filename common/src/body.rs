@@ -11,7 +11,7 @@ pub struct Body {
     shape: RobotShape,
     /// Half the side of a square, radius of a disc.
     half_mm: f64,
-    /// From the centre to the front.
+    /// Distance from the centre to the front.
     front_mm: f64,
     /// How a square is turned against the frame of the layout; see [`body_turn`].
     turn: f64,
@@ -33,7 +33,7 @@ impl Body {
         self.half_mm
     }
 
-    /// From the centre to the front.
+    /// Distance from the centre to the front.
     pub fn front_mm(&self) -> f64 {
         self.front_mm
     }
@@ -53,7 +53,7 @@ impl Body {
         Self { half_mm: factor * self.half_mm, front_mm: factor * self.front_mm, ..*self }
     }
 
-    /// From the centre to the farthest point.
+    /// Distance from the centre to the farthest point.
     pub fn reach_mm(&self) -> f64 {
         match self.shape {
             RobotShape::Square => self.half_mm * std::f64::consts::SQRT_2,

@@ -16,14 +16,14 @@ pub struct Handover {
 }
 
 impl Handover {
-    /// As one number, which is written and read as a whole; 0 is no note.
+    /// Encodes the note as one number, which is written and read as a whole; 0 is no note.
     pub(crate) fn to_bits(self) -> u64 {
         // Half of all numbers, at 80 a second, last longer than any match.
         let resume_after = self.resume_after.min(u64::MAX >> 2);
         (resume_after + 1) << 1 | u64::from(self.skip_next)
     }
 
-    /// What a number says; `None` when it is no note.
+    /// Decodes a number; `None` when it is no note.
     pub(crate) fn from_bits(bits: u64) -> Option<Self> {
         let resume_after = (bits >> 1).checked_sub(1)?;
         Some(Self { resume_after, skip_next: bits & 1 == 1 })

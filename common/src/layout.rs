@@ -85,7 +85,7 @@ impl Layout {
 pub struct Outlines<'a>(Vec<(&'a [Pair], [Pair; 2])>);
 
 impl<'a> Outlines<'a> {
-    /// Those of a layout.
+    /// The outlines of a layout.
     pub fn new(patches: &'a [PatchConfig]) -> Self {
         let bounded = |outline: &'a [Pair]| {
             let bound = |start: f64, pick: fn(f64, f64) -> f64| {
@@ -98,7 +98,7 @@ impl<'a> Outlines<'a> {
         Self(patches.iter().map(|patch| bounded(&patch.outline_mm)).collect())
     }
 
-    /// As [`topmost_patch`].
+    /// Same as [`topmost_patch`].
     pub fn topmost(&self, point: Pair) -> Option<usize> {
         self.0.iter().rposition(|(outline, [low, high])| {
             (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))

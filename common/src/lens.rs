@@ -250,7 +250,7 @@ mod tests {
             prop_assert_eq!(ray, both);
         }
 
-        /// What is further from the axis is seen further from it.
+        /// A ray farther from the axis is seen farther from it.
         #[test]
         fn nothing_is_folded_over(distortion in any_lens(), a in 0.0..3.0f64, b in 0.0..3.0f64) {
             let lens = Lens::new(&distortion, PICTURE);

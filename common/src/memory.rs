@@ -88,7 +88,7 @@ pub struct GroupMemory {
 
 /// Queues between writers and readers, iceoryx2's bookkeeping, heartbeats and status.
 const BOOKKEEPING_BYTES: u64 = 4 << 20;
-/// What connecting a new process takes in all others together.
+/// Bytes that all other processes together need to connect to a new one.
 const STARTING_BYTES: u64 = 2 << 20;
 /// When less is free, nothing new is made: the next to touch something would die of it, and that may
 /// be a healthy stage which connects to a new reader.

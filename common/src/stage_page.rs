@@ -15,7 +15,7 @@ use crate::shared_page::{Shareable, SharedPage};
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What is in the page.
+/// Layout of the page.
 #[repr(C)]
 struct Numbers {
     /// One more than the number of the newest output; 0 when there is none.

@@ -30,7 +30,7 @@ macro_rules! tell_part {
     ($($text:tt)*) => { $crate::tell::tell(format_args!($($text)*)) };
 }
 
-/// What the writing thread is given.
+/// A message to the writing thread.
 enum Task {
     Error(String),
     Output(String),

@@ -67,7 +67,7 @@ struct Measured {
     area_mm2: f64,
 }
 
-/// What the votes say.
+/// Result of the votes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// How many times as large as configured tops are.
@@ -212,7 +212,7 @@ impl Scale {
         (self.scale - 1.0).abs() > WORTH_TELLING
     }
 
-    /// What is wrong and what to do, for people.
+    /// The problem and its remedy, as text.
     pub fn advice(&self) -> String {
         format!(
             "robots' tops look {:.2} times as large as configured ({} pairs of patches say so), which puts \

@@ -21,7 +21,7 @@ pub struct Passing {
     names: Vec<String>,
     pixels: u64,
     passing: u64,
-    /// By colour.
+    /// Indexed by colour.
     by_color: Vec<u64>,
 }
 

@@ -337,7 +337,7 @@ impl Collector {
             self.last_world = Some(frame);
         }
         let before = self.flow.frames(0, false).duplicates_in_world;
-        // What is not seen of a topic was before what is seen next.
+        // Messages of a topic that were not seen came before the next one seen.
         let is_broken = std::mem::take(&mut self.world_lost_from_sight);
         let sight = if is_broken { Sight::Broken } else { Sight::Whole };
         self.flow.arrived(world.frame.seq, sight);

@@ -116,7 +116,7 @@ impl Process {
         sys::ask(Call::SignalProcess, send)
     }
 
-    /// What the system says of its share of the processors.
+    /// Scheduling times that the system reports for it.
     pub fn processor_times(&self) -> io::Result<SchedulerTimes> {
         SchedulerTimes::of(self.pid)
     }

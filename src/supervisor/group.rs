@@ -65,7 +65,7 @@ pub struct Group<'a> {
     view: Arc<GroupView>,
     signals: Signals,
     premises: &'a mut Premises,
-    /// What does not work at the moment, and is tried again.
+    /// Failed operations that are retried.
     troubles: Troubles,
     reserve: Reserve,
     /// Signals that could not be sent.

@@ -96,7 +96,7 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
             // It may have been for want of descriptors.
             reserve::raise_limit();
         }
-        // What cannot be removed is tried again and again, but told once.
+        // A failed removal is retried, but reported once.
         if error != last_error && !error.is_empty() {
             common::tell!("touchline: clean-up after a dead process: {error}; it is tried again");
         }

@@ -17,7 +17,7 @@ impl Pages {
     /// Maps those that can be mapped.
     pub fn new(instance: &Instance) -> Self {
         let mut pages = Self { instance: instance.clone(), pages: Default::default() };
-        // What fails now is tried again, and said then.
+        // A failure here is retried, and reported then.
         let _ = pages.open_all();
         pages
     }

@@ -12,14 +12,14 @@ use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What signals have asked for.
+/// Requests made by signals.
 pub struct Signals {
     wake_up: UnixStream,
     stop: Arc<AtomicBool>,
     hang_up: Arc<AtomicBool>,
 }
 
-/// What has been asked for since the last look.
+/// Requests since the last look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Asked {
     /// The group is to end.

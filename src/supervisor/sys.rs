@@ -1,4 +1,4 @@
-//! What the supervisor asks of the system, and a way to have it refused.
+//! The supervisor's fallible system calls, and a way for tests to make each of them fail.
 //!
 //! Any of these calls can fail in a healthy match: descriptors, processes, memory or a disk run out,
 //! somebody removes a directory. Each goes through [`ask`] with its own [`Call`], so that a test can have

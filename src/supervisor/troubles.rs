@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-/// What goes on is repeated so often.
+/// Interval at which a lasting failure is reported again.
 const REPEAT_NS: u64 = 60_000_000_000;
 
 /// The troubles of now, by what they concern.

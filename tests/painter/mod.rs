@@ -30,7 +30,7 @@ const SAMPLES: u32 = 5;
 /// The sensor behind the lens.
 #[derive(Debug, Clone)]
 pub struct Sensor {
-    /// What each channel (row) gets of the light's red, green and blue (columns).
+    /// Response of each channel (row) to the light's red, green and blue (columns).
     pub mixing: [Rgb; 3],
     /// Digital number of a white surface in full light.
     pub white: f64,
@@ -90,7 +90,7 @@ pub fn paint(scene: &Scene, lens: &Lens) -> Vec<Rgb> {
     light
 }
 
-/// What the sensor makes of the light: one byte a pixel, in the order RGGB.
+/// The sensor's reading of the light: one byte a pixel, in the order RGGB.
 pub fn expose(light: &[Rgb], width: u32, sensor: &Sensor, random: &mut Random) -> Vec<u8> {
     let width = width as usize;
     let channel = |index: usize| match (index / width % 2, index % width % 2) {

@@ -1,4 +1,4 @@
-//! What stands on the pitch, and what a ray of light meets.
+//! The objects on the pitch, and the tracing of a ray through them.
 
 use super::lens::dot;
 use super::{Rgb, Vector};
@@ -77,7 +77,7 @@ const BODY: Rgb = [0.035, 0.035, 0.04];
 const LINE: Rgb = [0.75, 0.75, 0.72];
 
 impl Scene {
-    /// What a ray meets first (a number for each thing), and the light that comes back along it.
+    /// The first thing on a ray (each has a number), and the light that comes back along the ray.
     pub fn look(&self, from: Vector, ray: Vector) -> (u32, Rgb) {
         let along = |t: f64| [0, 1, 2].map(|axis| from[axis] + t * ray[axis]);
         let floor = along(-from[2] / ray[2]);
@@ -134,7 +134,7 @@ impl Scene {
 }
 
 impl Floor {
-    /// What is painted there.
+    /// Number and colour of the floor at a place.
     fn at(&self, [x, y]: [f64; 2]) -> (u32, Rgb) {
         if self.markings.iter().any(|marking| marking.covers([x, y])) {
             return (1, LINE);

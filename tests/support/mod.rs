@@ -95,7 +95,7 @@ impl Group {
         })
     }
 
-    /// As [`start`](Self::start), but all it says goes into this pipe.
+    /// Same as [`start`](Self::start), but all output goes into this pipe.
     pub fn start_speaking_to(name: &str, writer: std::io::PipeWriter) -> Self {
         Self::start_changed(name, "", &[], |supervisor| {
             supervisor.stdout(writer.try_clone().unwrap()).stderr(writer);

@@ -60,7 +60,7 @@ pub(crate) struct Shares {
     curvature: [f64; 6],
 }
 
-/// What the pixels say at a pose, and which way they pull.
+/// Agreement of the pixels with a pose, and its gradient.
 #[derive(Debug, Clone, Copy, Default)]
 struct Look {
     /// Pixels that agree, weighted.

@@ -231,7 +231,7 @@ impl BallFinder {
         if let Some(reason) = fault {
             return by_rim.ok_or(reason);
         }
-        // What is missing may all be on one side.
+        // The missing part may all be on one side.
         let missing_mm = (1.0 - ratio) * self.radius_mm / 2.0;
         let deviation_mm = by_centroid.deviation_mm.hypot(missing_mm);
         let confidence = by_centroid.confidence;

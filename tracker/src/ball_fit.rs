@@ -42,7 +42,7 @@ const SOFT: Focus = Focus { spot_px: 1.3, band_px: 4.0, model_noise: 0.12, is_fr
 const SHARP: Focus = Focus { spot_px: SPOT_PX, band_px: 2.6, model_noise: 0.08, is_free: false };
 const FREE: Focus = Focus { model_noise: 0.04, is_free: true, ..SHARP };
 const APPROACH: [Focus; 4] = [SOFT, SOFT, SHARP, SHARP];
-/// From a start that is this sure, 1σ, there is no need to look softly first.
+/// Sigma of the start below which the fit needs no softened first pass.
 const SURE_PX: f64 = 0.7;
 /// Terms of a sample: a's and b's shares, by how much they change where the rim lies farther out and where the
 /// spot is larger, and the value.
@@ -136,7 +136,7 @@ type Sums = [[f32; TERMS]; TERMS];
 #[derive(Debug, Clone)]
 pub(crate) struct BallFitter {
     sphere: Sphere,
-    /// By sector, then by channel.
+    /// Indexed by sector, then by channel.
     sums: Box<[Sums; SECTORS * CHANNELS]>,
     /// Samples in each sector.
     counts: [f64; SECTORS],
@@ -149,7 +149,7 @@ pub(crate) struct BallFitter {
     directions: [[f64; 2]; SECTORS],
 }
 
-/// What a sector says.
+/// Measurement of one sector.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sector {
     /// How far the rim lies outside of the outline, in units of its half axes.
@@ -168,7 +168,7 @@ struct Sector {
 #[derive(Debug, Clone, Copy)]
 struct Step {
     by: [f64; 2],
-    /// By how much the spot is larger than it is taken to be, as a part of it.
+    /// Relative excess of the spot's true size over the assumed one.
     softer: f64,
     /// xx, xy, yy.
     covariance: [f64; 3],
@@ -426,7 +426,7 @@ impl BallFitter {
         }
     }
 
-    /// What half of the sectors that say something are off by, at most.
+    /// Median residual of the usable sectors.
     fn typical_px(&self, off_px: &[f64; SECTORS]) -> f64 {
         let mut seen = [0.0; SECTORS];
         let mut count = 0;

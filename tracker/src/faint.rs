@@ -46,7 +46,7 @@ const FIRST_WAY_SIZES: f64 = 0.2;
 const LONGEST_WAY_SIZES: f64 = 0.8;
 /// With so much explained of what varies around the robot, nothing else is tried.
 const WELL_EXPLAINED: f64 = 0.95;
-/// So much of it must be explained.
+/// Share of the variation around a robot that must be explained.
 const MIN_EXPLAINED: f64 = 0.6;
 /// Levels may be off by this part of what they should be, and by so many grey levels.
 const LEVEL_TOLERANCE: f64 = 0.35;
@@ -73,7 +73,7 @@ pub(crate) struct FaintRobots {
     samples: Box<Samples>,
     seeds: Vec<Seed>,
     found: Vec<Found>,
-    /// By wearer.
+    /// Indexed by wearer.
     best: Vec<Trial>,
 }
 
@@ -189,7 +189,7 @@ impl FaintRobots {
         self.write(scene, out);
     }
 
-    /// What may be left of a team patch, largest first.
+    /// Possible remains of team patches, largest first.
     fn find_seeds(&mut self, scene: &Scene, pairing: &Pairing, group: usize) {
         let pattern = scene.pattern;
         let Group { team, top, .. } = self.groups[group];
@@ -266,7 +266,7 @@ impl FaintRobots {
         if is_outside || !is_believable(top, wearer, &unmixed, &trial) {
             return trials;
         }
-        // What samples are off by, judged by the best explanation there is.
+        // Noise of the samples, estimated from the best explanation.
         let count = (self.samples.count() * CHANNELS) as f64;
         let variance = (trial.matched.cost / count).max(LEAST_DEVIATION * LEAST_DEVIATION);
         let others = self.best.iter().enumerate().filter(|(other, _)| *other != winner);
@@ -486,11 +486,11 @@ impl Search<'_> {
         }
     }
 
-    /// What the cheapest explanation costs at a pose and a blur.
+    /// Cost of the cheapest explanation at a pose and a blur.
     fn try_at(&mut self, pose: Pose, blur: Blur) -> f64 {
         let patch = &self.top.patches[self.top.team_patch];
         let place = pose.field_from_robot(patch.centroid_mm);
-        // What is left of a patch lies on it.
+        // The remains of a patch lie on it.
         if distance_mm(place, self.seed) > 0.6 * self.top.team_patch_size_mm() {
             return f64::INFINITY;
         }

@@ -49,7 +49,7 @@ const MOST_SAMPLES: usize = 512;
 /// Samples are worked on in groups of so many: a register full.
 const LANES: usize = 8;
 const _: () = assert!(MOST_SAMPLES.is_multiple_of(LANES));
-/// What a sample of the floor counts, beside one of the robot: lines and others may lie there.
+/// Weight of a floor sample relative to one of the robot: lines and other robots may lie there.
 const FLOOR_WEIGHT: f32 = 0.3;
 /// Deviations of the blurs that there are tables for, as multiples of the robot's size.
 const SIGMAS: [f64; 5] = [0.035, 0.055, 0.085, 0.125, 0.18];
@@ -126,7 +126,7 @@ pub(crate) struct Unmixed {
     patch_count: usize,
     /// Levels of the patches without regard to what they should be, but for λ.
     levels: Colors,
-    /// What those of one patch have to do with another's.
+    /// Inverse of the normal matrix of the weights, patch by patch.
     inverse: [[f64; MAX_PATCHES]; MAX_PATCHES],
     /// What is left without any colours, and how much there is to be explained.
     left: f64,
@@ -223,7 +223,7 @@ impl Mixture {
         let scale = per_place * (1.0 / WHOLE);
         for (index, sum) in summed[..whole].iter().enumerate() {
             let share = sum.map(|sum| scale * f32::from(sum));
-            // What lies on the floor says little about the robot.
+            // The floor tells little about the robot.
             let weight = 1.0 - (1.0 - FLOOR_WEIGHT) * share[FLOOR];
             for part in 0..PARTS {
                 shares[part][index] = share[part];
@@ -318,7 +318,7 @@ impl Unmixed {
         let brightness = self.hold(colors).brightness;
         let mut squares = 0.0;
         for (patch, color) in colors.iter().enumerate().take(self.patch_count) {
-            // As they would be were they not held at nothing.
+            // Undoes the shrinkage of the levels that λ causes.
             let held = (1.0 - LAMBDA * self.inverse[patch][patch]).max(0.05);
             for (level, color) in self.levels[patch].iter().zip(color) {
                 squares += (level / (held * brightness) - color).powi(2);
@@ -338,7 +338,7 @@ impl Unmixed {
 }
 
 impl Table {
-    /// Of each square of so many cells, the mean.
+    /// Mean of each square of so many cells.
     fn new(cells: &[Parts], columns: usize, step: usize, cell_mm: f64) -> Self {
         let across = columns / step;
         let mean = |index: usize| {

@@ -62,7 +62,7 @@ pub(crate) struct Pairing {
 #[derive(Debug, Clone)]
 struct Group {
     team: Team,
-    /// Of the team patch.
+    /// Kind of the team patch.
     kind: usize,
     candidate: usize,
     /// Its hypotheses.

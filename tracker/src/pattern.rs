@@ -49,13 +49,13 @@ pub(crate) struct Top {
     pub body: Body,
     /// The same somewhat smaller: such bodies never overlap, however badly poses are measured.
     pub core: Body,
-    /// What of it may belong to which patch.
+    /// The parts of the top that may belong to each patch.
     pub footprints: Footprints,
     /// How much of each patch there is at every point of it.
     pub shares: Shares,
 }
 
-/// What the robots of a team have in common.
+/// Properties shared by the robots of a team.
 #[derive(Debug, Clone)]
 struct TeamPattern {
     /// Colour class.
@@ -231,7 +231,7 @@ impl Pattern {
         &self.tops[kind.top]
     }
 
-    /// What a kind's patch should show.
+    /// Expected appearance of a kind's patch.
     pub fn patch_of_kind(&self, kind: &Kind) -> &ExpectedPatch {
         &self.tops[kind.top].patches[kind.patch]
     }

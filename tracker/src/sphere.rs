@@ -25,7 +25,7 @@ pub(crate) struct Outline {
     pub direction: f64,
     pub long_mm: f64,
     pub short_mm: f64,
-    /// From the ball's centre to the middle of the ellipse, along the long axis.
+    /// Offset of the ellipse's middle from the ball's centre, along the long axis.
     pub beyond_mm: f64,
 }
 

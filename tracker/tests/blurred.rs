@@ -12,7 +12,7 @@ use touchline_tracker::Tracker;
 
 use Team::{Blue, Yellow};
 
-/// Of pitch and bodies.
+/// Colour of pitch and bodies.
 const GROUND: [f64; 3] = [44.0, 46.0, 45.0];
 const BODY: [f64; 3] = [22.0, 22.0, 23.0];
 
@@ -102,7 +102,7 @@ fn defocused(config: &Config, pixels: &[[f64; 3]], sigma_px: f64) -> Pixels {
     shifted(config, &across, &line(|offset| (0.0, offset)))
 }
 
-/// What a tracker sees in a picture with this much noise, 1σ.
+/// The tracker's detections in a picture with this much noise, 1σ.
 fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame> {
     let width = config.camera.width as usize;
     let mut state = 0x9e37_79b9_7f4a_7c15u64;

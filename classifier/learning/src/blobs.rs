@@ -6,7 +6,7 @@ pub const NOTHING: u8 = u8::MAX;
 /// Pixels of one class that touch (4-connected).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blob {
-    /// Of all its pixels.
+    /// Class of all its pixels.
     pub class: u8,
     /// How many there are.
     pub pixels: u32,

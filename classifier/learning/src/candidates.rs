@@ -1,9 +1,9 @@
 //! Patches guessed from pictures without labels: what has roughly the right colour, and the size of a
 //! patch.
 //!
-//! What a colour looks like gives its hue, or for white, grey and black its brightness relative to
-//! the pitch; how saturated or how bright it must at least be is not known, and on a green pitch under
-//! a yellow lamp it is something else than on a black one. So for each colour a bound is tried at many
+//! `looks` gives a colour's hue, or for white, grey and black its brightness relative to the pitch. The
+//! least saturation or brightness is not known: on a green pitch under a yellow lamp it differs from that
+//! on a black one. So for each colour a bound is tried at many
 //! places. Where it lets too much pass, floor and patches flow together into one large blob; where it
 //! lets too little pass, patches fall to pieces: at the right place most blobs have the size of a
 //! patch. Those are samples of the colour nearly as good as labelled ones, and everything else on the
@@ -36,31 +36,31 @@ const LEVELS: [(f64, f64); 12] = [
 ];
 /// White, grey and black are at most so saturated.
 const MOST_GREY_SATURATION: f64 = 0.2;
-/// What is darker than this in every channel has hardly a hue.
+/// Brightest channel below which a pixel has no reliable hue.
 const DARKEST: u8 = 16;
 /// Pixels of a blob, of what a patch should have.
 const SIZES: [f64; 2] = [0.35, 1.8];
 /// Pixels of a blob, of the upright rectangle around it.
 const LEAST_FILL: f64 = 0.3;
-/// So near to a blob nothing is background.
+/// Margin around a blob that is not sampled as background, px.
 const RIM_PX: i64 = 2;
 
-/// What a colour's patches are known to be before any is seen.
+/// A colour's patches as the layout promises them, before any picture is seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
     /// The colour, by its place among the configured ones.
     pub class: u8,
-    /// Of the smallest and the largest of its patches.
+    /// Area of the smallest and of the largest patch.
     pub area_mm2: [f64; 2],
-    /// Of all its patches in a picture, if all robots are in it.
+    /// Area of all its patches together, if all robots are in the picture.
     pub total_mm2: f64,
-    /// Above the floor.
+    /// Height of the patches above the floor.
     pub height_mm: f64,
-    /// Its patches in a picture, if all robots are in it.
+    /// Number of its patches, if all robots are in the picture.
     pub count: f64,
 }
 
-/// Of each pixel what decides about its class.
+/// The features of a pixel that decide its class.
 struct Feature {
     hue: u8,
     saturation: u8,
@@ -84,7 +84,7 @@ pub fn guess(config: &Config, scene: &Scene, pictures: &[Picture]) -> Samples {
         };
         pixels.map(class).collect::<Vec<u8>>()
     };
-    // By level and wanted colour, patches that were found.
+    // Patches found, indexed by level and wanted colour.
     let mut found = vec![vec![0.0; wanted.len()]; LEVELS.len()];
     for (picture, image) in pictures.iter().enumerate() {
         for (level, found) in found.iter_mut().enumerate() {
@@ -259,7 +259,7 @@ impl Classes {
 struct Guessed {
     samples: Samples,
     background: Background,
-    /// Of the picture at hand: what is, or is near, a patch.
+    /// Pixels of the current picture that belong to a patch or its margin.
     is_patch: Vec<bool>,
 }
 
@@ -297,7 +297,7 @@ impl Guessed {
                 }
             }
         }
-        // Of a very small patch everything is edge.
+        // A very small patch consists of edge pixels only.
         let own = if 4 * inside.len() >= all.len() { inside } else { all };
         let sample = |index: usize| Sample { rgb: picture.rgb[index], class: blob.class, patch };
         self.samples.pixels.extend(own.into_iter().map(sample));

@@ -11,7 +11,7 @@ pub struct LeastSaturation {
     pub weak: f64,
 }
 
-/// What tells a colour from the others.
+/// The feature that tells a colour from the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tone {
     /// Hues, from one to another, in degrees.
@@ -24,7 +24,7 @@ pub enum Tone {
 const LEAST_HUE_SATURATION: f64 = 0.07;
 /// The brightness of a pitch of which nothing is known.
 const ANY_PITCH: [f64; 3] = [60.0; 3];
-/// What is darker than this in every channel has hardly a hue.
+/// Brightest channel below which paint is too dark for a hue, when a box is made of `looks` alone.
 const DARKEST: f64 = 20.0;
 /// Paint that looks grey is at most so saturated under a lamp that does.
 const MOST_GREY_SATURATION: f64 = 0.2;
@@ -114,7 +114,7 @@ fn darkest([from, to]: [f64; 2]) -> [u8; 3] {
     for step in 0..=extent as u32 {
         let hue = from + f64::from(step);
         for (channel, least) in least.iter_mut().enumerate() {
-            // Of the purest colour of that hue: 1 within 60° of the channel's own hue, 0 beyond 120°.
+            // Channel of the purest colour of that hue: 1 within 60° of the channel's own hue, 0 beyond 120°.
             let apart = (hue - 120.0 * channel as f64).rem_euclid(360.0);
             let apart = apart.min(360.0 - apart);
             *least = least.min((2.0 - apart / 60.0).clamp(0.0, 1.0));

@@ -96,7 +96,7 @@ pub struct Gatherer<'a> {
 
 /// How many pixels of the background have which colour.
 pub(crate) struct Background {
-    /// By coarse red, green and blue.
+    /// Counts, indexed by coarse red, green and blue.
     counts: Vec<u64>,
 }
 

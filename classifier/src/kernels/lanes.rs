@@ -49,10 +49,10 @@ pub trait Lanes: Simd {
     /// The [logarithm](LOG) of each value.
     fn log(self, values: Self::u8s) -> Self::u8s;
 
-    /// That [of colour](COLOR_LOG).
+    /// The table [`COLOR_LOG`] in registers.
     fn color_log(self, values: Self::u8s) -> Self::u8s;
 
-    /// That [of grey](GREY_LOG).
+    /// The table [`GREY_LOG`] in registers.
     fn grey_log(self, values: Self::u8s) -> Self::u8s;
 
     /// The buckets that the prefilter lets each pixel pass for.
@@ -106,7 +106,7 @@ macro_rules! sixteen_entries {
             mapped
         }
 
-        /// By the upper four bits, and what the lower ones add to that.
+        /// Value for the upper four bits, and the increment for the lower ones.
         #[inline(always)]
         fn log(self, values: Self::u8s) -> Self::u8s {
             const OF_UPPER: [u8; 16] = {

@@ -73,7 +73,7 @@ fn classify<S: Lanes, const P: usize, const ONE: bool>(
     }
 }
 
-/// Those of the pixels that are in spans.
+/// Mask of the pixels that are in spans.
 #[inline(always)]
 fn within_spans(passing: [u64; 2], spans: &[Span], block: Span) -> [u64; 2] {
     if let [span] = spans

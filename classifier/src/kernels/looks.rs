@@ -34,7 +34,7 @@ impl LookFilter {
     }
 }
 
-/// What pixels are taken for.
+/// Classes of the pixels.
 #[inline(always)]
 pub fn corrected<S: Lanes>(simd: S, rgb: [S::u8s; 3], tables: &ClassTables) -> [S::u8s; 3] {
     match tables.corrections() {
@@ -60,7 +60,7 @@ pub fn keys<S: Lanes>(simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 4] {
     [red, green, blue, key::<S>(simd.color_log(color), simd.grey_log(least))]
 }
 
-/// From two logarithms.
+/// Table key from two logarithms.
 #[inline(always)]
 fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
     of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
@@ -131,7 +131,7 @@ fn classify_exactly<S: Lanes>(
 ) -> S::u8s {
     let seen = Seen::new(simd, rgb);
     let mut classes = S::u8s::splat(simd, BACKGROUND);
-    // Those before them replace them.
+    // An earlier colour replaces a later one.
     let colors = &zone.tables.second_looks().classes;
     for class in (0..colors.len()).rev() {
         let (ranges, look) = &colors[class];

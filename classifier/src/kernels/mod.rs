@@ -110,7 +110,7 @@ struct Setup<'a> {
     /// By zone.
     prefilters: &'a [Prefilters],
     look_filters: &'a [LookFilters],
-    /// Of colours in RGB.
+    /// Tables for colours in RGB.
     buckets: &'a Buckets,
     /// The pixels to look at.
     mask: &'a FieldMask,
@@ -142,7 +142,7 @@ impl Prefilters {
     }
 }
 
-/// What belongs to the second looks of some colours.
+/// Data for the second looks of some colours.
 #[derive(Debug, Clone)]
 struct LookFilters {
     of: Arc<SecondLooks>,

@@ -20,9 +20,9 @@ pub struct Prefilter(pub [ChannelFilter; 3]);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(align(64))]
 pub struct ChannelFilter {
-    /// By the upper six bits of the value.
+    /// Indexed by the upper six bits of the value.
     pub fine: [u8; 64],
-    /// By its upper four bits.
+    /// Indexed by its upper four bits.
     pub coarse: [u8; 16],
 }
 

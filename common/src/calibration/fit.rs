@@ -12,7 +12,7 @@ use nalgebra::{DVector, Matrix3, Vector2, Vector3};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Task<'a> {
     pub marks: &'a [Mark],
-    /// What a mark's distance counts, beside an edge's.
+    /// Weight of a mark's residual relative to an edge's.
     pub mark_weight: f64,
     /// Places of lines of the pitch that were found in the picture.
     pub edges: &'a [EdgeMark],
@@ -37,7 +37,7 @@ pub(super) struct Fitted {
     pub distortion_parameters: usize,
     /// Whether pixels were taken to be square.
     pub is_physical: bool,
-    /// Of the distances of the points.
+    /// Sum of the points' squared residuals, px².
     sum_of_squares: f64,
     /// Variance of a marked coordinate, going by what is left.
     variance_px2: f64,
@@ -121,7 +121,7 @@ impl Task<'_> {
         all.min_by(|a, b| a.criterion.total_cmp(&b.criterion)).map_or(free, Ok)
     }
 
-    /// By which share the lens moves the mark that it moves most.
+    /// Largest relative displacement of a mark by the lens.
     fn bending(&self, distortion: &DistortionConfig) -> f64 {
         let lens = Lens::new(distortion, self.picture_px);
         let center = Vector2::from(distortion.center_px);
@@ -527,7 +527,7 @@ fn better(
     }
 }
 
-/// What a minimum says about the camera that was fitted.
+/// Evidence about the camera at a minimum of the fit.
 struct Evidence<'a> {
     minimum: &'a Minimum,
     /// Equations beside those of the points.

@@ -63,7 +63,7 @@ pub enum LensSource {
     /// Height measured, the rest from the perspective of the floor, for square pixels and a lens
     /// over the middle of the picture.
     HeightAndPerspective,
-    /// From the perspective of the floor, which a fisheye of known projection tells.
+    /// The floor's perspective, which a fisheye of known projection determines.
     Perspective,
     /// All of it was given.
     Given,

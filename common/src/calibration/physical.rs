@@ -14,7 +14,7 @@ use crate::geometry::{CameraModel, GeometryError};
 use crate::lens::Lens;
 use nalgebra::{DVector, Matrix3, Rotation3, Vector2, Vector3};
 
-/// What is free of the lens, and what it is otherwise.
+/// Free parameters of the lens, and the values of the fixed ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LensForm {
     pub model: DistortionModel,

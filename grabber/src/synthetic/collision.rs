@@ -130,7 +130,7 @@ fn near_disc(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
     [inward * x, inward * y]
 }
 
-/// From a point inside: the direction out through the nearest side, and where that meets it.
+/// For a point inside: the direction out through the nearest side, and where it meets that side.
 fn way_out(body: &Body, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
     let half = body.half_mm();
     if body.is_round() {

@@ -38,7 +38,7 @@ struct Sprite {
 #[derive(Debug, Clone)]
 pub struct Renderer {
     optics: Optics,
-    /// By index into `robots.identities`; equal ones are shared.
+    /// Indexed as `robots.identities`; equal ones are shared.
     shapes: Vec<Arc<Shape>>,
     ball_color: [u8; 3],
     ball_radius_mm: f64,

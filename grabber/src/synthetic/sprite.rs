@@ -379,11 +379,11 @@ pub fn draw_ball(
 /// The outline of a ball on the plane of its centre: the rays from the lens that touch it make a cone, and that
 /// cuts the plane in an ellipse, longer away from below the lens, and with its middle a little farther there.
 struct BallOutline {
-    /// Of the long axis.
+    /// Direction of the long axis.
     direction: [f32; 2],
     long_mm: f32,
     short_mm: f32,
-    /// From the ball's centre to the ellipse's.
+    /// Offset of the ellipse's centre from the ball's.
     beyond_mm: f32,
 }
 
@@ -419,7 +419,7 @@ impl BallOutline {
         let along = (x * cos + y * sin - self.beyond_mm) / self.long_mm;
         let across = (y * cos - x * sin) / self.short_mm;
         let distance = along.hypot(across);
-        // By how much the distance grows with every millimetre outwards.
+        // Growth of the distance for every millimetre outwards.
         let slope = (along / self.long_mm).hypot(across / self.short_mm) / distance.max(1e-6);
         let slope = if distance > 1e-3 { slope } else { 1.0 / self.short_mm };
         ((1.0 - distance) / slope, distance)

@@ -10,13 +10,13 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint};
 use image::RgbImage;
 use std::f64::consts::TAU;
 
-/// What the lines made of a calibration.
+/// A calibration refined on lines.
 pub struct Refined {
     pub calibration: Calibration,
     /// Places that were found, and that were looked for.
     pub found: usize,
     pub wanted: usize,
-    /// What the lines are off by in the end, root mean square.
+    /// Root mean square residual of the lines after the fit.
     pub rms_px: f64,
     /// How far the pitch's outline has moved in the picture, root mean square and at most.
     pub moved_px: [f64; 2],
@@ -75,7 +75,7 @@ struct Insets {
     circle_mm: f64,
 }
 
-/// What a search for the lines found.
+/// Result of a search for the lines.
 struct Found {
     calibration: Calibration,
     found: usize,
@@ -165,7 +165,7 @@ struct Line {
     length_mm: f64,
     /// Towards the pitch's middle, for the border.
     inwards: Option<[f64; 2]>,
-    /// By how much its places lie inside what it marks.
+    /// Distance of its places inside what it marks.
     inset_mm: f64,
 }
 

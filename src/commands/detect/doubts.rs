@@ -31,7 +31,7 @@ impl Doubts {
         }
     }
 
-    /// What is to be said about the pictures, if anything.
+    /// The suspicion to report about the pictures, if any.
     pub fn say(&self, config: &Config) -> Result<Option<String>, CommandError> {
         if self.pictures.is_empty() {
             return Ok(None);
@@ -57,7 +57,7 @@ impl Doubts {
         }))
     }
 
-    /// What may be otherwise than configured, and how to say that.
+    /// Configurations that differ in one suspected setting, with the advice for each.
     fn others(&self, config: &Config) -> Vec<(Config, String)> {
         let mut others = Vec::new();
         for order in BayerOrder::ALL {
@@ -108,7 +108,7 @@ const AREA: usize = 4;
 /// coloured one.
 const EVEN: u8 = 16;
 const COLORED: u32 = 24;
-/// So many coloured areas are a colour: less than a patch.
+/// Coloured areas from which a picture counts as coloured: fewer than a patch has.
 const LEAST_AREAS: usize = 2;
 
 /// Whether there is an even area in which the filter's colours differ.

@@ -40,7 +40,7 @@ const JOINED: Color = [255, 60, 255];
 pub struct Overlay<'a> {
     config: &'a Config,
     camera: CameraModel,
-    /// Of each arrangement of patches that robots have.
+    /// One entry for each arrangement of patches that robots have.
     layouts: Vec<(&'a [PatchConfig], Layout)>,
     scale: u32,
 }

@@ -37,7 +37,7 @@ const LEAST_BALL_CONFIDENCE: f32 = 0.5;
 pub struct Found {
     /// With colours, and the light that they are made for.
     pub config: Config,
-    /// What was found, picture by picture.
+    /// Detections, picture by picture.
     pub labels: Vec<ImageLabels>,
     robots: usize,
     balls: usize,

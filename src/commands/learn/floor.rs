@@ -14,7 +14,7 @@ const BALL_REACH: f64 = 1.5;
 
 /// Pixels that each colour takes beside robots and ball.
 pub struct Taken {
-    /// By colour.
+    /// Indexed by colour.
     pub pixels: Vec<f64>,
 }
 

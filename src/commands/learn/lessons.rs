@@ -112,7 +112,7 @@ impl Lesson {
         Ok(Self { file, bayer, picture })
     }
 
-    /// As it came from the camera.
+    /// The picture as it came from the camera.
     pub fn image(&self, config: &Config) -> Result<BayerImage<'_>, CommandError> {
         bayer_image(config, &self.bayer, &self.file)
     }

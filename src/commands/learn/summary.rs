@@ -48,7 +48,7 @@ fn swallowed(
     labels: &[ImageLabels],
 ) -> Result<Vec<String>, CommandError> {
     let mut pipeline = Pipeline::new(config)?;
-    // By colour: the most pixels taken in a picture, and its number.
+    // Per colour: the most pixels taken in a picture, and that picture's number.
     let mut worst = vec![(0.0, 0); config.colors.len()];
     for (number, (lesson, labels)) in lessons.list.iter().zip(labels).enumerate() {
         // Where only places are marked, nothing tells the floor from the robots.

@@ -18,7 +18,7 @@ type Rgb = [f64; 3];
 #[derive(Clone)]
 struct Painter {
     config: Config,
-    /// Of each colour that is worn, its paint.
+    /// Paint of each colour that is worn.
     paints: Vec<(&'static str, Rgb)>,
     floor: Rgb,
     body: Rgb,

@@ -14,7 +14,7 @@ use common::topics;
 use rustix::process::Signal;
 use std::io;
 
-/// So many failures before anything ever worked mean that it never will.
+/// Failed starts, before anything has worked, after which the group gives up.
 const HOPELESS_STARTS: u32 = 3;
 /// What cannot be done for a while, in the words in which it is told.
 const SIGNALS: &str = "signal a process";

@@ -116,7 +116,7 @@ impl Group<'_> {
         self.record_is_due.set(failed);
     }
 
-    /// What the group does without at the moment.
+    /// Everything that is missing at the moment, as text.
     pub(super) fn lacks(&self) -> Vec<String> {
         let in_s = |ns: u64| format!("next try in {:.1} s", ns as f64 / 1e9);
         let lack = |it: Degraded| {

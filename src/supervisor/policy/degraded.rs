@@ -1,12 +1,12 @@
-//! What a group does without for now, because starts fail again and again: it is kept alive, and says so.
+//! Degraded groups: stages and spares that are missing because starts keep failing. The group is kept alive, and says so.
 
 use super::Policy;
 use common::messages::ProcessKind;
 
-/// So many failures in a row make a stage one that does not work, rather than one that is being replaced.
+/// Failures in a row after which a stage counts as not working, rather than as being replaced.
 const DEGRADED: u32 = 3;
 
-/// What a stage does without for now.
+/// The part of a stage that is missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Degraded {
     /// The stage.
@@ -17,7 +17,7 @@ pub struct Degraded {
     pub next_start_in_ns: u64,
 }
 
-/// What a stage does without.
+/// The part of a stage that is missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lack {
     /// It does not work: so many starts in a row have failed.
@@ -30,7 +30,7 @@ pub enum Lack {
 }
 
 impl Policy {
-    /// What the group does without for now, because starts fail again and again.
+    /// Stages whose starts keep failing, and what is missing of each.
     pub fn degraded(&self, now_ns: u64) -> Vec<Degraded> {
         let lack = |kind: ProcessKind| {
             let stage = &self.stages[kind as usize];

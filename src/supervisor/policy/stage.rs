@@ -52,7 +52,7 @@ pub struct Stage {
     pub progress_ns: u64,
     /// Last time at which its active process looked around.
     pub looked_around_ns: u64,
-    /// From one output to the next, smoothed; `None` before the second output of a process.
+    /// Smoothed interval between outputs; `None` before the second output of a process.
     pub period_ns: Option<u64>,
     /// When the newest output was sent.
     sent_ns: Option<u64>,

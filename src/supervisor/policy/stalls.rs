@@ -1,4 +1,4 @@
-//! Who is behind, and since when.
+//! Which stages are behind, and since when.
 
 use super::{MemberId, Policy};
 use common::messages::ProcessKind;

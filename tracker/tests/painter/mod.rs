@@ -36,7 +36,7 @@ fn cross(a: Vec3, b: Vec3) -> Vec3 {
 pub struct Dice(pub u64);
 
 impl Dice {
-    /// From 0 to 1.
+    /// Fraction, 0 to 1.
     pub fn even(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -93,7 +93,7 @@ impl Pinhole {
         unit(add(ray, down, (y - self.middle[1]) / self.focal))
     }
 
-    /// What a user would enter who has measured exactly.
+    /// The geometry that an exact measurement would give.
     pub fn geometry(&self, config: &Config) -> GeometryConfig {
         let (x, y) = (config.field.length_mm / 2.0, config.field.width_mm / 2.0);
         let corners = [[-x, -y], [-x, y], [x, -y], [x, y], [0.0, y], [0.0, -y]];
@@ -169,7 +169,7 @@ pub struct World {
     pub dice: Dice,
 }
 
-/// What a ray meets.
+/// The first thing on a ray.
 enum Met {
     Floor(Vec3),
     Ball(Vec3, Vec3),

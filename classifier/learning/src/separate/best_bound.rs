@@ -18,20 +18,20 @@ pub(super) fn best_bound(gain_at: &[f64; BINS], spread_bins: f64, side: Side) ->
         smooth[bin] += carried;
         carried = (carried + gain_at[bin]) * keep;
     }
-    // What would be spread beyond the last bin stays in it.
+    // Weight spread beyond the last bin stays in it.
     let tail = keep / (1.0 - keep);
     smooth[0] += gain_at.iter().rev().fold(0.0, |sum, gain| sum * keep + gain) * tail;
     smooth[BINS - 1] += gain_at.iter().fold(0.0, |sum, gain| sum * keep + gain) * tail;
 
     let (mut sum, mut best, mut best_sum) = (0.0, side.end(), f64::NEG_INFINITY);
-    // From the end where nothing is admitted.
+    // Start at the end that admits nothing.
     for step in 0..=u8::MAX {
         let bin = match side {
             Side::Low => u8::MAX - step,
             Side::High => step,
         };
         sum += smooth[usize::from(bin)];
-        // Of equals the widest, but for rounding.
+        // Among equal scores (up to rounding) the widest wins.
         if sum > best_sum - 1e-9 {
             (best, best_sum) = (bin, best_sum.max(sum));
         }

@@ -53,7 +53,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// As narrow as a colour's own samples allow, but for a few.
+    /// The narrowest bounds that hold all but a few of a colour's own samples.
     pub fn around(own: &[&Point]) -> Self {
         let mut direction = [0.0, 0.0];
         let mut length = 0.0;

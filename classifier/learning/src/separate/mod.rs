@@ -29,7 +29,7 @@ use bounds::{AXES, BINS, BOX, Bounds, Fails, HUE, SATURATION, Side, bit};
 use common::config::ColorConfig;
 use points::Point;
 
-/// What is wanted of a set of colours.
+/// Weights of the learning objective.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wishes {
     /// How far red, green and blue of a colour may wander beyond its samples, in grey levels …
@@ -98,7 +98,7 @@ struct Learner<'a> {
     /// For each point the colours that admit it: bit i for the colour at place i of the order.
     admitted: Vec<u32>,
     patch_count: usize,
-    /// By class; `None` without samples.
+    /// Indexed by class; `None` without samples.
     bounds: Vec<Option<Bounds>>,
     /// Classes with samples, in the order in which they are looked at.
     order: Vec<usize>,

@@ -56,7 +56,7 @@ impl Point {
         self.class.is_none() && !self.is_imagined
     }
 
-    /// What it is worth to take the point for this.
+    /// Gain of classifying the point as this class.
     pub fn value(&self, class: Option<u8>) -> f32 {
         match (self.class, class) {
             (_, None) => 0.0,
