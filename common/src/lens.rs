@@ -37,6 +37,8 @@ const MIN_SLOPE: f64 = 0.05;
 const MAX_RADIUS: f64 = 10.0;
 /// Steps in which it is looked for where a polynomial turns back.
 const STEPS: u32 = 200;
+/// Steps in which a polynomial is inverted. Mostly it takes four.
+const MAX_NEWTON_STEPS: u32 = 60;
 
 impl Lens {
     /// The lens of a camera with pictures of `picture_px` pixels across and down.
@@ -147,7 +149,11 @@ impl Lens {
 
     /// Its inverse.
     fn unseen<const N: usize>(&self, seen: [f64; N]) -> [f64; N] {
-        let mut radius = seen;
+        let mut radius = seen.map(|seen| seen.min(self.limit));
+        // The answer lies between these. Where a step is not less than half of the one before, the middle between them
+        // is taken: Newton's method alone can go to and fro for ever.
+        let (mut least, mut most) = ([0.0; N], [self.limit; N]);
+        let mut last_step = [self.limit; N];
         let mut is_moving = [true; N];
         for index in 0..N {
             if seen[index] >= self.limit_seen {
@@ -155,18 +161,26 @@ impl Lens {
                 is_moving[index] = false;
             }
         }
-        for _ in 0..20 {
+        for _ in 0..MAX_NEWTON_STEPS {
             if !is_moving.contains(&true) {
                 break;
             }
-            for ((r, seen), is_moving) in radius.iter_mut().zip(&seen).zip(&mut is_moving) {
-                let error = bent(&self.k, *r) - seen;
-                let step = error / slope(&self.k, *r);
-                // A step from where the polynomial is almost level leads too far.
-                let next = (*r - step).clamp(0.0, self.limit);
+            for index in 0..N {
+                let r = radius[index];
+                let error = bent(&self.k, r) - seen[index];
+                let step = error / slope(&self.k, r);
+                let is_beyond = error > 0.0;
+                let low = if is_beyond { least[index] } else { r };
+                let high = if is_beyond { r } else { most[index] };
+                (least[index], most[index]) = (low, high);
+                let newton = r - step;
+                let is_between = low <= newton && newton <= high;
+                let is_closing_in = 2.0 * step.abs() <= last_step[index];
+                let next = if is_between && is_closing_in { newton } else { (low + high) / 2.0 };
+                last_step[index] = (next - r).abs();
                 // The next step would be of the square of this one.
-                *r = if *is_moving { next } else { *r };
-                *is_moving &= step.abs() >= 1e-7;
+                radius[index] = if is_moving[index] { next } else { r };
+                is_moving[index] &= step.abs() >= 1e-7;
             }
         }
         radius
@@ -256,6 +270,25 @@ mod tests {
             let lens = Lens::new(&distortion, PICTURE);
             prop_assert_eq!(a < b, lens.seen(a) < lens.seen(b));
         }
+    }
+
+    /// Newton's steps from one end of this polynomial lead beyond the other, and from there back.
+    #[test]
+    fn steps_beyond_both_ends_come_to_rest() {
+        let distortion = DistortionConfig {
+            model: DistortionModel::Fisheye,
+            focal_px: 258.3556423107956,
+            k1: 0.03788477121083207,
+            k2: 0.011890040844912887,
+            k4: -0.0006226545235536105,
+            center_px: [280.0, 200.0],
+            ..DistortionConfig::default()
+        };
+        let lens = Lens::new(&distortion, PICTURE);
+        let pixel = Vector2::new(-274.01545027207817, 0.0);
+        let [ray] = lens.rays_from_image([pixel]);
+        let back = lens.image_from_ray(&ray);
+        assert!((back - pixel).norm() < 1e-6, "{back:?}");
     }
 
     #[test]
