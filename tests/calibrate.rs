@@ -197,6 +197,38 @@ fn where_there_are_no_lines_the_points_count() {
     assert_eq!(text(&output.stdout), text(&calibrate(&scratch, &CORNERS).stdout));
 }
 
+/// Well marked points are not moved by lines of another pitch, here one that is 60 mm longer.
+#[test]
+fn lines_that_contradict_the_points_are_not_used() {
+    let scratch = Scratch::new("calibrate-other-lines");
+    let truth = Config::default();
+    let model = CameraModel::new(&truth.geometry, 640, 480).unwrap();
+    let mut longer = truth.clone();
+    longer.field.length_mm += 60.0;
+    let picture = scratch.path.join("pitch.png");
+    pitch_picture(&longer).save(&picture).unwrap();
+    let mut points = format!("camera_mm = {:?}\npoints = [\n", truth.geometry.camera_mm);
+    for x in [-1100.0, 0.0, 1100.0] {
+        for y in [-900.0, 0.0, 900.0] {
+            let seen = model.image_from_field(FieldPoint::new(x, y), 0.0);
+            let [column, row] = [seen.x_px, seen.y_px];
+            let _ =
+                writeln!(points, "  {{ field_mm = [{x}, {y}], image_px = [{column}, {row}] }},");
+        }
+    }
+    let points = scratch.write("points.toml", &(points + "]\n"));
+    let args = ["--points", points.to_str().unwrap(), "--picture", picture.to_str().unwrap()];
+    let output = calibrate(&scratch, &args);
+    let said = text(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(
+        said.contains("lines       not used") && said.contains("contradicts the points"),
+        "{said}"
+    );
+    let found = Config::parse(&text(&output.stdout), "printed").unwrap();
+    assert!(apart_mm(&truth, &found) < 0.5, "{said}");
+}
+
 /// Pictures through wide lenses, with points marked to 0.3 px and the robots' right places.
 #[test]
 #[ignore = "needs ../shared, pictures that are not ours to give away"]

@@ -1,6 +1,8 @@
 //! The fit itself: which numbers are free, and what they are.
 
 use super::least_squares::{Minimum, minimise};
+use super::numbers::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Numbers, Scales};
+use super::perspective::lens_above;
 use super::physical::{self, LensForm, Physical, QuickCamera};
 use super::{EdgeMark, KnownLens, LensSource, Mark};
 use crate::config::{DistortionConfig, DistortionModel, FieldConfig, PointPair};
@@ -51,26 +53,6 @@ pub(super) struct Fitted {
 pub(super) const POLYNOMIAL: usize = 4;
 /// Parameters of distortion of a lens of which all may be free: those, and a focal length.
 pub(super) const MAX_DISTORTION: usize = 5;
-
-/// The numbers of a camera, scaled to order one: the homography from the floor to the undistorted
-/// picture, both normalised; the lens in units of the floor's scale; k1, k2 and the distortion's
-/// centre.
-#[derive(Debug, Clone, Copy)]
-struct Numbers([f64; COUNT]);
-
-const COUNT: usize = HOMOGRAPHY + 3 + POLYNOMIAL;
-const HOMOGRAPHY: usize = 8;
-const LENS: usize = HOMOGRAPHY;
-const DISTORTION: usize = LENS + 3;
-
-/// Points of the floor and pixels, moved and scaled to order one.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Scales {
-    pub field_center_mm: Vector2<f64>,
-    pub field_scale_mm: f64,
-    pub image_center_px: Vector2<f64>,
-    pub half_diagonal_px: f64,
-}
 
 /// A point further than this from the height most points have is raised.
 const RAISED_MM: f64 = 1.0;
@@ -252,14 +234,30 @@ impl Task<'_> {
                 .is_ok_and(|model| self.is_usable(&model, &numbers.distortion(&self.scales())));
             if is_better && is_usable {
                 best = Ok((numbers, minimum));
-            } else if parameters > 1
-                && best.as_ref().is_ok_and(|(numbers, _)| self.rms_px(numbers) < TOO_LARGE_RMS_PX)
-            {
-                // One more number may need the next to show its worth, but not the centre.
+            } else if parameters > 1 && lens != [false; 3] && best.as_ref().is_ok_and(is_good) {
+                // One more number may need the next to show its worth, but not the centre where the place of the
+                // lens is free: each can stand for the other.
                 break;
             }
         }
-        self.finished(best?, lens)
+        self.finished(self.in_perspective(best?, lens), lens)
+    }
+
+    /// With a lens of known height that no raised point tells of where the fitted camera's perspective has
+    /// it. The fit began with the perspective of an undistorted picture around its middle, and a lens whose
+    /// axis is 13 px off that is 50 mm away from where it seems.
+    fn in_perspective(&self, fit: (Numbers, Minimum), lens: [bool; 3]) -> (Numbers, Minimum) {
+        let KnownLens::HeightMm(height) = self.known_lens else { return fit };
+        if lens != [false; 3] {
+            return fit;
+        }
+        let (scales, (numbers, minimum)) = (self.scales(), &fit);
+        let axis_px = Vector2::from(numbers.distortion(&scales).center_px);
+        let Some([x, y]) = lens_above(&numbers.ray_from_floor(&scales), axis_px, height) else {
+            return fit;
+        };
+        let moved = numbers.with_lens(&scales, Vector3::new(x, y, height));
+        self.fit(moved, lens, minimum.parameters.len() - HOMOGRAPHY).unwrap_or(fit)
     }
 
     /// The better one of two fits: from what is given, and from where the lens is thought to be, where it
@@ -559,136 +557,6 @@ impl Evidence<'_> {
         let variance = self.minimum.sum_of_squares / count + telling_sigma_px.powi(2);
         count * variance.ln() + 2.0 * free + 2.0 * free * (free + 1.0) / left
     }
-}
-
-impl Numbers {
-    fn new(scales: &Scales, image_from_floor: &Matrix3<f64>, lens: Vector3<f64>, k1: f64) -> Self {
-        let normal = scales.normal_from_image() * image_from_floor * scales.floor_from_normal();
-        let normal = normal / normal[(2, 2)];
-        let mut numbers = [0.0; COUNT];
-        for (index, number) in numbers.iter_mut().take(HOMOGRAPHY).enumerate() {
-            *number = normal[(index / 3, index % 3)];
-        }
-        let offset = (lens.xy() - scales.field_center_mm) / scales.field_scale_mm;
-        numbers[LENS..DISTORTION].copy_from_slice(&[
-            offset.x,
-            offset.y,
-            lens.z / scales.field_scale_mm,
-        ]);
-        numbers[DISTORTION] = k1;
-        Self(numbers)
-    }
-
-    fn homography(&self) -> Matrix3<f64> {
-        let h = &self.0;
-        Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0)
-    }
-
-    fn lens_mm(&self, scales: &Scales) -> Vector3<f64> {
-        let [x, y, z] = [0, 1, 2].map(|axis| self.0[LENS + axis] * scales.field_scale_mm);
-        Vector3::new(scales.field_center_mm.x + x, scales.field_center_mm.y + y, z)
-    }
-
-    fn distortion(&self, scales: &Scales) -> DistortionConfig {
-        let [k1, k2, x, y] = [0, 1, 2, 3].map(|index| self.0[DISTORTION + index]);
-        let center = scales.image_center_px + Vector2::new(x, y) * scales.half_diagonal_px;
-        DistortionConfig {
-            model: DistortionModel::Polynomial,
-            k1,
-            k2,
-            center_px: center.into(),
-            ..DistortionConfig::default()
-        }
-    }
-
-    fn through(&self, scales: &Scales, picture_px: [u32; 2]) -> QuickCamera {
-        QuickCamera {
-            ray_from_floor: self.ray_from_floor(scales),
-            position: self.lens_mm(scales),
-            lens: Lens::new(&self.distortion(scales), picture_px),
-        }
-    }
-
-    fn ray_from_floor(&self, scales: &Scales) -> Matrix3<f64> {
-        scales.image_from_normal() * self.homography() * scales.normal_from_floor()
-    }
-
-    fn model(
-        &self,
-        scales: &Scales,
-        picture_px: [u32; 2],
-        marks: &[Mark],
-    ) -> Result<CameraModel, GeometryError> {
-        CameraModel::from_homography(
-            self.ray_from_floor(scales),
-            self.lens_mm(scales).into(),
-            &self.distortion(scales),
-            picture_px,
-            marks.iter().map(|mark| [mark.field_mm[0], mark.field_mm[1]]),
-        )
-    }
-}
-
-impl Scales {
-    /// A place of the lens in the floor's scale.
-    pub fn normal_lens(&self, [x, y, z]: [f64; 3]) -> Vector3<f64> {
-        let offset = Vector2::new(x, y) - self.field_center_mm;
-        Vector3::new(offset.x, offset.y, z) / self.field_scale_mm
-    }
-
-    pub fn normal_from_floor(&self) -> Matrix3<f64> {
-        to_normal(self.field_center_mm, self.field_scale_mm)
-    }
-
-    pub fn floor_from_normal(&self) -> Matrix3<f64> {
-        from_normal(self.field_center_mm, self.field_scale_mm)
-    }
-
-    pub fn normal_from_image(&self) -> Matrix3<f64> {
-        to_normal(self.image_center_px, self.half_diagonal_px)
-    }
-
-    pub fn image_from_normal(&self) -> Matrix3<f64> {
-        from_normal(self.image_center_px, self.half_diagonal_px)
-    }
-}
-
-fn to_normal(center: Vector2<f64>, scale: f64) -> Matrix3<f64> {
-    let (s, c) = (1.0 / scale, center / scale);
-    Matrix3::new(s, 0.0, -c.x, 0.0, s, -c.y, 0.0, 0.0, 1.0)
-}
-
-fn from_normal(center: Vector2<f64>, scale: f64) -> Matrix3<f64> {
-    Matrix3::new(scale, 0.0, center.x, 0.0, scale, center.y, 0.0, 0.0, 1.0)
-}
-
-/// Above which point of the floor a lens of known height hangs, for square pixels and a lens over
-/// the middle of the picture: with each focal length the homography's columns are two axes of the
-/// floor and the way to its origin as the camera sees them (Zhang, A flexible new technique for
-/// camera calibration, section 3.1), and the longer it is, the higher the camera must hang.
-fn lens_above(
-    image_from_floor: &Matrix3<f64>,
-    image_center_px: Vector2<f64>,
-    height_mm: f64,
-) -> Option<[f64; 2]> {
-    let centered = to_normal(image_center_px, 1.0) * image_from_floor;
-    let lens = |focal_px: f64| {
-        let camera = Matrix3::from_diagonal(&Vector3::new(1.0 / focal_px, 1.0 / focal_px, 1.0));
-        let columns = camera * centered;
-        let (x_axis, y_axis) = (columns.column(0).into_owned(), columns.column(1).into_owned());
-        let unit = (x_axis.norm() * y_axis.norm()).sqrt();
-        let axes = Matrix3::from_columns(&[x_axis, y_axis, x_axis.cross(&y_axis) / unit]);
-        let lens = -(axes.try_inverse()? * columns.column(2));
-        lens.iter().all(|value| value.is_finite()).then_some(lens)
-    };
-    let (mut short, mut long) = (1.0f64, 1e6f64);
-    for _ in 0..100 {
-        let focal_px = (short * long).sqrt();
-        if lens(focal_px)?.z.abs() < height_mm { short = focal_px } else { long = focal_px }
-    }
-    let found = lens((short * long).sqrt())?;
-    let is_that_high = (found.z.abs() - height_mm).abs() < 0.01 * height_mm;
-    is_that_high.then_some([found.x, found.y])
 }
 
 /// Whether the picture shows each marked point as a camera above the pitch does: a turn to the left on the floor is one

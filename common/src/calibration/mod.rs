@@ -12,6 +12,8 @@
 mod fit;
 mod landmarks;
 mod least_squares;
+mod numbers;
+mod perspective;
 mod physical;
 mod suspects;
 

@@ -6,8 +6,9 @@
 //! projection near those of the textbooks. Expectations are equations beside those of the points, each with the deviation
 //! that cameras have.
 
-use super::fit::{Scales, Task};
+use super::fit::Task;
 use super::least_squares::{Minimum, minimise};
+use super::numbers::Scales;
 use super::{KnownLens, Mark};
 use crate::config::{DistortionConfig, DistortionModel};
 use crate::geometry::{CameraModel, GeometryError};

@@ -218,6 +218,21 @@ fn a_measured_height_tells_the_rest_of_the_lens_from_the_perspective() {
     assert_eq!(found.geometry.camera_mm, [1.0, 2.0, 3000.0]);
 }
 
+/// The axis of a real lens is seldom in the middle of the picture, and what it does to the perspective is
+/// only known when the distortion is.
+#[test]
+fn the_perspective_is_that_of_the_fitted_lens() {
+    let truth = Pinhole { middle_px: [332.0, 229.0], k1: -0.12, ..Pinhole::above() };
+    let steps = [-1000.0, -500.0, 0.0, 500.0, 1000.0];
+    let grid = steps.iter().flat_map(|&x| steps.map(|y| [x, 0.85 * y, 0.0]));
+    let found = fit(&truth.marks(&grid.collect::<Vec<_>>()), KnownLens::HeightMm(2100.0)).unwrap();
+    assert_eq!(found.lens_source, LensSource::HeightAndPerspective);
+    for axis in 0..3 {
+        let error = found.geometry.camera_mm[axis] - truth.lens_mm[axis];
+        assert!(error.abs() < 5.0, "{:?}", found.geometry);
+    }
+}
+
 #[test]
 fn points_of_one_height_are_enough_wherever_that_is() {
     let truth = Pinhole::above();

@@ -29,6 +29,11 @@ pub enum NotRefined {
     TooFew { found: usize, wanted: usize },
     #[error("what was found of the lines does not fit together: {rms_px:.1} px")]
     Scattered { rms_px: f64 },
+    #[error(
+        "what was found of the lines contradicts the points, which would be {rms_px:.1} px beside where they were \
+         marked; does the pitch have the configured sizes and lines?"
+    )]
+    Contradicted { rms_px: f64 },
     #[error("the lines found do not determine the camera: {0}")]
     Undetermined(#[from] CalibrationError),
 }
@@ -44,6 +49,14 @@ const LEAST_FOUND: usize = 40;
 const LEAST_SHARE: f64 = 0.25;
 /// A larger error is not that of lines.
 const MAX_RMS_PX: f64 = 0.8;
+/// Nobody marks points worse than this on purpose, root mean square.
+const ROUGH_POINTS_PX: f64 = 3.0;
+/// With so many equations more than unknowns the points tell themselves how well they were marked, and lines that move
+/// them further than so many deviations are others than those of the pitch.
+const TELLING_SURPLUS: usize = 3;
+const MAX_DEVIATIONS: f64 = 4.0;
+/// Points that were marked better than this are not told apart.
+const FINE_POINTS_PX: f64 = 0.25;
 
 /// Fits the camera to the lines.
 pub fn refined(
@@ -61,10 +74,25 @@ pub fn refined(
     if best.rms_px > MAX_RMS_PX {
         return Err(NotRefined::Scattered { rms_px: best.rms_px });
     }
+    let rms_px = best.calibration.rms_px();
+    if rms_px > may_move_px(rough) {
+        return Err(NotRefined::Contradicted { rms_px });
+    }
     let moved_px =
         moved(&rough.model, &best.calibration.model, field, [camera.width, camera.height]);
     let Found { calibration, found, wanted, rms_px, .. } = best;
     Ok(Refined { calibration, found, wanted, rms_px, moved_px })
+}
+
+/// How far lines may move the points from where they were marked, root mean square.
+fn may_move_px(by_points: &Calibration) -> f64 {
+    let surplus = by_points.surplus;
+    if surplus < TELLING_SURPLUS {
+        return ROUGH_POINTS_PX;
+    }
+    let equations = 2.0 * by_points.errors_px.len() as f64;
+    let deviation_px = by_points.rms_px() * (equations / surplus as f64).sqrt();
+    MAX_DEVIATIONS * deviation_px.max(FINE_POINTS_PX)
 }
 
 /// By how much the middles of painted lines lie inside what they mark. It is a matter of custom whether the middle or the
