@@ -293,6 +293,7 @@ impl SetUp {
              {ball_mm:.2} mm ball",
             self.name, learning[0], total["right"], total["robots"], total["balls_right"],
         );
+        assert!(robots_mm < 1.0 && ball_mm < 1.5, "{learning:?}: {robots_mm} mm, {ball_mm} mm");
         score
     }
 

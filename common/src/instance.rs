@@ -5,9 +5,10 @@ pub mod lock;
 
 use crate::memory::SHARED_MEMORY;
 use crate::messages::ProcessKind;
+use crate::private::{self, Others, PrivacyError, Problem};
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
-use std::fs::{self, File, OpenOptions};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::fs;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// Overrides the directory under which instances keep their runtime directories.
@@ -26,16 +27,11 @@ pub enum InstanceError {
     /// The name does not fit into file names.
     #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-', not beginning with '-'")]
     Name(String),
-    /// The runtime directory is not ours alone.
-    #[error(
-        "{path} {problem}; remove it or choose another place with {RUNTIME_DIR_VARIABLE}, or, to \
-         attach to a group of its owner, do so as that user"
-    )]
+    /// A directory is not ours alone.
+    #[error("{exposed} with {RUNTIME_DIR_VARIABLE}{}", attach_as_owner(exposed))]
     Directory {
-        /// The directory.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: &'static str,
+        /// Which, and why.
+        exposed: PrivacyError,
     },
     /// Something in the runtime directory could not be made, opened or removed.
     #[error("{path}: {source}")]
@@ -50,6 +46,24 @@ pub enum InstanceError {
         "{0} is too long or has unusual characters; choose another place with {RUNTIME_DIR_VARIABLE}"
     )]
     Path(PathBuf),
+}
+
+impl From<PrivacyError> for InstanceError {
+    fn from(error: PrivacyError) -> Self {
+        match error {
+            PrivacyError::Io { path, source } => Self::Io { path, source },
+            exposed => Self::Directory { exposed },
+        }
+    }
+}
+
+fn attach_as_owner(error: &PrivacyError) -> &'static str {
+    match error {
+        PrivacyError::Exposed { problem: Problem::Foreign(_), .. } => {
+            "; to attach to a group of its owner, do so as that user"
+        }
+        _ => "",
+    }
 }
 
 /// A named group of processes on this machine, belonging to one user.
@@ -77,10 +91,12 @@ impl Instance {
         if !valid {
             return Err(InstanceError::Name(name.into()));
         }
+        // Every process of the group must mean the same place, wherever it was started.
+        let base = std::path::absolute(base).unwrap_or_else(|_| base.into());
         let directory = base.join(name);
         match directory.to_str() {
             Some(text) if text.len() <= MAX_DIRECTORY => {
-                Ok(Self { name: name.into(), directory, gateway_base: gateway_base(base) })
+                Ok(Self { name: name.into(), directory, gateway_base: gateway_base(&base) })
             }
             _ => Err(InstanceError::Path(directory)),
         }
@@ -144,16 +160,8 @@ impl Instance {
     pub fn create_gateway_directory(&self, group: u32) -> Result<(), InstanceError> {
         let directory = self.gateway_directory();
         let places = [self.gateway_base.as_path(), &directory];
-        for path in places {
-            // Nobody else's until it has its group.
-            let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
-            match made {
-                Err(error) if fs::symlink_metadata(path).is_err() => {
-                    return Err(io_error(path)(error));
-                }
-                _ => check_places(places)?,
-            }
-        }
+        // Nobody else's until it has its group.
+        make(places)?;
         let mode = fs::symlink_metadata(&self.gateway_base).map_err(io_error(places[0]))?.mode();
         if mode & 0o001 == 0 && holds_only_closed(&self.gateway_base, &directory) {
             set_mode(&self.gateway_base, mode & 0o7777 | 0o011)?;
@@ -170,24 +178,14 @@ impl Instance {
             return Ok(());
         }
         remove(fs::remove_dir_all(&directory), &directory)?;
-        // Goes only when there is nothing else in it.
-        let _ = fs::remove_dir(&self.gateway_base);
+        remove_if_made(&self.gateway_base);
         Ok(())
     }
 
     /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
     /// a world-writable place somebody could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {
-        for path in self.places() {
-            let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
-            // Something that is there and no directory is described better below.
-            match made {
-                Err(error) if fs::symlink_metadata(path).is_err() => {
-                    return Err(io_error(path)(error));
-                }
-                _ => self.check_directory()?,
-            }
-        }
+        make(self.places())?;
         // Made for us by a service manager, say, and more open than need be. What is in it is nobody
         // else's business.
         let mode = fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?.mode();
@@ -290,43 +288,93 @@ impl Instance {
         Ok(())
     }
 
-    /// Removes the runtime directory itself, and the lock, at the end of a group's life.
+    /// Whether there is or was a group in the runtime directory: where the user's own directory serves
+    /// as the place of all groups, there are others in it that have nothing to do with any.
+    pub fn has_files(&self) -> bool {
+        let names = [MADE, lock::NAME, "config.toml", "group.json"];
+        names.iter().any(|name| self.directory.join(name).exists())
+    }
+
+    /// Removes the runtime directory itself, and the lock, at the end of a group's life. A directory that
+    /// was there before stays, without the files of the group.
     pub fn remove_directory(&self) -> Result<(), InstanceError> {
-        remove(fs::remove_dir_all(&self.directory), &self.directory)?;
+        if self.directory.join(MADE).exists() {
+            remove(fs::remove_dir_all(&self.directory), &self.directory)?;
+        } else {
+            self.remove_files()?;
+        }
         let lock = lock::in_memory(self);
         remove(fs::remove_file(&lock), &lock)?;
         if let Some(base) = self.directory.parent() {
-            // Goes only when no other instance is in it.
-            let _ = fs::remove_dir(base);
+            remove_if_made(base);
+        }
+        Ok(())
+    }
+
+    fn remove_files(&self) -> Result<(), InstanceError> {
+        let names = [lock::NAME, "config.toml", "group.json", "group.new", "control", "step"];
+        for path in names.map(|name| self.directory.join(name)) {
+            remove(fs::remove_file(&path), &path)?;
+        }
+        // The sockets of those who were asking for something when they died.
+        for entry in fs::read_dir(&self.directory).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with("control-") {
+                let path = entry.path();
+                remove(fs::remove_file(&path), &path)?;
+            }
         }
         Ok(())
     }
 }
 
-/// Whether two directories, of which the second is in the first, are ours alone, as far as they exist.
-fn check_places(places: [&Path; 2]) -> Result<(), InstanceError> {
+/// A file in every directory that was made for groups. Only such a directory is removed with the last
+/// of them: the user, or a service manager, may have made one and expects it to stay.
+const MADE: &str = ".made-by-touchline";
+
+/// Makes two directories, of which the second is in the first, readable by nobody else, and checks that
+/// they are really ours: in a place that everybody can write to somebody could have put a directory or
+/// a link there first.
+fn make(places: [&Path; 2]) -> Result<(), InstanceError> {
+    check_places(places)?;
     for path in places {
-        let data = match fs::symlink_metadata(path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-            data => data.map_err(io_error(path))?,
-        };
-        let can_be_written = data.mode() & 0o022 != 0;
-        // In a directory like /tmp others can add theirs, but not take ours away.
-        let is_safe_base = path != places[1] && data.mode() & 0o1000 != 0;
-        let problem = if data.is_symlink() {
-            "is a symbolic link"
-        } else if !data.is_dir() {
-            "is not a directory"
-        } else if data.uid() != rustix::process::getuid().as_raw() {
-            "belongs to another user"
-        } else if can_be_written && !is_safe_base {
-            "can be written by other users"
-        } else {
-            continue;
-        };
-        return Err(InstanceError::Directory { path: path.into(), problem });
+        if let Some(parent) = path.parent() {
+            let above = fs::DirBuilder::new().recursive(true).mode(0o700).create(parent);
+            above.map_err(io_error(parent))?;
+        }
+        match fs::DirBuilder::new().mode(0o700).create(path) {
+            Ok(()) => {
+                check_places(places)?;
+                private::open_file(&path.join(MADE)).map_err(io_error(path))?;
+            }
+            // Something that is there and no directory is described better by the check.
+            Err(error) if fs::symlink_metadata(path).is_err() => {
+                return Err(io_error(path)(error));
+            }
+            Err(_) => check_places(places)?,
+        }
     }
     Ok(())
+}
+
+/// Removes a directory that was made for groups when there is nothing else in it.
+fn remove_if_made(path: &Path) {
+    let mark = path.join(MADE);
+    let has_others = fs::read_dir(path).is_ok_and(|mut entries| {
+        entries.any(|entry| entry.is_ok_and(|entry| entry.file_name() != MADE))
+    });
+    // A group that starts at this moment makes it again.
+    if !has_others && fs::remove_file(&mark).is_ok() && fs::remove_dir(path).is_err() {
+        let _ = private::open_file(&mark);
+    }
+}
+
+/// Whether two directories, of which the second is in the first, are ours alone, as far as they exist, and
+/// nobody else can exchange them.
+fn check_places([base, directory]: [&Path; 2]) -> Result<(), InstanceError> {
+    private::check_way(base)?;
+    // In a directory like /tmp others can add theirs, but not take ours away.
+    private::check_directory(base, Others::Add)?;
+    Ok(private::check_directory(directory, Others::Read)?)
 }
 
 /// Whether everything in a directory is closed to others by its own mode, directories for other users
@@ -347,11 +395,6 @@ fn is_ours(path: &Path) -> bool {
 
 fn set_mode(path: &Path, mode: u32) -> Result<(), InstanceError> {
     fs::set_permissions(path, fs::Permissions::from_mode(mode)).map_err(io_error(path))
-}
-
-/// Makes a file, or empties it, readable by nobody else.
-pub fn create_private(path: &Path) -> std::io::Result<File> {
-    OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(path)
 }
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError {

@@ -34,6 +34,7 @@ pub mod memory;
 pub mod memory_rank;
 pub mod messages;
 pub mod prefetch;
+pub mod private;
 pub mod process;
 mod rhythm;
 pub mod rolling_shutter;

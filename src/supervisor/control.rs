@@ -6,6 +6,7 @@
 
 use super::sys::{self, Call};
 use common::instance::Instance;
+use common::private;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
@@ -48,7 +49,7 @@ impl Control {
         {
             return Err(error);
         }
-        let socket = sys::ask(Call::OpenControl, || UnixDatagram::bind(&path))?;
+        let socket = sys::ask(Call::OpenControl, || private::bind_datagram(&path))?;
         socket.set_nonblocking(true)?;
         let inode = fs::symlink_metadata(&path)?.ino();
         Ok(Self { socket, path, inode })
@@ -102,7 +103,7 @@ impl Drop for Control {
 pub fn ask(instance: &Instance, request: &Request, patience: Duration) -> io::Result<Answer> {
     let own = instance.directory().join(format!("control-{}", std::process::id()));
     let _ = fs::remove_file(&own);
-    let socket = UnixDatagram::bind(&own)?;
+    let socket = private::bind_datagram(&own)?;
     let exchange = || {
         socket.set_read_timeout(Some(patience))?;
         socket.set_write_timeout(Some(patience))?;
@@ -119,6 +120,7 @@ pub fn ask(instance: &Instance, request: &Request, patience: Duration) -> io::Re
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ffi::OsString;
 
     #[test]
     fn requests_are_answered_and_rubbish_is_refused() {
@@ -132,6 +134,7 @@ mod tests {
         // A dead supervisor leaves its socket.
         std::mem::forget(Control::open(&instance).unwrap());
         let control = Control::open(&instance).unwrap();
+        assert_eq!(fs::symlink_metadata(&control.path).unwrap().mode() & 0o777, 0o600);
         let server = std::thread::spawn(move || {
             let stranger = UnixDatagram::unbound().unwrap();
             stranger.send_to(b"\xff{", &control.path).unwrap();
@@ -145,8 +148,10 @@ mod tests {
         });
         assert_eq!(ask(&instance, &request, patience).unwrap(), Err("busy".into()));
         assert_eq!(server.join().unwrap(), request);
-        let left: Vec<_> = fs::read_dir(instance.directory()).unwrap().collect();
-        assert!(left.is_empty(), "{left:?}");
+        let entries = fs::read_dir(instance.directory()).unwrap().flatten();
+        let left: Vec<_> = entries.map(|entry| entry.file_name()).collect();
+        let is_socket = |name: &OsString| name.to_string_lossy().starts_with("control");
+        assert!(!left.iter().any(is_socket), "{left:?}");
         instance.remove_directory().unwrap();
     }
 }

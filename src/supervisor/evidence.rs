@@ -5,31 +5,57 @@ use classifier::{Picture, to_rgb};
 use common::bus::Received;
 use common::instance::Instance;
 use common::messages::{FrameFault, FrameHeader};
-use image::{DynamicImage, GrayImage, RgbImage};
-use std::path::PathBuf;
+use common::private;
+use image::{DynamicImage, GrayImage, ImageFormat, RgbImage};
+use std::fs::File;
+use std::io::{BufWriter, ErrorKind};
+use std::path::{Path, PathBuf};
 
 /// Saves a raw frame where it outlives the group: as a grey PNG of its Bayer data, which
 /// `touchline detect` takes as it is, or in colour if it came in colour. Encoding takes a while and
 /// is done in the background; returns where the file will be.
-pub fn save_frame(instance: &Instance, frame: &Received<u8, FrameHeader>) -> PathBuf {
+pub fn save_frame(
+    instance: &Instance,
+    frame: &Received<u8, FrameHeader>,
+) -> Result<PathBuf, String> {
     let seq = frame.header().seq;
-    let path = directory().join(format!("{}-frame-{seq}.png", instance.name()));
-    let picture = picture_of(frame.header(), frame.elements());
+    let picture =
+        picture_of(frame.header(), frame.elements()).map_err(|fault| fault.to_string())?;
+    let (path, file) = create(&directory(), &format!("{}-frame-{seq}", instance.name()))?;
     let target = path.clone();
     let save = move || {
-        let saved = picture.map_err(|fault| fault.to_string()).and_then(|picture| {
-            std::fs::create_dir_all(directory()).map_err(|error| error.to_string())?;
-            picture.save(&target).map_err(|error| error.to_string())
-        });
-        if let Err(error) = saved {
+        if let Err(error) = picture.write_to(&mut BufWriter::new(file), ImageFormat::Png) {
+            let _ = std::fs::remove_file(&target);
             common::tell!("touchline: frame {seq} cannot be kept in {}: {error}", target.display());
         }
     };
     let start = || std::thread::Builder::new().name("evidence".into()).spawn(save);
-    if let Err(error) = sys::ask(Call::StartThread, start) {
-        common::tell!("touchline: frame {seq} cannot be kept: {error}");
+    match sys::ask(Call::StartThread, start) {
+        Ok(_) => Ok(path),
+        Err(error) => {
+            let _ = std::fs::remove_file(&path);
+            Err(error.to_string())
+        }
     }
-    path
+}
+
+/// How many pictures of the same frame number, from different matches, are kept.
+const MOST_ALIKE: u32 = 100;
+
+/// Makes a new picture file in a directory that is this user's alone. What is there already, be it a
+/// picture of an earlier match or a link that somebody has put there, is left as it is.
+fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), String> {
+    private::create_directory(directory).map_err(|error| error.to_string())?;
+    for number in 1..=MOST_ALIKE {
+        let suffix = if number == 1 { String::new() } else { format!("-{number}") };
+        let path = directory.join(format!("{name}{suffix}.png"));
+        match private::create_new_file(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(format!("{}: {error}", path.display())),
+        }
+    }
+    Err(format!("{}/{name}-*.png are {MOST_ALIKE} pictures already", directory.display()))
 }
 
 /// The frame as a picture of 8 bits a channel.
@@ -53,10 +79,47 @@ fn picture_of(header: &FrameHeader, bytes: &[u8]) -> Result<DynamicImage, FrameF
     picture.ok_or(fault)
 }
 
-/// Where programs keep what should survive them but is no document of the user's.
+/// Where programs keep what should survive them but is no document of the user's. Where the environment
+/// names no such place, it is one of this user's own in the directory for temporary files.
 pub fn directory() -> PathBuf {
     let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
     let state = from("XDG_STATE_HOME").map(PathBuf::from);
     let home = || from("HOME").map(|home| PathBuf::from(home).join(".local/state"));
-    state.or_else(home).unwrap_or_else(std::env::temp_dir).join("touchline")
+    match state.or_else(home) {
+        Some(place) => place.join("touchline"),
+        None => {
+            let uid = rustix::process::getuid().as_raw();
+            std::env::temp_dir().join(format!("touchline-{uid}.state"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    #[test]
+    fn no_picture_is_written_over_anything_or_where_others_can_write() {
+        let base = std::env::temp_dir().join(format!("tl-evidence-{}", std::process::id()));
+        let directory = base.join("state");
+        let (first, _) = create(&directory, "match-frame-7").unwrap();
+        let victim = base.join("victim");
+        fs::write(&victim, "kept").unwrap();
+        symlink(&victim, directory.join("match-frame-7-2.png")).unwrap();
+        let (third, _) = create(&directory, "match-frame-7").unwrap();
+        assert_eq!(first, directory.join("match-frame-7.png"));
+        assert_eq!(third, directory.join("match-frame-7-3.png"));
+        assert_eq!(fs::read_to_string(&victim).unwrap(), "kept");
+
+        fs::set_permissions(&directory, fs::Permissions::from_mode(0o777)).unwrap();
+        let refusal = create(&directory, "match-frame-8").unwrap_err();
+        assert!(refusal.contains("can be written by other users"), "{refusal}");
+        let link = base.join("link");
+        symlink(&directory, &link).unwrap();
+        let refusal = create(&link, "match-frame-8").unwrap_err();
+        assert!(refusal.contains("is a symbolic link"), "{refusal}");
+        fs::remove_dir_all(&base).unwrap();
+    }
 }

@@ -4,8 +4,9 @@
 
 use super::control::Control;
 use super::sys::{self, Call};
+use common::instance::Instance;
 use common::instance::lock::SupervisorLock;
-use common::instance::{Instance, create_private};
+use common::private;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -75,7 +76,7 @@ impl Premises {
         match &self.config {
             None => self.config = fs::read_to_string(config_path).ok(),
             Some(config) if !config_path.exists() => {
-                let write = || create_private(&config_path)?.write_all(config.as_bytes());
+                let write = || private::create_file(&config_path)?.write_all(config.as_bytes());
                 sys::ask(Call::WriteConfig, write)?;
                 self.restored.push("the configuration");
             }

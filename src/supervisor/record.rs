@@ -7,8 +7,9 @@
 use super::Launch;
 use super::sys::{self, Call};
 use crate::monitor::Event;
-use common::instance::{Instance, create_private};
+use common::instance::Instance;
 use common::messages::ProcessKind;
+use common::private;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -71,7 +72,7 @@ impl Record {
         let path = instance.record_path();
         let new = path.with_extension("new");
         let text = serde_json::to_vec_pretty(self)?;
-        sys::ask(Call::WriteRecord, || create_private(&new)?.write_all(&text))?;
+        sys::ask(Call::WriteRecord, || private::create_file(&new)?.write_all(&text))?;
         sys::ask(Call::ReplaceRecord, || fs::rename(&new, &path))
     }
 

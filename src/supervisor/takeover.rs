@@ -4,9 +4,10 @@ use super::{GRACE, Launch, Record, SupervisorError, gateway};
 use common::bus::BusError;
 use common::bus::participants::{self, LivingProcess};
 use common::config::{Config, commented_toml};
-use common::instance::{Instance, create_private};
+use common::instance::Instance;
 use common::memory::{self, GroupMemory};
 use common::messages::ProcessKind;
+use common::private;
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Write;
 use std::path::Path;
@@ -200,7 +201,7 @@ fn send(pid: u32, signal: Signal) {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), SupervisorError> {
-    let written = create_private(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    let written = private::create_file(path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|source| SupervisorError::System {
         action: format!("write {}", path.display()),
         source,

@@ -48,7 +48,7 @@ fn the_runtime_directory_is_for_nobody_else() {
     fs::set_permissions(instance.directory(), fs::Permissions::from_mode(0o755)).unwrap();
     instance.create_directory().unwrap();
     assert_eq!(mode(instance.directory()), 0o700);
-    drop(create_private(&instance.config_path()).unwrap());
+    drop(private::create_file(&instance.config_path()).unwrap());
     assert_eq!(mode(&instance.config_path()), 0o600);
     assert_eq!(Instance::all_below(&base), [instance]);
 }
@@ -136,4 +136,50 @@ fn names_that_do_not_fit_into_file_names_are_refused() {
         assert!(Instance::new(name).is_err(), "{name:?} was accepted");
     }
     assert!(Instance::new("match-2").is_ok());
+}
+
+#[test]
+fn a_directory_that_was_there_before_stays() {
+    let scratch = Scratch::new("instance-own");
+    // Nothing was there.
+    let base = scratch.0.join("base");
+    let [first, second] = ["first", "second"].map(|name| Instance::below(&base, name).unwrap());
+    for instance in [&first, &second] {
+        instance.create_directory().unwrap();
+        assert!(instance.has_files());
+    }
+    first.remove_directory().unwrap();
+    assert!(!first.directory().exists() && second.directory().exists());
+    second.remove_directory().unwrap();
+    assert!(!base.exists());
+
+    // The user has made the place, and a service manager the directory.
+    let instance = Instance::below(&base, "match").unwrap();
+    for path in [&base, instance.directory()] {
+        fs::DirBuilder::new().mode(0o700).create(path).unwrap();
+    }
+    fs::write(instance.directory().join("notes"), "").unwrap();
+    assert!(!instance.has_files(), "another directory of the user's");
+    instance.create_directory().unwrap();
+    for name in ["config.toml", "group.json", "control", "control-7", "supervisor.lock"] {
+        fs::write(instance.directory().join(name), "").unwrap();
+    }
+    assert!(instance.has_files());
+    instance.remove_directory().unwrap();
+    let left: Vec<_> = fs::read_dir(instance.directory()).unwrap().flatten().collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    assert_eq!(left[0].file_name(), "notes");
+}
+
+#[test]
+fn a_place_that_others_can_exchange_is_refused_before_anything_is_made() {
+    let scratch = Scratch::new("instance-way");
+    let open = scratch.0.join("open");
+    fs::create_dir(&open).unwrap();
+    fs::set_permissions(&open, fs::Permissions::from_mode(0o777)).unwrap();
+    let instance = Instance::below(&open.join("base"), "match").unwrap();
+    let refusal = refusal(&instance);
+    assert!(refusal.contains("can be written by other users, who could put"), "{refusal}");
+    assert!(refusal.contains("chmod go-w") && refusal.contains(RUNTIME_DIR_VARIABLE), "{refusal}");
+    assert_eq!(fs::read_dir(&open).unwrap().count(), 0);
 }

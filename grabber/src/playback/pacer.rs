@@ -98,7 +98,7 @@ impl Steps {
             // A predecessor has left it.
             _ => {}
         }
-        let socket = UnixDatagram::bind(path)?;
+        let socket = common::private::bind_datagram(&path)?;
         socket.set_nonblocking(true)?;
         Ok(Self { socket, left: 0 })
     }

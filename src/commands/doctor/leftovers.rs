@@ -94,6 +94,9 @@ pub fn find(base: &Path) -> Result<(Vec<Leftover>, Vec<Finding>), std::io::Error
     let mut found = Vec::new();
     let mut undecided = Vec::new();
     for instance in Instance::all_below(base) {
+        if !instance.has_files() {
+            continue;
+        }
         let pieces = memory.remove(&instance.shared_memory_prefix()).unwrap_or_default();
         if instance.check_directory().is_err() {
             let what = format!("{} is not ours alone", instance.directory().display());

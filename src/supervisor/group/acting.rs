@@ -134,12 +134,12 @@ impl Group<'_> {
         self.skip_after.insert(kind, after);
         let what = match self.progress.first_frame_after(after) {
             Some(frame) => {
-                let path = evidence::save_frame(&self.launch.instance, frame);
+                let kept = match evidence::save_frame(&self.launch.instance, frame) {
+                    Ok(path) => format!("kept in {}", path.display()),
+                    Err(error) => format!("it cannot be kept: {error}"),
+                };
                 let seq = frame.header().seq;
-                format!(
-                    "frame {seq} has killed two processes and is skipped; kept in {}",
-                    path.display()
-                )
+                format!("frame {seq} has killed two processes and is skipped; {kept}")
             }
             None => format!("the frame after {after} has killed two processes and is skipped"),
         };
