@@ -26,6 +26,7 @@ pub mod eventcount;
 pub mod gateway;
 pub mod geometry;
 pub mod handover;
+pub mod input;
 pub mod instance;
 pub mod interface;
 pub mod layout;

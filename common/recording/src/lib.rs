@@ -16,16 +16,22 @@
 // A process outlives whoever reads what it says: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+mod bytes;
 mod channel;
+mod damage;
 mod image;
 mod message;
 mod reader;
 pub mod recover;
+mod scan;
 mod scene;
 mod setup;
+mod summary;
+mod wire;
 mod writer;
 
 pub use channel::Channel;
+pub use damage::{Damage, Damages, Fault};
 pub use image::{Frame, decode_frame, encode_frame};
 pub use message::{decode_list, decode_message, encode_list, encode_message};
 pub use reader::{Entry, Reader};

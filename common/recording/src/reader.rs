@@ -1,21 +1,24 @@
-//! Reading a recording, finished or not.
+//! Reading a recording, finished or not, damaged or not.
 
-use crate::writer::into_error;
+use crate::damage::{Damages, Fault};
+use crate::scan::{Kind, Piece, Scanner};
+use crate::wire::{Cursor, channel, message, op};
 use crate::{Channel, RecordingError};
-use mcap::McapError;
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
+use common::input;
 use std::borrow::Cow;
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::collections::{BinaryHeap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// What a complete file begins and ends with.
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 /// The recorder empties one topic after the other, so the file is out of order, but never by more.
 const DISORDER_NS: u64 = 500_000_000;
+/// Messages read ahead of their time may take so much memory, and twice the size of the file; of a file of
+/// ours half a second takes less.
+const AHEAD_BYTES: u64 = 24 << 20;
+/// And never more than this.
+const MOST_AHEAD_BYTES: u64 = 2 << 30;
+/// What a message read ahead takes besides its data.
+const ENTRY_BYTES: usize = 112;
 
 /// One message of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,16 +33,23 @@ pub struct Entry {
 
 /// Gives the messages of a recording in the order in which they were sent. It reads the file from
 /// the front and holds little of it at a time, so it needs no index, and reads what there is of a
-/// recording that was never finished.
+/// recording that was never finished. Damaged parts are left out and told by [`damages`](Self::damages).
 pub struct Reader {
     path: PathBuf,
-    messages: MessageReader<BufReader<File>>,
+    scanner: Scanner,
+    /// `None` stands for channels of other programs.
+    channels: HashMap<u16, Option<Channel>>,
+    /// What is read at the moment, and how far.
+    piece: Option<Piece>,
+    walked: usize,
     /// Read ahead: earliest first; those of the same time as in the file.
     ahead: BinaryHeap<Reverse<Queued>>,
+    ahead_bytes: usize,
+    most_ahead_bytes: usize,
     newest_ns: u64,
     count: u64,
     at_end: bool,
-    damage: Option<String>,
+    damages: Damages,
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -64,53 +74,103 @@ impl Reader {
     /// Opens a recording.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let io = |source| RecordingError::Io { path: path.into(), action: "open", source };
-        let mut file = File::open(path).map_err(io)?;
-        let Some(is_finished) = is_finished(&mut file).map_err(io)? else {
-            let problem = "not a recording: it is no MCAP file".into();
-            return Err(RecordingError::Format { path: path.into(), problem });
-        };
-        // Check sums say where a damaged file stops making sense.
-        let options =
-            LinearReaderOptions::default().with_skip_end_magic(true).with_validate_chunk_crcs(true);
+        let mut scanner = open(path, input::open(path).map_err(io)?)?;
+        let mut channels = HashMap::new();
+        for (opcode, body) in scanner.descriptions().map_err(io)? {
+            if let Some((id, name)) = channel(&body).filter(|_| opcode == op::CHANNEL) {
+                channels.insert(id, Channel::from_name(name));
+            }
+        }
+        let most_ahead = (2 * scanner.length() + AHEAD_BYTES).min(MOST_AHEAD_BYTES);
         Ok(Self {
             path: path.into(),
-            messages: MessageReader::new_with_options(BufReader::new(file), options),
+            scanner,
+            channels,
+            piece: None,
+            walked: 0,
             ahead: BinaryHeap::new(),
+            ahead_bytes: 0,
+            most_ahead_bytes: most_ahead as usize,
             newest_ns: 0,
             count: 0,
             at_end: false,
-            damage: (!is_finished).then(|| "it has no end".into()),
+            damages: Damages::default(),
         })
     }
 
-    /// Once everything was read: why the file ends before its end, if it does.
-    pub fn damage(&self) -> Option<&str> {
-        self.damage.as_deref()
+    /// What is wrong with the recording, as far as it was read; all of it once everything was read.
+    pub fn damages(&self) -> &Damages {
+        &self.damages
     }
 
-    fn read_ahead(&mut self) -> Result<(), RecordingError> {
-        match self.messages.next() {
-            None => self.at_end = true,
-            Some(Ok(message)) => {
-                // Channels of other programs are theirs.
-                let Some(channel) = Channel::from_name(&message.channel.topic) else {
+    /// Takes in the next message, or finds that there is none.
+    fn read_ahead(&mut self) -> std::io::Result<()> {
+        let records = self.scanner.records();
+        let mut cursor = Cursor(&records[self.walked..]);
+        let Some(piece) = self.piece.filter(|_| !cursor.0.is_empty()) else {
+            return self.next_piece();
+        };
+        let record = cursor.record();
+        self.walked = records.len() - cursor.0.len();
+        match record {
+            Some((op::MESSAGE, body)) => {
+                let Some((header, data)) = message(body) else {
+                    self.damages.add(Fault::Records, piece.at, piece.length);
                     return Ok(());
                 };
-                self.newest_ns = self.newest_ns.max(message.log_time);
-                self.count += 1;
-                let entry = Entry { channel, t_sent_ns: message.log_time, data: message.data };
-                self.ahead.push(Reverse(Queued { number: self.count, entry }));
+                self.damages.heard(header.log_ns);
+                match self.channels.get(&header.channel_id) {
+                    Some(&Some(channel)) => {
+                        let data: Cow<'static, [u8]> = Cow::Owned(data.to_vec());
+                        self.newest_ns = self.newest_ns.max(header.log_ns);
+                        self.count += 1;
+                        self.ahead_bytes += data.len() + ENTRY_BYTES;
+                        let entry = Entry { channel, t_sent_ns: header.log_ns, data };
+                        self.ahead.push(Reverse(Queued { number: self.count, entry }));
+                    }
+                    // Channels of other programs are theirs.
+                    Some(None) => {}
+                    None => self.damages.add(Fault::UnknownChannel, piece.at, piece.length),
+                }
             }
-            Some(Err(McapError::Io(source)))
-                if source.kind() != std::io::ErrorKind::UnexpectedEof =>
-            {
-                self.at_end = true;
-                return Err(into_error(&self.path, "read", McapError::Io(source)));
+            Some((op::CHANNEL, body)) => {
+                if let Some((id, name)) = channel(body) {
+                    self.channels.entry(id).or_insert_with(|| Channel::from_name(name));
+                }
             }
-            Some(Err(error)) => {
-                self.at_end = true;
-                self.damage = Some(error.to_string());
+            Some(_) => {}
+            None => {
+                self.walked = records.len();
+                self.damages.add(Fault::Records, piece.at, piece.length);
             }
+        }
+        Ok(())
+    }
+
+    fn next_piece(&mut self) -> std::io::Result<()> {
+        self.walked = 0;
+        self.piece = self.scanner.next()?;
+        let Some(piece) = self.piece else {
+            self.at_end = true;
+            return Ok(());
+        };
+        match piece.kind {
+            Kind::Chunk { is_framed: false, .. } => {
+                self.damages.add(Fault::Framing, piece.at, piece.length);
+            }
+            Kind::Damaged(fault) => self.damages.add(fault, piece.at, piece.length),
+            Kind::End { is_marked } => {
+                self.damages.is_finished = is_marked || self.scanner.has_summary();
+                if is_marked && !self.scanner.has_summary() {
+                    let rest = self.scanner.length() - piece.at;
+                    self.damages.add(Fault::Index, piece.at, rest);
+                }
+            }
+            Kind::Chunk { .. } | Kind::Loose | Kind::MessageIndex | Kind::Other => {}
+        }
+        if !matches!(piece.kind, Kind::Chunk { .. } | Kind::Loose) {
+            // What is left in the buffer is no message.
+            self.walked = self.scanner.records().len();
         }
         Ok(())
     }
@@ -122,35 +182,33 @@ impl Iterator for Reader {
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             let earliest = self.ahead.peek().map(|Reverse(queued)| queued.entry.t_sent_ns);
-            let is_next =
-                earliest.is_some_and(|t_ns| self.at_end || self.newest_ns - t_ns >= DISORDER_NS);
+            let is_next = earliest.is_some_and(|t_ns| {
+                self.at_end
+                    || self.newest_ns - t_ns >= DISORDER_NS
+                    || self.ahead_bytes > self.most_ahead_bytes
+            });
             if is_next {
-                return self.ahead.pop().map(|Reverse(queued)| Ok(queued.entry));
+                let Reverse(queued) = self.ahead.pop()?;
+                self.ahead_bytes -= queued.entry.data.len() + ENTRY_BYTES;
+                return Some(Ok(queued.entry));
             }
             if self.at_end {
                 return None;
             }
-            if let Err(error) = self.read_ahead() {
-                return Some(Err(error));
+            if let Err(source) = self.read_ahead() {
+                self.at_end = true;
+                let (path, action) = (self.path.clone(), "read");
+                return Some(Err(RecordingError::Io { path, action, source }));
             }
         }
     }
 }
 
-/// Whether a file is a recording that was finished; `None` when it is no recording at all.
-pub(crate) fn is_finished(file: &mut File) -> std::io::Result<Option<bool>> {
-    let length = file.seek(SeekFrom::End(0))?;
-    let mut magic = [0; MAGIC.len()];
-    file.rewind()?;
-    if length < MAGIC.len() as u64 {
-        return Ok(None);
-    }
-    file.read_exact(&mut magic)?;
-    if &magic != MAGIC {
-        return Ok(None);
-    }
-    file.seek(SeekFrom::End(-(MAGIC.len() as i64)))?;
-    file.read_exact(&mut magic)?;
-    file.rewind()?;
-    Ok(Some(length > MAGIC.len() as u64 && &magic == MAGIC))
+/// Begins to read a file that must be a recording.
+pub(crate) fn open(path: &Path, file: std::fs::File) -> Result<Scanner, RecordingError> {
+    let io = |source| RecordingError::Io { path: path.into(), action: "read", source };
+    Scanner::new(file).map_err(io)?.ok_or_else(|| RecordingError::Format {
+        path: path.into(),
+        problem: "not a recording: it is no MCAP file".into(),
+    })
 }

@@ -1,90 +1,404 @@
-//! Making a proper recording of one that was never finished: its recorder was killed, the disk was
-//! full, the power failed.
+//! Making a proper recording of one that was never finished (its recorder was killed, the disk was full,
+//! the power failed) or was damaged later.
 //!
-//! Such a file is good up to its last complete chunk, but has no index, and viewers refuse it. What
-//! is good is copied to a new file beside it, which then takes its place; so a recovery that is
-//! itself interrupted loses nothing.
+//! Such a file is mended where it lies, without a copy, so that it also works on a full disk:
+//!
+//! * Damaged bytes become a private record, which all readers skip: nine bytes are written over their
+//!   beginning, the rest stays as it is.
+//! * Wrong lengths and times around good messages are put right.
+//! * What was cut off at the end is removed, and the summary is written behind the last good record.
+//!
+//! Each of these steps leaves a file that can be read and recovered, so a recovery that is itself
+//! interrupted loses nothing. [`recover_to`] leaves the file alone and writes what is good in it to another
+//! one, without the damaged bytes.
 
 use crate::RecordingError;
-use crate::reader::is_finished;
-use crate::writer::{into_error, options};
-use mcap::McapError;
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
+use crate::damage::{Damages, Fault};
+use crate::reader::open;
+use crate::scan::{Kind, MOST_HEADER_BYTES, Piece, Scanner};
+use crate::summary::{ChunkPlace, Summary, widened};
+use crate::wire::{
+    ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, channel, message, message_index, op,
+    schema,
+};
+use common::input;
 use rustix::fs::{FlockOperation, flock};
-use std::fs::File;
-use std::io::{BufReader, BufWriter};
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
 
-/// What a recovery has found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a recovery has found and done.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Recovery {
-    /// The recording is complete; nothing was done.
+    /// Nothing is wrong with the recording, and nothing was done.
     NotNeeded,
     /// Somebody is writing it right now; nothing was done.
     BeingWritten,
-    /// It was completed with so many messages.
-    Recovered(u64),
+    /// It is a proper recording now.
+    Recovered {
+        /// Messages in it.
+        messages: u64,
+        /// What was wrong with it.
+        damages: Damages,
+    },
 }
 
-/// Recovers a recording, in its place or to another file.
-pub fn recover(path: &Path, output: Option<&Path>) -> Result<Recovery, RecordingError> {
+/// Tells how many bytes of how many were looked at.
+pub type Tell<'a> = &'a mut dyn FnMut(u64, u64);
+
+/// Whether a recording has an end, as far as can be told at a glance. Says nothing about what is in it.
+pub fn is_finished(path: &Path) -> Result<bool, RecordingError> {
+    let io = |source| RecordingError::Io { path: path.into(), action: "open", source };
+    Ok(open(path, input::open(path).map_err(io)?)?.has_summary())
+}
+
+/// Recovers a recording in its place.
+pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
-    let mut file = File::open(path).map_err(io("open"))?;
-    match is_finished(&mut file).map_err(io("read"))? {
-        Some(true) => return Ok(Recovery::NotNeeded),
-        Some(false) => {}
-        None => {
-            let problem = "not a recording: it is no MCAP file".into();
-            return Err(RecordingError::Format { path: path.into(), problem });
-        }
+    let file = input::open_with(path, OpenOptions::new().read(true).write(true));
+    let file = file.map_err(io("open"))?;
+    if !lock(&file).map_err(io("lock"))? {
+        return Ok(Recovery::BeingWritten);
     }
-    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) => {}
-        Err(rustix::io::Errno::WOULDBLOCK) => return Ok(Recovery::BeingWritten),
-        Err(error) => return Err(io("lock")(error.into())),
+    let handle = file.try_clone().map_err(io("open"))?;
+    let plan = Plan::make(open(path, file)?, tell).map_err(io("read"))?;
+    if !plan.damages.is_recoverable() {
+        return Ok(Recovery::NotNeeded);
     }
-    let copy = sibling(path);
-    let count = copy_messages(file, path, &copy).inspect_err(|_| {
-        // Half a copy is of no use, and may be what has filled the disk.
-        let _ = std::fs::remove_file(&copy);
-    })?;
-    std::fs::rename(&copy, output.unwrap_or(path))
-        .map_err(io("put the recovered file in place"))?;
-    Ok(Recovery::Recovered(count))
+    plan.carry_out(&handle).map_err(io("complete"))?;
+    Ok(Recovery::Recovered { messages: plan.summary.messages(), damages: plan.damages })
 }
 
-fn sibling(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".recovering");
-    path.with_file_name(name)
+/// Writes what is good in a recording to a file, which must be empty. One with which nothing is wrong is
+/// copied.
+pub fn recover_to(path: &Path, to: &File, tell: Tell) -> Result<Recovery, RecordingError> {
+    let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
+    let file = input::open(path).map_err(io("open"))?;
+    if !lock(&file).map_err(io("lock"))? {
+        return Ok(Recovery::BeingWritten);
+    }
+    // Nobody shall take the copy for something that was left behind.
+    lock(to).map_err(io("lock the copy of"))?;
+    let handle = file.try_clone().map_err(io("open"))?;
+    let mut plan = Plan::make(open(path, file)?, tell).map_err(io("read"))?;
+    plan.copy(&handle, to).map_err(io("write the copy of"))?;
+    Ok(Recovery::Recovered { messages: plan.summary.messages(), damages: plan.damages })
 }
 
-fn copy_messages(from: File, path: &Path, to: &Path) -> Result<u64, RecordingError> {
-    let error = |error: McapError| into_error(to, "write", error);
-    let file = File::create(to).map_err(|source| error(source.into()))?;
-    let handle = file.try_clone().map_err(|source| error(source.into()))?;
-    let mut writer = options().create(BufWriter::new(file)).map_err(error)?;
-    let options = LinearReaderOptions::default()
-        .with_skip_end_magic(true)
-        // The whole chunk is checked before any of it is used.
-        .with_prevalidate_chunk_crcs(true);
-    let mut count = 0;
-    for message in MessageReader::new_with_options(BufReader::new(from), options) {
-        match message {
-            Ok(message) => {
-                writer.write(&message).map_err(error)?;
-                count += 1;
+/// `false` when somebody else has locked it.
+fn lock(file: &File) -> io::Result<bool> {
+    match flock(file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => Ok(true),
+        Err(rustix::io::Errno::WOULDBLOCK) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// What is to be done with a file.
+#[derive(Debug, Default)]
+struct Plan {
+    damages: Damages,
+    summary: Summary,
+    /// What is to be written over good records, and where.
+    patches: Vec<(u64, Vec<u8>)>,
+    /// Parts that cannot be used: beginning and length.
+    fences: Vec<(u64, u64)>,
+    /// Where the mark that ends the data belongs.
+    data_end: u64,
+    /// The messages of the last chunk, as their indexes should have them.
+    expected: BTreeMap<u16, Vec<(u64, u64)>>,
+    /// Whether the piece before was a chunk or belongs to one.
+    is_in_chunk: bool,
+    /// The last piece that was good, and is not fenced off.
+    before: Option<Piece>,
+}
+
+impl Plan {
+    fn make(mut scanner: Scanner, tell: Tell) -> io::Result<Self> {
+        let mut plan = Self::default();
+        for (opcode, body) in scanner.descriptions()? {
+            plan.describe(opcode, &body);
+        }
+        let (has_summary, length) = (scanner.has_summary(), scanner.length());
+        while let Some(piece) = scanner.next()? {
+            tell(piece.at, length);
+            let fences = plan.fences.len();
+            match piece.kind {
+                Kind::Chunk { header, is_framed } => {
+                    plan.take_chunk(piece, header, is_framed, scanner.records());
+                }
+                Kind::Loose => plan.take_loose(piece, scanner.records()),
+                Kind::MessageIndex => plan.take_index(piece, scanner.records()),
+                Kind::Other => plan.take_other(piece, &mut scanner)?,
+                Kind::Damaged(fault) => {
+                    let is_last = has_summary && piece.at + piece.length == scanner.limit();
+                    plan.take_damaged(piece, fault, is_last);
+                }
+                Kind::End { is_marked } => {
+                    if plan.data_end == 0 {
+                        plan.data_end = piece.at;
+                    }
+                    plan.damages.is_finished = is_marked || has_summary;
+                    if is_marked && !has_summary {
+                        plan.damages.add(Fault::Index, piece.at, length - piece.at);
+                    }
+                }
             }
-            // Here the file stops making sense; everything before it is kept.
-            Err(McapError::Io(source)) if source.kind() != std::io::ErrorKind::UnexpectedEof => {
-                return Err(into_error(path, "read", McapError::Io(source)));
+            plan.before = Some(piece).filter(|_| plan.fences.len() == fences);
+        }
+        Ok(plan)
+    }
+
+    fn describe(&mut self, opcode: u8, body: &[u8]) {
+        match opcode {
+            op::SCHEMA => {
+                if let Some(id) = schema(body) {
+                    self.summary.schemas.entry(id).or_insert_with(|| body.to_vec());
+                }
             }
-            Err(_) => break,
+            op::CHANNEL => {
+                if let Some((id, _)) = channel(body) {
+                    self.summary.channels.entry(id).or_insert_with(|| body.to_vec());
+                }
+            }
+            _ => {}
         }
     }
-    writer.finish().map_err(error)?;
-    drop(writer);
-    handle.sync_all().map_err(|source| error(source.into()))?;
-    Ok(count)
+
+    fn fence_off(&mut self, piece: Piece, fault: Fault) {
+        self.is_in_chunk = false;
+        self.damages.add(fault, piece.at, piece.length);
+        self.fence(piece);
+    }
+
+    /// Makes a part, and what is fenced off right before it, one record that is skipped. A part that is too
+    /// short for the head of a record is joined to the record before it.
+    fn fence(&mut self, piece: Piece) {
+        let Piece { at, length, .. } = piece;
+        let end = at + length;
+        if let Some(last) = self.fences.last_mut().filter(|last| last.0 + last.1 == at) {
+            last.1 += length;
+            return;
+        }
+        if length >= HEAD_BYTES {
+            self.fences.push((at, length));
+            return;
+        }
+        match self.before {
+            Some(before) if before.at == MAGIC.len() as u64 => {
+                self.patches.push((before.at, header_record(end - before.at)));
+            }
+            Some(Piece { at, kind: Kind::MessageIndex, .. }) => {
+                self.fences.push((at, end - at));
+                if let Some(chunk) = self.summary.chunks.last_mut() {
+                    chunk.indexes.retain(|_, place| *place != at);
+                }
+            }
+            Some(Piece { at, kind: Kind::Damaged(Fault::FencedOff), .. }) => {
+                self.fences.push((at, end - at));
+            }
+            // Behind the compressed bytes of a chunk there may be others.
+            Some(Piece { at, kind: Kind::Chunk { .. }, .. }) => {
+                let head = Head { opcode: op::CHUNK, length: end - at - HEAD_BYTES };
+                self.patches.push((at, head.encode().to_vec()));
+                if let Some(chunk) = self.summary.chunks.last_mut() {
+                    (chunk.length, chunk.indexes_end) = (end - at, end);
+                }
+            }
+            _ => self.fences.push((at, length)),
+        }
+    }
+
+    fn take_chunk(&mut self, piece: Piece, header: ChunkHeader, is_framed: bool, records: &[u8]) {
+        let mut messages = BTreeMap::<u16, Vec<(u64, u64)>>::new();
+        let mut times_ns = None;
+        let mut cursor = Cursor(records);
+        while !cursor.0.is_empty() {
+            let place = (records.len() - cursor.0.len()) as u64;
+            let Some((opcode, body)) = cursor.record() else {
+                return self.fence_off(piece, Fault::Records);
+            };
+            self.describe(opcode, body);
+            if opcode != op::MESSAGE {
+                continue;
+            }
+            let Some((header, _)) = message(body) else {
+                return self.fence_off(piece, Fault::Records);
+            };
+            if !self.summary.channels.contains_key(&header.channel_id) {
+                return self.fence_off(piece, Fault::UnknownChannel);
+            }
+            messages.entry(header.channel_id).or_default().push((header.log_ns, place));
+            times_ns = Some(widened(times_ns, header.log_ns));
+        }
+        let (start_ns, end_ns) = times_ns.unwrap_or_default();
+        let is_right = is_framed && (header.start_ns, header.end_ns) == (start_ns, end_ns);
+        let header = ChunkHeader { start_ns, end_ns, ..header };
+        if !is_right {
+            self.damages.add(Fault::Framing, piece.at, piece.length);
+            let head = Head { opcode: op::CHUNK, length: piece.length - HEAD_BYTES };
+            let mut patch = Encoder(head.encode().to_vec());
+            patch.u64(start_ns).u64(end_ns);
+            self.patches.push((piece.at, patch.0));
+            let sizes_at = piece.at + HEAD_BYTES + header.length - 8;
+            self.patches.push((sizes_at, header.packed_bytes.to_le_bytes().to_vec()));
+        }
+        for (&channel_id, entries) in &messages {
+            for &(log_ns, _) in entries {
+                self.summary.count(channel_id, log_ns);
+            }
+        }
+        for t_ns in times_ns.into_iter().flat_map(|(first_ns, last_ns)| [first_ns, last_ns]) {
+            self.damages.heard(t_ns);
+        }
+        self.expected = messages;
+        self.is_in_chunk = true;
+        let indexes_end = piece.at + piece.length;
+        let (at, length, indexes) = (piece.at, piece.length, BTreeMap::new());
+        self.summary.chunks.push(ChunkPlace { at, length, header, indexes, indexes_end });
+    }
+
+    fn take_loose(&mut self, piece: Piece, record: &[u8]) {
+        self.is_in_chunk = false;
+        let Some((opcode, body)) = Cursor(record).record() else { return };
+        self.describe(opcode, body);
+        let header = message(body).filter(|_| opcode == op::MESSAGE).map(|(header, _)| header);
+        match header {
+            Some(header) if !self.summary.channels.contains_key(&header.channel_id) => {
+                self.fence_off(piece, Fault::UnknownChannel);
+            }
+            Some(header) => {
+                self.damages.heard(header.log_ns);
+                self.summary.count(header.channel_id, header.log_ns);
+            }
+            None => {}
+        }
+    }
+
+    fn take_index(&mut self, piece: Piece, record: &[u8]) {
+        let index = Cursor(record).record().and_then(|(_, body)| message_index(body));
+        let (Some((channel_id, mut entries)), true) = (index, self.is_in_chunk) else { return };
+        let mut expected = self.expected.get(&channel_id).cloned().unwrap_or_default();
+        entries.sort_unstable();
+        expected.sort_unstable();
+        if entries != expected {
+            self.damages.add(Fault::Index, piece.at, piece.length);
+            self.fence(piece);
+        } else if let Some(chunk) = self.summary.chunks.last_mut() {
+            chunk.indexes.insert(channel_id, piece.at);
+            chunk.indexes_end = piece.at + piece.length;
+        }
+    }
+
+    fn take_other(&mut self, piece: Piece, scanner: &mut Scanner) -> io::Result<()> {
+        self.is_in_chunk = false;
+        match scanner.bytes().at(piece.at, 1)?.first() {
+            Some(&op::ATTACHMENT) => self.summary.attachments += 1,
+            Some(&op::METADATA) => self.summary.metadata += 1,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn take_damaged(&mut self, piece: Piece, fault: Fault, is_last: bool) {
+        match fault {
+            Fault::CutOff => {
+                self.damages.add(fault, piece.at, piece.length);
+                self.data_end = piece.at;
+            }
+            // The mark itself: it is written anew.
+            Fault::Framing if is_last => {
+                self.damages.add(fault, piece.at, piece.length);
+                self.data_end = piece.at;
+            }
+            _ if piece.at == MAGIC.len() as u64 => {
+                // Every file begins with a header; what is left of the damage is fenced off behind it.
+                self.damages.add(fault, piece.at, piece.length);
+                let length = if piece.length > MOST_HEADER_BYTES { 64 } else { piece.length };
+                self.patches.push((piece.at, header_record(length)));
+                if piece.length > length {
+                    let (at, length) = (piece.at + length, piece.length - length);
+                    self.fence(Piece { at, length, ..piece });
+                }
+            }
+            Fault::FencedOff => {
+                self.is_in_chunk = false;
+                self.damages.add(fault, piece.at, piece.length);
+            }
+            _ => self.fence_off(piece, fault),
+        }
+    }
+
+    /// Mends the file itself.
+    fn carry_out(&self, file: &File) -> io::Result<()> {
+        if self.fences.iter().any(|&(_, length)| length < HEAD_BYTES) {
+            let problem = "a damaged part is too short to be mended in place; use --output";
+            return Err(io::Error::other(problem));
+        }
+        for (at, bytes) in &self.patches {
+            file.write_all_at(bytes, *at)?;
+        }
+        for &(at, length) in &self.fences {
+            let head = Head { opcode: op::FENCED_OFF, length: length.saturating_sub(HEAD_BYTES) };
+            file.write_all_at(&head.encode(), at)?;
+        }
+        // What is good reaches the disk before what says that it is all.
+        file.sync_data()?;
+        file.set_len(self.data_end)?;
+        let end = self.summary.encode(self.data_end);
+        if let Err(error) = file.write_all_at(&end, self.data_end) {
+            // Half a summary is of no use, and may be what has filled the disk.
+            let _ = file.set_len(self.data_end);
+            let problem = format!(
+                "{error}; its messages are all there, but the index takes {} kB more on the disk",
+                end.len().div_ceil(1000)
+            );
+            return Err(io::Error::new(error.kind(), problem));
+        }
+        file.sync_all()
+    }
+
+    /// Writes what is good to another file.
+    fn copy(&mut self, mut from: &File, mut to: &File) -> io::Result<()> {
+        let mut place = 0;
+        for &(at, length) in self.fences.iter().chain([&(self.data_end, 0)]) {
+            from.seek(SeekFrom::Start(place))?;
+            io::copy(&mut from.take(at.saturating_sub(place)), &mut to)?;
+            place = at + length;
+        }
+        for (at, bytes) in &self.patches {
+            to.write_all_at(bytes, moved(&self.fences, *at))?;
+        }
+        for chunk in &mut self.summary.chunks {
+            chunk.at = moved(&self.fences, chunk.at);
+            chunk.indexes_end = moved(&self.fences, chunk.indexes_end);
+            for place in chunk.indexes.values_mut() {
+                *place = moved(&self.fences, *place);
+            }
+        }
+        let data_end = moved(&self.fences, self.data_end);
+        to.write_all_at(&self.summary.encode(data_end), data_end)?;
+        to.sync_all()
+    }
+}
+
+/// Where something is when the parts before it are left out.
+fn moved(left_out: &[(u64, u64)], place: u64) -> u64 {
+    let before = left_out.iter().take_while(|(at, _)| *at < place);
+    place - before.map(|(_, length)| length).sum::<u64>()
+}
+
+/// The record that a file begins with, of a given length.
+fn header_record(length: u64) -> Vec<u8> {
+    let name = concat!("touchline ", env!("CARGO_PKG_VERSION"), ", recovered");
+    // Head, and the lengths of both texts.
+    let room = (length as usize).saturating_sub(HEAD_BYTES as usize + 8);
+    let text: String = name.chars().chain(std::iter::repeat(' ')).take(room).collect();
+    let mut body = Encoder::default();
+    body.prefixed(b"").prefixed(text.as_bytes());
+    let mut record = Encoder::default();
+    record.record(op::HEADER, &body.0);
+    record.0
 }

@@ -73,7 +73,7 @@ impl Playback {
         let reader = Reader::open(&playlist.path)
             .map_err(|error| CameraError::Recording(error.to_string()))?;
         Ok(Self {
-            entries: read_ahead(reader, playlist.from_s),
+            entries: read_ahead(reader, playlist),
             playlist: playlist.clone(),
             most_bytes: Source::Recording(playlist.clone()).frame_capacity(&config.camera),
             next: None,
@@ -127,7 +127,7 @@ impl Playback {
         }
         let reader = Reader::open(&self.playlist.path)
             .map_err(|error| CameraError::Recording(error.to_string()))?;
-        self.entries = read_ahead(reader, self.playlist.from_s);
+        self.entries = read_ahead(reader, &self.playlist);
         self.times.begin_anew();
         Ok(())
     }
@@ -212,13 +212,19 @@ fn picture(header: &FrameHeader) -> Picture {
 }
 
 /// Reads on a thread of its own, which ends with the recording or with its receiver.
-fn read_ahead(reader: Reader, from_s: f64) -> Receiver<Entry> {
+fn read_ahead(mut reader: Reader, playlist: &Playlist) -> Receiver<Entry> {
     let (sender, receiver): (SyncSender<Entry>, _) = sync_channel(AHEAD);
+    let (path, from_s) = (playlist.path.clone(), playlist.from_s);
     std::thread::spawn(move || {
         let from_ns = (from_s * 1e9) as u64;
         let mut first_ns = None;
+        let mut told = 0;
         // What cannot be read any more is the end.
-        for entry in reader.map_while(Result::ok) {
+        while let Some(Ok(entry)) = reader.next() {
+            for part in reader.damages().parts.iter().skip(told) {
+                common::tell!("touchline: {}: {part}", path.display());
+                told += 1;
+            }
             let first_ns = *first_ns.get_or_insert(entry.t_sent_ns);
             let is_wanted =
                 matches!(entry.channel, Channel::Frames | Channel::Truth | Channel::Commands);

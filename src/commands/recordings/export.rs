@@ -1,5 +1,6 @@
 //! `touchline export`: a recording in forms that other tools read.
 
+use super::tell_damages;
 use crate::cli::ExportArgs;
 use crate::commands::CommandError;
 use common::messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
@@ -43,6 +44,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     if let (Some(table), Some(path)) = (table, &args.csv) {
         say_line!("{}: {} rows", path.display(), table.finish()?)?;
     }
+    tell_damages(&args.file, reader.damages());
     if let Some(directory) = &args.png {
         say_line!("{}: {pictures} pictures", directory.display())?;
         if unknown > 0 {

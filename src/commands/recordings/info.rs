@@ -1,9 +1,9 @@
 //! `touchline info`: what is in a recording.
 
-use super::{size_text, time_text};
+use super::{size_text, tell_damages, time_text};
 use crate::cli::InfoArgs;
 use crate::commands::CommandError;
-use recording::{Channel, Reader, Setup, decode_frame};
+use recording::{Channel, Damages, Reader, Setup, decode_frame};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -15,6 +15,7 @@ struct Info {
     seconds: f64,
     begins_wall_ns: u64,
     is_complete: bool,
+    damage: Damages,
     touchline_version: Option<String>,
     instance: Option<String>,
     configurations: usize,
@@ -79,7 +80,8 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
             _ => {}
         }
     }
-    info.is_complete = reader.damage().is_none();
+    info.damage = reader.damages().clone();
+    info.is_complete = !info.damage.is_recoverable();
     info.seconds = end.saturating_sub(begin) as f64 / 1e9;
     info.begins_wall_ns = if begin == u64::MAX { 0 } else { begin };
     for content in info.channels.values_mut() {
@@ -94,13 +96,7 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
     } else {
         say!("{}", text(&info))?;
     }
-    if let Some(damage) = reader.damage() {
-        common::tell!(
-            "touchline: {} was never finished or is damaged ({damage}); `touchline recover` makes a \
-             proper file of it",
-            args.file.display()
-        );
-    }
+    tell_damages(&args.file, &info.damage);
     Ok(ExitCode::SUCCESS)
 }
 

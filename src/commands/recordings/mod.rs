@@ -6,11 +6,43 @@ mod record;
 mod recover;
 mod replay;
 
+use recording::Damages;
+use std::path::Path;
+
 pub use export::export;
 pub use info::info;
 pub use record::record;
 pub use recover::recover;
 pub use replay::replay;
+
+/// Damaged parts that are listed one by one.
+const LISTED_PARTS: usize = 10;
+
+/// Says what is wrong with a recording, if anything.
+fn tell_damages(path: &Path, damages: &Damages) {
+    if damages.is_empty() {
+        return;
+    }
+    let shown = path.display();
+    if !damages.is_finished {
+        common::tell!("touchline: {shown} was never finished");
+    }
+    for part in damages.parts.iter().take(LISTED_PARTS) {
+        common::tell!("touchline: {shown}: {part}");
+    }
+    let further = damages.count.saturating_sub(LISTED_PARTS as u64);
+    if further > 0 {
+        common::tell!(
+            "touchline: {shown}: and {further} further parts; together {} are damaged, {:.2} s of the \
+             recording",
+            size_text(damages.bytes),
+            damages.seconds()
+        );
+    }
+    if damages.is_recoverable() {
+        common::tell!("touchline: `touchline recover {shown}` makes a proper recording of it");
+    }
+}
 
 /// A number of bytes for people.
 fn size_text(bytes: u64) -> String {

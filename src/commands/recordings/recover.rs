@@ -1,11 +1,19 @@
 //! `touchline recover`.
 
+use super::{size_text, tell_damages};
 use crate::cli::RecoverArgs;
 use crate::commands::CommandError;
-use recording::recover::{Recovery, recover as recover_file};
+use recording::recover::{Recovery, recover as recover_in_place, recover_to};
+use std::fs::OpenOptions;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
-/// Completes recordings that were never finished.
+/// Between two signs of progress on a terminal.
+const TELL_PERIOD: Duration = Duration::from_millis(250);
+
+/// Makes proper recordings of damaged and unfinished ones.
 pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     if args.output.is_some() && args.files.len() > 1 {
         return Err("--output takes one recording at a time".into());
@@ -13,10 +21,16 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     let mut code = ExitCode::SUCCESS;
     for path in &args.files {
         let shown = path.display();
-        match recover_file(path, args.output.as_deref()) {
+        let outcome = with_progress(path, |tell| match &args.output {
+            Some(output) => copy(path, output, tell),
+            None => Ok(recover_in_place(path, tell)?),
+        });
+        match outcome {
             Ok(Recovery::NotNeeded) => _ = say_line!("{shown} is complete")?,
-            Ok(Recovery::Recovered(messages)) => {
-                say_line!("{shown}: recovered {messages} messages")?;
+            Ok(Recovery::Recovered { messages, damages }) => {
+                tell_damages(path, &damages);
+                let written = args.output.as_deref().unwrap_or(path).display();
+                say_line!("{written}: recovered {messages} messages")?;
             }
             Ok(Recovery::BeingWritten) => {
                 common::tell!("touchline: {shown} is being written by a recorder");
@@ -30,4 +44,37 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
         }
     }
     Ok(code)
+}
+
+/// Writes what is good to another file, which is removed if that fails.
+fn copy(
+    path: &Path,
+    output: &Path,
+    tell: &mut dyn FnMut(u64, u64),
+) -> Result<Recovery, CommandError> {
+    let file = OpenOptions::new().read(true).write(true).create_new(true).open(output);
+    let file = file.map_err(|error| format!("cannot write {}: {error}", output.display()))?;
+    let outcome = recover_to(path, &file, tell);
+    if !matches!(outcome, Ok(Recovery::Recovered { .. })) {
+        let _ = std::fs::remove_file(output);
+    }
+    Ok(outcome?)
+}
+
+/// Shows how far the work has come, if it takes long and somebody looks on.
+fn with_progress<T>(path: &Path, work: impl FnOnce(&mut dyn FnMut(u64, u64)) -> T) -> T {
+    let is_terminal = std::io::stderr().is_terminal();
+    let (mut told, mut is_shown) = (Instant::now(), false);
+    let outcome = work(&mut |done, total| {
+        if is_terminal && told.elapsed() > TELL_PERIOD {
+            (told, is_shown) = (Instant::now(), true);
+            let (done, total) = (size_text(done), size_text(total));
+            common::tell_part!("\r\x1b[K{}: {done} of {total} looked at", path.display());
+            let _ = std::io::stderr().flush();
+        }
+    });
+    if is_shown {
+        common::tell_part!("\r\x1b[K");
+    }
+    outcome
 }

@@ -1,6 +1,6 @@
 //! `touchline replay`: computes a recording again.
 
-use super::time_text;
+use super::{tell_damages, time_text};
 use crate::cli::ReplayArgs;
 use crate::commands::CommandError;
 use crate::replay::{Findings, Verifier};
@@ -42,9 +42,7 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
     }
     let findings = verifier.finish();
     say!("{}", text(&findings, began.elapsed()))?;
-    if let Some(damage) = reader.damage() {
-        common::tell!("touchline: {} was never finished: {damage}", args.file.display());
-    }
+    tell_damages(&args.file, reader.damages());
     let equal: u64 = findings.outputs.values().map(|tally| tally.equal).sum();
     let different: u64 = findings.outputs.values().map(|tally| tally.different).sum();
     if equal == 0 {

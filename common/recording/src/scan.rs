@@ -1,0 +1,478 @@
+//! The one way in which recordings are read: from the front, piece by piece, believing nothing.
+//!
+//! * A length counts only as far as the file has bytes, and memory is taken for what is there, not for what
+//!   is claimed. A chunk that claims to be large when unpacked is unpacked in small steps first, to see
+//!   whether that is true.
+//! * Messages come out of chunks whose check sum is right.
+//! * A chunk has its length twice. If one of them is wrong, the other is tried, and the check sum decides.
+//! * Where no record can be made out, the next one is looked for byte by byte; what lies between is
+//!   reported as damaged. All of that takes time in proportion to the file.
+//! * The summary at the end counts only if its check sum is right. It then says where the messages end and
+//!   which channels there are, even if the chunk that said so is damaged.
+
+use crate::bytes::Bytes;
+use crate::damage::Fault;
+use crate::wire::{
+    CHUNK_PEEK_BYTES, ChunkHeader, Cursor, FOOTER_BYTES, HEAD_BYTES, Head, MAGIC, Packing, channel,
+    message, message_index, op, schema,
+};
+use std::fs::File;
+use std::io::{self, Read};
+
+/// Chunks up to this size are unpacked at once.
+const DIRECT_BYTES: u64 = 16 << 20;
+/// No chunk is larger than this: the largest frame of the largest camera, and then some.
+const MOST_CHUNK_BYTES: u64 = 1 << 30;
+/// Largest window (log2) of a large chunk's compression.
+const WINDOW_LOG: u32 = 24;
+/// Schemas and channels of a summary, all together.
+const MOST_DESCRIPTION_BYTES: u64 = 16 << 20;
+/// The first record is no longer than this; it says which library has written the file.
+pub(crate) const MOST_HEADER_BYTES: u64 = 128;
+/// Length of the record that ends the data.
+const DATA_END_BYTES: u64 = HEAD_BYTES + 4;
+
+/// A piece of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Piece {
+    pub at: u64,
+    pub length: u64,
+    pub kind: Kind,
+}
+
+/// What a piece is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// A chunk, its records unpacked in [`Scanner::records`]. `is_framed` tells whether everything around
+    /// them is right too.
+    Chunk { header: ChunkHeader, is_framed: bool },
+    /// A schema, channel or message outside of chunks; it is in [`Scanner::records`].
+    Loose,
+    /// The index of a chunk's messages of one channel; it is in [`Scanner::records`].
+    MessageIndex,
+    /// Something without messages.
+    Other,
+    /// Something that cannot be used.
+    Damaged(Fault),
+    /// The end of the data: here its mark stands, or would.
+    End { is_marked: bool },
+}
+
+/// The summary of a finished recording.
+#[derive(Debug, Clone, Copy)]
+struct Summary {
+    start: u64,
+    footer: u64,
+}
+
+/// Reads a recording piece by piece.
+pub(crate) struct Scanner {
+    bytes: Bytes,
+    unpacker: zstd::bulk::Decompressor<'static>,
+    records: Vec<u8>,
+    place: u64,
+    /// Where the data ends at the latest.
+    limit: u64,
+    summary: Option<Summary>,
+    /// Bytes unpacked in vain that are still allowed.
+    patience: u64,
+    has_chunks: bool,
+    is_over: bool,
+}
+
+impl Scanner {
+    /// Begins to read; `None` if the file does not begin like a recording.
+    pub fn new(file: File) -> io::Result<Option<Self>> {
+        let mut bytes = Bytes::new(file)?;
+        let length = bytes.length();
+        if bytes.at(0, MAGIC.len())? != MAGIC {
+            return Ok(None);
+        }
+        let summary = summary(&mut bytes)?;
+        Ok(Some(Self {
+            bytes,
+            unpacker: zstd::bulk::Decompressor::new()?,
+            records: Vec::new(),
+            place: MAGIC.len() as u64,
+            limit: summary.map_or(length, |summary| summary.start),
+            summary,
+            patience: 4 * length + 4 * DIRECT_BYTES,
+            has_chunks: false,
+            is_over: false,
+        }))
+    }
+
+    /// Length of the file.
+    pub fn length(&self) -> u64 {
+        self.bytes.length()
+    }
+
+    /// Where the data ends at the latest.
+    pub fn limit(&self) -> u64 {
+        self.limit
+    }
+
+    /// The file.
+    pub fn bytes(&mut self) -> &mut Bytes {
+        &mut self.bytes
+    }
+
+    /// Whether the file ends with a summary that can be trusted.
+    pub fn has_summary(&self) -> bool {
+        self.summary.is_some()
+    }
+
+    /// The records of the piece given last.
+    pub fn records(&self) -> &[u8] {
+        &self.records
+    }
+
+    /// Schemas and channels, as the summary describes them.
+    pub fn descriptions(&mut self) -> io::Result<Vec<(u8, Vec<u8>)>> {
+        let Some(summary) = self.summary else { return Ok(Vec::new()) };
+        let (mut place, mut total, mut found) = (summary.start, 0, Vec::new());
+        while let Some(head) = Head::parse(self.bytes.at(place, HEAD_BYTES as usize)?) {
+            let rest = summary.footer.saturating_sub(place + HEAD_BYTES);
+            let is_description = matches!(head.opcode, op::SCHEMA | op::CHANNEL);
+            if place >= summary.footer || head.length > rest {
+                break;
+            }
+            if is_description {
+                total += head.length;
+                if total > MOST_DESCRIPTION_BYTES {
+                    break;
+                }
+                let body = self.bytes.at(place + HEAD_BYTES, head.length as usize)?;
+                found.push((head.opcode, body.to_vec()));
+            }
+            place += HEAD_BYTES + head.length;
+        }
+        Ok(found)
+    }
+
+    /// The next piece; `None` after the end.
+    pub fn next(&mut self) -> io::Result<Option<Piece>> {
+        self.records.clear();
+        if self.is_over {
+            return Ok(None);
+        }
+        let at = self.place;
+        let piece = match self.piece_at(at)? {
+            Some(piece) => piece,
+            None => {
+                let next = self.find(at + 1)?;
+                let length = next - at;
+                Piece { at, length, kind: Kind::Damaged(self.fault_of(at, next)?) }
+            }
+        };
+        self.has_chunks |= matches!(piece.kind, Kind::Chunk { .. });
+        self.is_over = matches!(piece.kind, Kind::End { .. });
+        self.place = at + piece.length;
+        Ok(Some(piece))
+    }
+
+    /// What is wrong with bytes between which no record can be made out.
+    fn fault_of(&mut self, at: u64, next: u64) -> io::Result<Fault> {
+        let is_at_end = next == self.limit && self.summary.is_none();
+        let head = Head::parse(self.bytes.at(at, HEAD_BYTES as usize)?);
+        let goes_beyond = head.is_none_or(|head| {
+            head.is_plausible(u64::MAX) && !head.is_plausible(next - at - HEAD_BYTES.min(next - at))
+        });
+        Ok(match () {
+            () if is_at_end && goes_beyond => Fault::CutOff,
+            // No message comes before the header's end, or between the last one and the summary.
+            () if at == MAGIC.len() as u64 && next - at <= MOST_HEADER_BYTES => Fault::Framing,
+            () if self.summary.is_some() && next == self.limit && next - at == DATA_END_BYTES => {
+                Fault::Framing
+            }
+            () => Fault::Unreadable,
+        })
+    }
+
+    fn piece_at(&mut self, at: u64) -> io::Result<Option<Piece>> {
+        let rest = self.limit.saturating_sub(at);
+        if rest == 0 {
+            let kind = Kind::End { is_marked: false };
+            return Ok(Some(Piece { at, length: 0, kind }));
+        }
+        let peek = self.bytes.at(at, CHUNK_PEEK_BYTES as usize)?;
+        let Some(head) = Head::parse(peek).filter(|_| rest >= HEAD_BYTES) else { return Ok(None) };
+        let header = ChunkHeader::parse(&peek[HEAD_BYTES as usize..]);
+        let room = rest - HEAD_BYTES;
+        if let Some(header) = header.filter(|_| head.opcode != op::FENCED_OFF)
+            && let Some(piece) = self.chunk_at(at, head, header, room)?
+        {
+            return Ok(Some(piece));
+        }
+        if !head.is_plausible(room) {
+            return Ok(None);
+        }
+        let length = HEAD_BYTES + head.length;
+        let piece = |kind| Some(Piece { at, length, kind });
+        let is_followed = self.is_plausible_at(at + length)?;
+        Ok(match head.opcode {
+            op::HEADER if at == MAGIC.len() as u64 => {
+                let mut cursor = Cursor(self.bytes.at(at, length as usize)?);
+                let body = cursor.record().map(|(_, body)| body).unwrap_or_default();
+                let mut body = Cursor(body);
+                let is_right = body.prefixed().is_some() && body.prefixed().is_some();
+                piece(Kind::Other).filter(|_| is_right && body.0.is_empty())
+            }
+            // Nothing says that a message outside of a chunk is as it was recorded, so in a file with
+            // chunks it is taken for damage.
+            op::MESSAGE if self.has_chunks => self.damaged_index_at(at, length, is_followed)?,
+            op::SCHEMA | op::CHANNEL | op::MESSAGE if is_followed => {
+                let makes_sense = match (head.opcode, self.load(at, length)?) {
+                    (op::SCHEMA, body) => schema(body).is_some(),
+                    (op::CHANNEL, body) => channel(body).is_some(),
+                    (_, body) => message(body).is_some(),
+                };
+                piece(Kind::Loose).filter(|_| makes_sense)
+            }
+            op::MESSAGE_INDEX => {
+                let makes_sense = message_index(self.load(at, length)?).is_some();
+                piece(Kind::MessageIndex).filter(|_| makes_sense)
+            }
+            op::FENCED_OFF if is_followed => piece(Kind::Damaged(Fault::FencedOff)),
+            op::ATTACHMENT | op::METADATA | op::FIRST_PRIVATE.. if is_followed => {
+                let index = self.damaged_index_at(at, length, is_followed)?;
+                index.or(piece(Kind::Other))
+            }
+            op::DATA_END if length == DATA_END_BYTES && is_followed => {
+                let is_right = self.summary.is_none_or(|summary| at + length == summary.start);
+                let kind = Kind::End { is_marked: true };
+                Some(Piece { at, length: 0, kind }).filter(|_| is_right)
+            }
+            _ => self.damaged_index_at(at, length, is_followed)?,
+        })
+    }
+
+    /// The index of a chunk under a wrong name: no message is lost with it.
+    fn damaged_index_at(
+        &mut self,
+        at: u64,
+        length: u64,
+        is_followed: bool,
+    ) -> io::Result<Option<Piece>> {
+        let is_index = is_followed && message_index(self.load(at, length)?).is_some();
+        let kind = Kind::Damaged(Fault::Index);
+        Ok(is_index.then_some(Piece { at, length, kind }))
+    }
+
+    /// Puts a whole record into `records`, and returns its body.
+    fn load(&mut self, at: u64, length: u64) -> io::Result<&[u8]> {
+        let record = self.bytes.at(at, length as usize)?;
+        self.records.clear();
+        self.records.extend_from_slice(record);
+        Ok(&self.records[HEAD_BYTES as usize..])
+    }
+
+    /// Whether a record can begin here, or the data end.
+    fn is_plausible_at(&mut self, at: u64) -> io::Result<bool> {
+        if at == self.limit {
+            return Ok(true);
+        }
+        let rest = self.limit.saturating_sub(at + HEAD_BYTES);
+        let head = Head::parse(self.bytes.at(at, HEAD_BYTES as usize)?);
+        Ok(head.is_some_and(|head| head.is_plausible(rest)))
+    }
+
+    /// The chunk that begins here, if it is one, good or damaged. A wrong operation code or one wrong
+    /// length is made up for by what else the head says.
+    fn chunk_at(
+        &mut self,
+        at: u64,
+        head: Head,
+        header: ChunkHeader,
+        room: u64,
+    ) -> io::Result<Option<Piece>> {
+        let (is_named, outer) = (head.opcode == op::CHUNK, head.length.checked_sub(header.length));
+        let is_framed = is_named && outer.is_some_and(|outer| outer >= header.packed_bytes);
+        let agrees = outer == Some(header.packed_bytes) && header.packed_bytes > 0;
+        if !is_named && !agrees {
+            return Ok(None);
+        }
+        let data_at = at + HEAD_BYTES + header.length;
+        let most = room.saturating_sub(header.length);
+        let is_checked = header.crc != 0 || (is_named && agrees);
+        if let Some(packing) = header.packing.filter(|_| is_checked) {
+            let second = outer.filter(|&outer| outer != header.packed_bytes);
+            for packed in [Some(header.packed_bytes), second].into_iter().flatten() {
+                if packed > most || !self.unpack(data_at, packed, packing, &header)? {
+                    continue;
+                }
+                // Bytes behind the compressed ones are allowed.
+                let claimed = HEAD_BYTES + head.length;
+                let mut length = data_at + packed - at;
+                let mut is_framed = is_framed && packed == header.packed_bytes;
+                if claimed != length {
+                    is_framed &= self.is_plausible_at(at + claimed)?;
+                    length = if is_framed { claimed } else { length };
+                }
+                let header = ChunkHeader { packed_bytes: packed, ..header };
+                return Ok(Some(Piece { at, length, kind: Kind::Chunk { header, is_framed } }));
+            }
+        }
+        let length = HEAD_BYTES + head.length;
+        if is_named && agrees && head.length <= room {
+            let fault = if header.packing.is_some() { Fault::Checksum } else { Fault::Compression };
+            return Ok(Some(Piece { at, length, kind: Kind::Damaged(fault) }));
+        }
+        Ok(None)
+    }
+
+    /// Unpacks a chunk's records; `false` when they are not what they claim to be.
+    fn unpack(
+        &mut self,
+        at: u64,
+        packed: u64,
+        packing: Packing,
+        header: &ChunkHeader,
+    ) -> io::Result<bool> {
+        let unpacked = header.unpacked_bytes;
+        // Nothing grows by more when it is compressed.
+        let most_packed = unpacked.saturating_add(unpacked / 64 + 4096);
+        if unpacked > MOST_CHUNK_BYTES || packed > most_packed || self.patience == 0 {
+            return Ok(false);
+        }
+        let data = self.bytes.at(at, packed as usize)?;
+        let is_right = match packing {
+            Packing::Plain => {
+                let is_right = packed == unpacked && has_crc(header, data);
+                if is_right {
+                    make_room(&mut self.records, data.len());
+                    self.records.extend_from_slice(data);
+                }
+                is_right
+            }
+            Packing::Zstd => {
+                let is_believed = unpacked <= DIRECT_BYTES || is_as_long(data, unpacked);
+                is_believed && {
+                    make_room(&mut self.records, unpacked as usize);
+                    let count = self.unpacker.decompress_to_buffer(data, &mut self.records);
+                    count.is_ok_and(|count| count as u64 == unpacked)
+                        && has_crc(header, &self.records)
+                }
+            }
+        };
+        if !is_right {
+            self.records.clear();
+            self.patience = self.patience.saturating_sub(packed + unpacked.min(DIRECT_BYTES));
+        }
+        Ok(is_right)
+    }
+
+    /// The next place from which on a record can be made out without what comes before; the end if there
+    /// is none.
+    fn find(&mut self, from: u64) -> io::Result<u64> {
+        const STEP: usize = 32 << 10;
+        let mut at = from;
+        while at + HEAD_BYTES <= self.limit {
+            let step = STEP.min((self.limit - at) as usize);
+            let window = self.bytes.at(at, step + CHUNK_PEEK_BYTES as usize)?;
+            let limit = self.limit;
+            let found = (0..step)
+                .find(|&offset| is_beginning(&window[offset..], limit - at - offset as u64));
+            let Some(offset) = found else {
+                at += step as u64;
+                continue;
+            };
+            at += offset as u64;
+            let head = Head::parse(self.bytes.at(at, HEAD_BYTES as usize)?);
+            let length = head.map_or(0, |head| HEAD_BYTES + head.length);
+            let is_chunk = head.is_some_and(|head| head.opcode == op::CHUNK);
+            if is_chunk || self.is_plausible_at(at + length)? {
+                return Ok(at);
+            }
+            at += 1;
+        }
+        Ok(self.limit)
+    }
+}
+
+/// Whether bytes, of which so many are left, look like the beginning of a chunk, of a part that was fenced
+/// off, or of the end of the data.
+fn is_beginning(bytes: &[u8], rest: u64) -> bool {
+    let Some(&opcode) = bytes.first() else { return false };
+    if !matches!(opcode, op::CHUNK | op::FENCED_OFF | op::DATA_END) {
+        return false;
+    }
+    let Some(head) = Head::parse(bytes).filter(|_| rest >= HEAD_BYTES) else { return false };
+    let is_inside = head.length <= rest - HEAD_BYTES;
+    match opcode {
+        op::DATA_END => is_inside && head.length == DATA_END_BYTES - HEAD_BYTES,
+        op::CHUNK => ChunkHeader::parse(&bytes[HEAD_BYTES as usize..]).is_some_and(|header| {
+            header.packing.is_some()
+                && header.packed_bytes > 0
+                && head.length.checked_sub(header.length) == Some(header.packed_bytes)
+                && is_inside
+        }),
+        _ => is_inside,
+    }
+}
+
+/// Empties a buffer that then has room for so much, and not for far more.
+fn make_room(buffer: &mut Vec<u8>, bytes: usize) {
+    buffer.clear();
+    if buffer.capacity() as u64 > DIRECT_BYTES.max(bytes as u64) {
+        *buffer = Vec::new();
+    }
+    buffer.reserve_exact(bytes);
+}
+
+fn has_crc(header: &ChunkHeader, records: &[u8]) -> bool {
+    header.crc == 0 || crc32fast::hash(records) == header.crc
+}
+
+/// Whether compressed bytes become exactly so many. Takes little memory, however many that are.
+fn is_as_long(packed: &[u8], unpacked: u64) -> bool {
+    let Ok(mut decoder) = zstd::stream::read::Decoder::with_buffer(packed) else { return false };
+    if decoder.window_log_max(WINDOW_LOG).is_err() {
+        return false;
+    }
+    let counted = io::copy(&mut decoder.take(unpacked + 1), &mut io::sink());
+    counted.is_ok_and(|count| count == unpacked)
+}
+
+/// The summary at the end of a file, if there is one and its check sum is right.
+fn summary(bytes: &mut Bytes) -> io::Result<Option<Summary>> {
+    let least = MAGIC.len() as u64 + DATA_END_BYTES;
+    let ending = HEAD_BYTES + FOOTER_BYTES + MAGIC.len() as u64;
+    let Some(footer) = bytes.length().checked_sub(ending).filter(|&footer| footer >= least) else {
+        return Ok(None);
+    };
+    let end = bytes.at(footer, ending as usize)?;
+    let mut cursor = Cursor(end);
+    let head = cursor.bytes(HEAD_BYTES as usize).and_then(Head::parse);
+    let (start, _offsets, crc) = (cursor.u64(), cursor.u64(), cursor.u32());
+    let is_footer = head == Some(Head { opcode: op::FOOTER, length: FOOTER_BYTES });
+    let (Some(start), Some(crc)) = (start, crc) else { return Ok(None) };
+    let start = if start == 0 { footer } else { start };
+    if !is_footer || !end.ends_with(MAGIC) || !(least..=footer).contains(&start) {
+        return Ok(None);
+    }
+    let is_right = if crc == 0 {
+        let data_end = Head { opcode: op::DATA_END, length: DATA_END_BYTES - HEAD_BYTES };
+        Head::parse(bytes.at(start - DATA_END_BYTES, HEAD_BYTES as usize)?) == Some(data_end)
+    } else {
+        // It covers the footer but for the check sum itself.
+        crc == crc_of(bytes, start, footer + HEAD_BYTES + FOOTER_BYTES - 4)?
+    };
+    Ok(is_right.then_some(Summary { start, footer }))
+}
+
+/// The check sum of a part of a file.
+pub(crate) fn crc_of(bytes: &mut Bytes, from: u64, to: u64) -> io::Result<u32> {
+    const STEP: u64 = 64 << 10;
+    let mut hasher = crc32fast::Hasher::new();
+    let mut place = from;
+    while place < to {
+        let part = bytes.at(place, STEP.min(to - place) as usize)?;
+        if part.is_empty() {
+            break;
+        }
+        hasher.update(part);
+        place += part.len() as u64;
+    }
+    Ok(hasher.finalize())
+}

@@ -1,0 +1,247 @@
+//! The records of an MCAP file as bytes. Every length is checked against the bytes that are there before
+//! it is used; nothing is allocated by what a length claims.
+
+/// What a file begins and ends with.
+pub(crate) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+/// Operation code and length, in front of every record.
+pub(crate) const HEAD_BYTES: u64 = 9;
+/// Bytes of a chunk's header without the name of its compression.
+const CHUNK_HEADER_BYTES: u64 = 40;
+/// Bytes of a message's header.
+const MESSAGE_HEADER_BYTES: usize = 22;
+/// Bytes of a footer's body.
+pub(crate) const FOOTER_BYTES: u64 = 20;
+/// The longest name of a compression that is taken for one.
+const MOST_NAME_BYTES: u64 = 16;
+/// Bytes that hold a chunk's head and header.
+pub(crate) const CHUNK_PEEK_BYTES: u64 = HEAD_BYTES + CHUNK_HEADER_BYTES + MOST_NAME_BYTES;
+
+/// Operation codes.
+pub(crate) mod op {
+    pub const HEADER: u8 = 0x01;
+    pub const FOOTER: u8 = 0x02;
+    pub const SCHEMA: u8 = 0x03;
+    pub const CHANNEL: u8 = 0x04;
+    pub const MESSAGE: u8 = 0x05;
+    pub const CHUNK: u8 = 0x06;
+    pub const MESSAGE_INDEX: u8 = 0x07;
+    pub const CHUNK_INDEX: u8 = 0x08;
+    pub const ATTACHMENT: u8 = 0x09;
+    pub const STATISTICS: u8 = 0x0B;
+    pub const METADATA: u8 = 0x0C;
+    pub const SUMMARY_OFFSET: u8 = 0x0E;
+    pub const DATA_END: u8 = 0x0F;
+    /// Private records begin here; other programs skip them.
+    pub const FIRST_PRIVATE: u8 = 0x80;
+    /// Damaged bytes that a recovery has fenced off. In all bits different from a chunk's code, so that
+    /// no flipped bit turns one into the other.
+    pub const FENCED_OFF: u8 = !CHUNK;
+}
+
+/// Takes values off the front of bytes; `None` when there are too few.
+pub(crate) struct Cursor<'a>(pub &'a [u8]);
+
+impl<'a> Cursor<'a> {
+    pub fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.bytes(N)?.try_into().ok()
+    }
+
+    pub fn u8(&mut self) -> Option<u8> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    pub fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    pub fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// A text or list with its length in front.
+    pub fn prefixed(&mut self) -> Option<&'a [u8]> {
+        let length = self.u32()?;
+        self.bytes(length as usize)
+    }
+
+    /// A record with its head in front: operation code and body.
+    pub fn record(&mut self) -> Option<(u8, &'a [u8])> {
+        let mut ahead = Cursor(self.0);
+        let (opcode, length) = (ahead.u8()?, ahead.u64()?);
+        let body = ahead.bytes(usize::try_from(length).ok()?)?;
+        self.0 = ahead.0;
+        Some((opcode, body))
+    }
+}
+
+/// The head of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Head {
+    pub opcode: u8,
+    /// Bytes of the body, as the file claims.
+    pub length: u64,
+}
+
+impl Head {
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
+        let mut cursor = Cursor(bytes);
+        Some(Self { opcode: cursor.u8()?, length: cursor.u64()? })
+    }
+
+    /// Whether a record can begin so, if this many bytes follow its head.
+    pub fn is_plausible(self, rest: u64) -> bool {
+        let is_known = (op::HEADER..=op::DATA_END).contains(&self.opcode);
+        (is_known || self.opcode >= op::FIRST_PRIVATE) && self.length <= rest
+    }
+
+    pub fn encode(self) -> [u8; HEAD_BYTES as usize] {
+        let mut bytes = [0; HEAD_BYTES as usize];
+        bytes[0] = self.opcode;
+        bytes[1..].copy_from_slice(&self.length.to_le_bytes());
+        bytes
+    }
+}
+
+/// How the records of a chunk are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Packing {
+    Plain,
+    Zstd,
+}
+
+impl Packing {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plain => "",
+            Self::Zstd => "zstd",
+        }
+    }
+}
+
+/// The header of a chunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ChunkHeader {
+    pub start_ns: u64,
+    pub end_ns: u64,
+    pub unpacked_bytes: u64,
+    /// Of the unpacked records; 0 if there is none.
+    pub crc: u32,
+    /// `None` for one that we cannot read.
+    pub packing: Option<Packing>,
+    pub packed_bytes: u64,
+    /// Bytes of the header itself.
+    pub length: u64,
+}
+
+impl ChunkHeader {
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
+        let mut cursor = Cursor(bytes);
+        let (start_ns, end_ns) = (cursor.u64()?, cursor.u64()?);
+        let (unpacked_bytes, crc) = (cursor.u64()?, cursor.u32()?);
+        let name = cursor.prefixed()?;
+        let packed_bytes = cursor.u64()?;
+        let length = CHUNK_HEADER_BYTES + name.len() as u64;
+        let packing = match name {
+            b"" => Some(Packing::Plain),
+            b"zstd" => Some(Packing::Zstd),
+            _ => None,
+        };
+        Some(Self { start_ns, end_ns, unpacked_bytes, crc, packing, packed_bytes, length })
+    }
+}
+
+/// The header of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct MessageHeader {
+    pub channel_id: u16,
+    pub log_ns: u64,
+}
+
+/// Header and data of a message.
+pub(crate) fn message(body: &[u8]) -> Option<(MessageHeader, &[u8])> {
+    let (header, data) = body.split_at_checked(MESSAGE_HEADER_BYTES)?;
+    let mut cursor = Cursor(header);
+    let channel_id = cursor.u16()?;
+    let _sequence = cursor.u32()?;
+    Some((MessageHeader { channel_id, log_ns: cursor.u64()? }, data))
+}
+
+/// Number and topic of a channel.
+pub(crate) fn channel(body: &[u8]) -> Option<(u16, &str)> {
+    let mut cursor = Cursor(body);
+    let (id, _schema) = (cursor.u16()?, cursor.u16()?);
+    Some((id, std::str::from_utf8(cursor.prefixed()?).ok()?))
+}
+
+/// Number of a schema.
+pub(crate) fn schema(body: &[u8]) -> Option<u16> {
+    Cursor(body).u16()
+}
+
+/// Channel and entries (log time, place in the chunk) of a message index; `None` when its lengths do not
+/// fit together.
+pub(crate) fn message_index(body: &[u8]) -> Option<(u16, Vec<(u64, u64)>)> {
+    let mut cursor = Cursor(body);
+    let channel_id = cursor.u16()?;
+    let entries = cursor.prefixed()?;
+    if !cursor.0.is_empty() || !entries.len().is_multiple_of(16) {
+        return None;
+    }
+    let entries = entries.chunks_exact(16).map(|entry| {
+        let mut cursor = Cursor(entry);
+        (cursor.u64().unwrap_or(0), cursor.u64().unwrap_or(0))
+    });
+    Some((channel_id, entries.collect()))
+}
+
+/// Writes values one behind the other.
+#[derive(Debug, Default)]
+pub(crate) struct Encoder(pub Vec<u8>);
+
+impl Encoder {
+    pub fn u16(&mut self, value: u16) -> &mut Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub fn u32(&mut self, value: u32) -> &mut Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub fn u64(&mut self, value: u64) -> &mut Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub fn prefixed(&mut self, bytes: &[u8]) -> &mut Self {
+        self.u32(bytes.len() as u32);
+        self.0.extend(bytes);
+        self
+    }
+
+    /// A map of numbers, its length in bytes in front.
+    pub fn map(&mut self, entries: impl ExactSizeIterator<Item = (u16, u64)>) -> &mut Self {
+        self.u32(entries.len() as u32 * 10);
+        for (key, value) in entries {
+            self.u16(key).u64(value);
+        }
+        self
+    }
+
+    pub fn record(&mut self, opcode: u8, body: &[u8]) -> &mut Self {
+        self.0.extend(Head { opcode, length: body.len() as u64 }.encode());
+        self.0.extend(body);
+        self
+    }
+}
