@@ -135,7 +135,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Writes what is in a recording as a table or as pictures.
     Export(ExportArgs),
-    /// Completes recordings that were never finished: killed, disk full, power lost.
+    /// Mends recordings in place: completes those that were never finished (killed, disk full, power
+    /// lost), and fences off what is damaged.
     Recover(RecoverArgs),
     /// Measures what this machine makes of a frame, beside a plain copy of it.
     ///

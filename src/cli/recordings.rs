@@ -39,10 +39,10 @@ pub struct RecordArgs {
 /// Arguments of `recover`.
 #[derive(Debug, Args)]
 pub struct RecoverArgs {
-    /// Recordings that were never finished
+    /// Recordings that were never finished, or are damaged
     #[arg(required = true, value_name = "FILE.mcap")]
     pub files: Vec<PathBuf>,
-    /// Leave the file as it is, and write what is good in it to another one
+    /// Leave the file as it is, and write what is good in it to another one, without the damaged parts
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
 }
