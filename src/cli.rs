@@ -114,7 +114,7 @@ pub enum Command {
     Doctor(DoctorArgs),
     /// Attaches to a group and reads, for `chaos`.
     #[command(hide = true)]
-    Bystander(InstanceArgs),
+    Bystander(BystanderArgs),
     /// Lists the topics: rates, sizes, who is connected, and what a program needs to attach.
     Topics(TopicsArgs),
     /// Records a running group: every frame, and what the group made of it.
@@ -175,8 +175,8 @@ pub struct RunArgs {
     pub config: Option<PathBuf>,
     /// Where frames come from: `synthetic`; `v4l2:/dev/videoN` or `genicam` with a camera (`touchline
     /// cameras` lists them); `images:PATH` with a picture or a folder of them;
-    /// `recording:FILE[,fast|,step][,loop][,from=SECONDS]`; or `synthetic-loop:N`, N frames painted in
-    /// advance, shown to and fro
+    /// `recording:FILE[,fast|,step][,loop][,from=SECONDS]`; `synthetic-loop:N`, N frames painted in
+    /// advance, shown to and fro; or `external`, another program that `access.publishers` names
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Frames a second [default: as configured]
@@ -283,6 +283,16 @@ pub struct DoctorArgs {
     pub json: bool,
 }
 
+/// A program that attaches to a group, for `chaos`.
+#[derive(Debug, Args)]
+pub struct BystanderArgs {
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+    /// Publishes rubbish on the topics of the stages for so many milliseconds, instead of reading.
+    #[arg(long, value_name = "MS")]
+    pub rubbish: Option<u64>,
+}
+
 /// Arguments of `chaos`.
 #[derive(Debug, Args)]
 pub struct ChaosArgs {
@@ -326,6 +336,7 @@ Examples:
   touchline chaos --signals double --every 3000      stage and spare at once: losses are counted
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
   touchline chaos --signals kill,hup,emfile,enospc   besides kills, a closed terminal and shortages
+  touchline chaos --signals kill,rubbish             besides kills, a program that publishes rubbish
   touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON
   touchline chaos --source v4l2:/dev/video0          with your own camera";

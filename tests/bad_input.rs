@@ -90,10 +90,23 @@ fn assert_poses_are_right(group: &Group) {
 
 #[test]
 fn rubbish_on_every_topic_harms_nobody() {
-    let mut group = Group::start("rubbish", "", &[]);
+    check_that_rubbish_harms_nobody("rubbish", false);
+}
+
+#[test]
+fn rubbish_of_one_of_its_own_processes_harms_nobody() {
+    check_that_rubbish_harms_nobody("rubbish-own", true);
+}
+
+/// `is_of_group`: the sender passes for a process of the group.
+fn check_that_rubbish_harms_nobody(name: &str, is_of_group: bool) {
+    let mut group = Group::start(name, "", &[]);
     let before = group.wait_until_working();
     {
         let bus = Bus::join(&group.instance, "vandal").unwrap();
+        if is_of_group {
+            bus.enter_roster();
+        }
         publish_rubbish(&bus, &topics::COMMANDS, &[0, 1, 7]);
         publish_rubbish(&bus, &topics::FRAMES, &[0, 1, 1000, 640 * 480]);
         publish_rubbish(&bus, &topics::RUNS, &[0, 1, 1000, MAX_RUNS]);
@@ -108,8 +121,19 @@ fn rubbish_on_every_topic_harms_nobody() {
     assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
     for stage in ["classifier", "tracker", "filter"] {
         let dropped = after["stages"][stage]["dropped"].as_object().unwrap();
-        assert!(dropped.values().any(|count| count.as_u64() > Some(0)), "not counted: {after:#}");
+        let has_dropped = dropped.values().any(|count| count.as_u64() > Some(0));
+        assert_eq!(has_dropped, is_of_group, "counted by the {stage}: {after:#}");
     }
+    let strangers = after["strangers"].as_array().cloned().unwrap_or_default();
+    let topics: Vec<_> = strangers.iter().filter_map(|it| it["topic"].as_str()).collect();
+    let expected: &[&str] = match is_of_group {
+        true => &[],
+        false => &["frames", "runs", "detections", "world", "health", "camera"],
+    };
+    for topic in expected {
+        assert!(topics.contains(topic), "{topic}: {after:#}");
+    }
+    assert_eq!(topics.len(), expected.len(), "{after:#}");
     assert_poses_are_right(&group);
 
     // What a successor goes by has not been led astray either.

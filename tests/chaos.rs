@@ -74,13 +74,19 @@ fn shortages_and_a_closed_terminal_lose_nothing() {
 }
 
 #[test]
+fn rubbish_on_the_topics_loses_nothing() {
+    check_that_nothing_is_lost("kill,rubbish");
+}
+
+#[test]
 #[ignore = "needs root, for a /dev/shm of its own"]
 fn full_shared_memory_loses_nothing() {
     check_that_nothing_is_lost("kill,enospc");
 }
 
 fn check_that_nothing_is_lost(signals: &str) {
-    let scratch = Scratch::new("chaos-short");
+    // Tests of one program run side by side.
+    let scratch = Scratch::new(&format!("chaos-{}", signals.replace(',', "-")));
     let report_path = scratch.path.join("report.json");
     let arguments = ["chaos", "--seconds", "12", "--every", "500", "--signals", signals];
     let report_argument = ["--seed", "5", "--report", report_path.to_str().unwrap()];

@@ -429,6 +429,8 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
     ];
     {
         let bus = Bus::join(&group.instance, "rubbish").unwrap();
+        // As if the grabber had published them.
+        bus.enter_roster();
         let mut injector = bus.publisher(&topics::FRAMES, 640 * 480).unwrap();
         for (header, bytes) in bad {
             let mut frame = injector.loan(bytes).unwrap();

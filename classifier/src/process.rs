@@ -43,7 +43,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             process.drop_input(DropReason::from(&fault));
             continue;
         }
-        if !process.accept(seq) {
+        if !process.accept(frame.header()) {
             continue;
         }
         let mut output = runs.loan(MAX_RUNS)?;

@@ -1,18 +1,23 @@
 //! Publishing and subscribing: iceoryx2 with this project's rules built in.
 //!
 //! * Writers never wait: safe overflow is on, back-pressure discards.
+//! * A reader believes the group's own processes: on topics that are not open to everybody, messages of
+//!   other programs are counted and dropped ([`Stranger`]).
 //! * A reader that wants to sleep until there is something asks for wake-ups; one that polls, or
 //!   only stands by, costs the writer nothing.
 
 pub mod participants;
 mod ports;
+mod strangers;
 
 pub use ports::{Loan, Publisher, Received, Subscriber};
+pub use strangers::Stranger;
 
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
 use crate::instance::{Instance, InstanceError};
 use crate::memory::{self, SHARED_MEMORY};
+use crate::roster::{NodeKey, Roster};
 use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
@@ -26,6 +31,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSu
 use std::fmt::Debug;
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -160,6 +166,7 @@ const PLACE_RETRY: Duration = Duration::from_millis(20);
 pub struct Bus {
     node: Node<ipc::Service>,
     instance: Instance,
+    roster: Rc<Roster>,
     /// How long a place on a topic is waited for.
     patience: Duration,
 }
@@ -196,7 +203,20 @@ impl Bus {
             .create::<ipc::Service>()
             .map_err(failed("node", "join the instance"))?;
         close_to_others(instance);
-        Ok(Self { node, instance: instance.clone(), patience: PLACE_PATIENCE })
+        let roster = Roster::open(instance).map_err(failed("node", "map the roster"))?;
+        let roster = Rc::new(roster);
+        Ok(Self { node, instance: instance.clone(), roster, patience: PLACE_PATIENCE })
+    }
+
+    /// Enters this process in the group's [roster](crate::roster): what it publishes is believed. For
+    /// processes of the group alone, before they publish anything.
+    pub fn enter_roster(&self) {
+        self.roster.enter(NodeKey::of(self.node.id()));
+    }
+
+    /// Has the messages of a program believed that is none of the group's, because the user permits it.
+    pub fn admit(&self, sender: NodeKey) {
+        self.roster.enter(sender);
     }
 
     /// Joins the instance as [`join`](Self::join), for a process that will read most topics and has
@@ -291,7 +311,8 @@ impl Bus {
         })?;
         // One message is with the caller, and one may be kept by it.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
-        Ok(Subscriber::new(port, topic, capacity, misses_a_writer))
+        let roster = (!topic.is_open).then(|| Rc::clone(&self.roster));
+        Ok(Subscriber::new(port, topic, capacity, misses_a_writer, roster))
     }
 
     /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;

@@ -261,6 +261,11 @@ impl Instance {
         Ok(())
     }
 
+    /// The page with the nodes of the group's own processes.
+    pub fn roster_path(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(format!("{}roster.page", self.shared_memory_prefix()))
+    }
+
     /// Where the count of a topic's messages is, on which its readers sleep.
     pub fn event_count_path(&self, topic: &str) -> PathBuf {
         Path::new(SHARED_MEMORY).join(format!("{}{topic}.count", self.shared_memory_prefix()))

@@ -6,9 +6,9 @@ use crate::topics::{Topic, Visitor, visit_all};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Counts up when what the processes of a group leave each other besides messages (the pages of stages,
-/// the group's record) or the places of iceoryx2's files change.
-const FILES_VERSION: u32 = 2;
+/// Counts up when what the processes of a group leave each other besides messages (the pages of stages, the
+/// roster, the group's record) or the places of iceoryx2's files change.
+const FILES_VERSION: u32 = 3;
 
 /// Everything one program must share with another to work in the same group.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

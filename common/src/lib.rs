@@ -39,6 +39,7 @@ pub mod private;
 pub mod process;
 mod rhythm;
 pub mod rolling_shutter;
+pub mod roster;
 pub mod scheduling;
 mod shared_page;
 pub mod stage_page;

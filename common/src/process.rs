@@ -13,8 +13,8 @@ use crate::config::{Config, WakeUpStrategy};
 use crate::instance::{Instance, InstanceError};
 use crate::memory_rank::{self, MemoryRank};
 use crate::messages::{
-    DropReason, FrameFault, GroupEvent, Heartbeat, ProcessKind, ProcessState, StatusHeader,
-    reachable_frames,
+    DropReason, FrameFault, FrameHeader, GroupEvent, Heartbeat, ProcessKind, ProcessState,
+    StatusHeader,
 };
 use crate::scheduling;
 use crate::stage_page::StagePage;
@@ -98,8 +98,9 @@ pub struct Process {
     wake_up: WakeUpStrategy,
     lock_memory: bool,
     done_by_predecessor: Option<u64>,
-    /// When the last input was accepted; 0 before the first.
-    accepted_ns: u64,
+    /// The frame of the last input that was accepted; `None` before the first.
+    accepted: Option<FrameHeader>,
+    fps: f64,
     beat_ns: u64,
     beat_dropped: [u64; DropReason::ALL.len()],
 }
@@ -129,6 +130,7 @@ impl Process {
         let rank = if options.spare { MemoryRank::Spare } else { MemoryRank::Needed };
         let _ = memory_rank::set(rank);
         let bus = Bus::join(&options.instance, kind.name())?;
+        bus.enter_roster();
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
         let counters = Heartbeat::new(kind as u32, ProcessState::Spare);
@@ -154,7 +156,8 @@ impl Process {
             wake_up: scheduling::wake_up_strategy(&config.scheduling),
             lock_memory: config.scheduling.lock_memory,
             done_by_predecessor: None,
-            accepted_ns: 0,
+            accepted: None,
+            fps: config.camera.fps,
             beat_ns: 0,
             beat_dropped: [0; DropReason::ALL.len()],
         })
@@ -263,25 +266,26 @@ impl Process {
     /// Decides whether to work on an input: `false`, and counted, when its number is not above the
     /// last one's, or when two predecessors have died of it. Gaps are counted too.
     ///
-    /// A number that no camera can have reached since the last one is rubbish: believing it would
+    /// A number that the camera cannot have reached since the last one is rubbish: believing it would
     /// mean taking every frame after it for an old one.
-    pub fn accept(&mut self, seq: u64) -> bool {
-        let now_ns = monotonic_ns();
+    pub fn accept(&mut self, frame: &FrameHeader) -> bool {
+        let seq = frame.seq;
         let counters = &mut self.counters;
         if counters.seq_in != NO_SEQ {
             if seq <= counters.seq_in {
                 self.drop_input(DropReason::OutOfOrder);
                 return false;
             }
-            let gap = seq - counters.seq_in - 1;
-            let since_last_ns = now_ns.saturating_sub(self.accepted_ns);
-            if gap >= reachable_frames(since_last_ns) {
+            let is_reachable = |last: FrameHeader| {
+                frame.is_reachable(last.seq, last.t_capture_ns, monotonic_ns(), self.fps)
+            };
+            if !self.accepted.is_none_or(is_reachable) {
                 self.drop_input(DropReason::BadHeader);
                 return false;
             }
-            counters.frames_missed += gap;
+            counters.frames_missed += seq - counters.seq_in - 1;
         }
-        self.accepted_ns = now_ns;
+        self.accepted = Some(*frame);
         counters.seq_in = seq;
         counters.frames_in += 1;
         if std::mem::take(&mut self.skip_next) {

@@ -32,11 +32,14 @@ pub struct Topic<Element, Header = ()> {
     /// Bytes of a message that ordinary pictures fill: so much of each place that gets used is kept
     /// ready by its writer, lest somebody else takes the last of the shared memory in a match.
     pub ordinary_bytes: usize,
-    /// Publishers at the same time: the active process, its spare, and predecessors that are dead
-    /// but not yet cleaned up.
+    /// Publishers at the same time: the active process, its spare, predecessors that are dead but not yet
+    /// cleaned up, and some programs that have no business there.
     pub publishers: usize,
     /// Subscribers at the same time.
     pub subscribers: usize,
+    /// Whether every program may publish on it. On all other topics only processes of the group are
+    /// believed ([`roster`](crate::roster)).
+    pub is_open: bool,
     /// Whether its writers also notify the iceoryx2 event of the same name: for readers in other
     /// languages, which cannot sleep on our [event count](crate::eventcount).
     pub notifies: bool,
@@ -86,8 +89,9 @@ const fn topic<Element, Header>(
         borrowed: 4,
         loaned: 2,
         ordinary_bytes: 48 << 10,
-        publishers: 4,
+        publishers: 8,
         subscribers: 12,
+        is_open: false,
         notifies: false,
         seq: |_, _| 0,
         t_capture_ns: |_, _| 0,
@@ -171,6 +175,7 @@ pub const WORLD: Topic<WorldFrame> = Topic {
 /// Wheel speeds that strategies have sent to the robots.
 pub const COMMANDS: Topic<Commands> = Topic {
     publishers: 8,
+    is_open: true,
     ..topic("commands", "strategies, gateway, synthetic match", "filter, synthetic match", 64)
 };
 /// Signs of life of every process.

@@ -40,6 +40,7 @@ fn a_late_reader_gets_them_by_number_whoever_has_connected_first() {
     let place = Place::new("order");
     for old_first in [true, false] {
         let bus = Bus::join(&place.instance, "test").unwrap();
+        bus.enter_roster();
         let reader = bus.subscriber(&topics::RUNS).unwrap();
         let writer = || bus.publisher(&topics::RUNS, 1).unwrap();
         let (first, second) = (writer(), writer());
@@ -62,6 +63,7 @@ fn a_late_reader_gets_them_by_number_whoever_has_connected_first() {
 fn a_late_starter_gets_what_was_published_before_it_came() {
     let place = Place::new("history");
     let bus = Bus::join(&place.instance, "test").unwrap();
+    bus.enter_roster();
     let mut writer = bus.publisher(&topics::RUNS, 1).unwrap();
     for seq in 0..10 {
         publish(&mut writer, seq);
@@ -76,6 +78,46 @@ fn a_late_starter_gets_what_was_published_before_it_came() {
     };
     assert_eq!(seqs(&stage), (0..=10).collect::<Vec<u64>>());
     assert_eq!(seqs(&consumer), [10]);
+}
+
+#[test]
+fn only_those_on_the_roster_are_believed_and_the_others_counted() {
+    let place = Place::new("believed");
+    let member = Bus::join(&place.instance, "member").unwrap();
+    let stranger = Bus::join(&place.instance, "stranger").unwrap();
+    let reader = Bus::join(&place.instance, "reader").unwrap();
+    let runs = reader.subscriber(&topics::RUNS).unwrap();
+    let mut own = member.publisher(&topics::RUNS, 1).unwrap();
+    let mut foreign = stranger.publisher(&topics::RUNS, 1).unwrap();
+    let seqs = || -> Vec<u64> {
+        std::iter::from_fn(|| runs.receive().unwrap())
+            .map(|message| message.header().frame.seq)
+            .collect()
+    };
+    publish(&mut own, 1);
+    assert!(seqs().is_empty(), "it is not on the roster yet");
+    member.enter_roster();
+    runs.take_strangers();
+    for seq in 2..60 {
+        publish(&mut own, seq);
+        publish(&mut foreign, seq + 900);
+        publish(&mut foreign, seq);
+        assert_eq!(seqs(), [seq]);
+    }
+    let [met] = runs.take_strangers()[..] else { panic!("one stranger") };
+    assert_eq!((met.messages, met.sender.pid()), (116, std::process::id()));
+    let name = touchline_common::bus::participants::name_of(&place.instance, met.sender);
+    assert_eq!(name.as_deref(), Some("stranger"));
+    assert_eq!(runs.take_strangers(), [], "it begins anew");
+    // The user permits it.
+    reader.admit(met.sender);
+    publish(&mut foreign, 70);
+    assert_eq!(seqs(), [70]);
+    // On an open topic everybody is heard.
+    let commands = reader.subscriber(&topics::COMMANDS).unwrap();
+    let mut strategy = stranger.publisher(&topics::COMMANDS, 1).unwrap();
+    strategy.loan(1).unwrap().send().unwrap();
+    assert!(commands.receive().unwrap().is_some() && commands.take_strangers().is_empty());
 }
 
 #[test]

@@ -52,7 +52,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             continue;
         };
         let seq = detection.frame.seq;
-        if process.is_done_by_predecessor(seq) || !process.accept(seq) {
+        if process.is_done_by_predecessor(seq) || !process.accept(&detection.frame) {
             continue;
         }
         let mut output = world.loan(1)?;

@@ -12,6 +12,7 @@
 
 mod bulletin;
 pub mod camera;
+mod external;
 pub mod genicam;
 mod injector;
 mod jpeg;

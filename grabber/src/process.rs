@@ -2,6 +2,7 @@
 
 use crate::bulletin::Bulletin;
 use crate::camera::{CameraError, FramePool, LastFrame};
+use crate::external;
 use crate::playback::Pacer;
 use crate::source::{Source, open};
 use common::clock::monotonic_ns;
@@ -28,6 +29,9 @@ pub fn run(
     config: &Config,
 ) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Grabber, options, config)?;
+    if grabber.source == Source::External {
+        return external::stand_by(process, config);
+    }
     let capacity = grabber.source.frame_capacity(&config.camera);
     let mut pool = FramePool::new(&process.bus, &config.camera, capacity)?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
@@ -93,7 +97,7 @@ pub fn run(
         }
         next_seq = exposure.seq + 1;
         process.counters.dropped[DropReason::Late as usize] += exposure.skipped;
-        process.accept(exposure.seq);
+        process.accept(&captured.header(monotonic_ns()));
         // Truth and commands go first, so that they are there when the frame's results come.
         if let Some(frame_truth) = camera.truth() {
             truth.publish(frame_truth)?;

@@ -30,6 +30,8 @@ pub enum Source {
     V4l2(PathBuf),
     /// A GigE Vision or USB3 Vision camera: `genicam:ID`, or `genicam` for the first one.
     Genicam(Option<String>),
+    /// Another program, which `access.publishers` names: `external`.
+    External,
 }
 
 /// Frames of a loop when no number is given.
@@ -37,8 +39,8 @@ pub const LOOP_FRAMES: u32 = 32;
 /// Longest loop.
 const MOST_LOOP_FRAMES: u32 = 4096;
 const HELP: &str = "use synthetic, synthetic-loop:N, images:PATH with a picture or a folder of pictures, \
-                    recording:FILE[,fast|,step][,loop][,from=SECONDS], v4l2:/dev/videoN, or genicam or genicam:ID with a camera (`touchline cameras` \
-                    lists them)";
+                    recording:FILE[,fast|,step][,loop][,from=SECONDS], v4l2:/dev/videoN, genicam or genicam:ID with a camera (`touchline cameras` \
+                    lists them), or external for a program that access.publishers names";
 
 impl FromStr for Source {
     type Err = String;
@@ -51,6 +53,7 @@ impl FromStr for Source {
                 Ok(frames) if (1..=MOST_LOOP_FRAMES).contains(&frames) => Ok(Self::Loop(frames)),
                 _ => Err(format!("use synthetic-loop:N with N from 1 to {MOST_LOOP_FRAMES}")),
             },
+            None if text == "external" => Ok(Self::External),
             None if text == "genicam" => Ok(Self::Genicam(None)),
             Some(("genicam", id)) if !id.is_empty() => Ok(Self::Genicam(Some(id.into()))),
             Some(("images", path)) if !path.is_empty() => Ok(Self::Pictures(path.into())),
@@ -69,6 +72,7 @@ impl std::fmt::Display for Source {
             Self::Pictures(path) => write!(f, "images:{}", path.display()),
             Self::Recording(playlist) => write!(f, "recording:{playlist}"),
             Self::V4l2(path) => write!(f, "v4l2:{}", path.display()),
+            Self::External => write!(f, "external"),
             Self::Genicam(None) => write!(f, "genicam"),
             Self::Genicam(Some(id)) => write!(f, "genicam:{id}"),
         }
@@ -81,7 +85,9 @@ impl Source {
     pub fn frame_capacity(&self, camera: &CameraConfig) -> usize {
         let (width, height) = (camera.width as usize, camera.height as usize);
         match self {
-            Self::Synthetic | Self::Loop(_) | Self::Pictures(_) => camera.frame_bytes(),
+            Self::Synthetic | Self::Loop(_) | Self::Pictures(_) | Self::External => {
+                camera.frame_bytes()
+            }
             Self::V4l2(_) | Self::Genicam(_) | Self::Recording(_) => {
                 (3 * width).next_multiple_of(256) * (height + 16) + 4096
             }
@@ -109,6 +115,8 @@ pub fn check(source: &Source, config: &Config) -> Result<(), CameraError> {
 pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
     let camera = config.camera.clone();
     match source {
+        Source::External if config.access.publishers.is_empty() => Err(CameraError::External),
+        Source::External => Ok(Box::new(|_| Err(CameraError::External))),
         Source::Synthetic => {
             let scene = SyntheticMatch::new(config)
                 .map_err(|error| CameraError::Synthetic(error.to_string()))?;

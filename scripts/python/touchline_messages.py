@@ -95,6 +95,7 @@ class EventKind(enum.IntEnum):
     POISONOUS = 7
     TAKEN_OVER = 8
     CAMERA = 9
+    STRANGER = 10
 
 
 class CameraState(enum.IntEnum):

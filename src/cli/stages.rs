@@ -44,7 +44,7 @@ pub struct GrabberArgs {
     #[command(flatten)]
     pub stage: StageArgs,
     /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH`, `recording:FILE`,
-    /// `v4l2:/dev/videoN` or `genicam`
+    /// `v4l2:/dev/videoN`, `genicam` or `external`
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
     /// Capture so many frames, then wait to be ended

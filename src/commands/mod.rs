@@ -55,7 +55,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Chaos(args)) => chaos::chaos(args),
         Some(Command::Bench(args)) => bench::bench(args),
         Some(Command::Stress(args)) => stress::stress(args),
-        Some(Command::Bystander(args)) => chaos::attach(&args.instance),
+        Some(Command::Bystander(args)) => chaos::attach(&args),
         Some(Command::Topics(args)) => topics::topics(args),
         Some(Command::Record(args)) => recordings::record(args),
         Some(Command::Info(args)) => recordings::info(args),

@@ -129,7 +129,7 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
         }
         // A device may come later.
         Source::V4l2(path) => Source::V4l2(std::path::absolute(path)?),
-        Source::Synthetic | Source::Loop(_) | Source::Genicam(_) => source,
+        Source::Synthetic | Source::Loop(_) | Source::Genicam(_) | Source::External => source,
     })
 }
 

@@ -92,7 +92,8 @@ pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(),
     let thread = {
         let (instance, stop) = (instance.clone(), Arc::clone(&stop));
         let (clients, given) = (Arc::clone(&clients), Arc::clone(&given));
-        std::thread::spawn(move || give_world(&instance, &clients, &given, &stop))
+        let fps = config.camera.fps;
+        std::thread::spawn(move || give_world(&instance, fps, &clients, &given, &stop))
     };
     let orphan_timeout = Duration::from_secs_f64(config.supervisor.orphan_timeout_s);
     let begun_ns = monotonic_ns();
@@ -112,6 +113,7 @@ pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(),
 /// Gives every `world` to everybody who is attached.
 fn give_world(
     instance: &Instance,
+    fps: f64,
     clients: &Clients,
     given: &Given,
     stop: &AtomicBool,
@@ -123,8 +125,8 @@ fn give_world(
     while !stop.load(Ordering::Relaxed) {
         while let Some(received) = worlds.receive()? {
             let Some(world) = received.message() else { continue };
-            // Repeated by a stage that has been handed over, or rubbish.
-            if world.frame.follows(last.as_ref(), monotonic_ns()) {
+            // Repeated by a stage that has been handed over, or impossible.
+            if world.frame.follows(last.as_ref(), monotonic_ns(), fps) {
                 last = Some(world.frame);
                 clients.give(bytemuck::bytes_of(world));
                 given.frames.fetch_add(1, Ordering::Relaxed);
@@ -164,6 +166,7 @@ impl Door {
         let group = place::group_number(name)?;
         place::prepare(instance, name)?;
         let bus = Bus::join(instance, NAME)?;
+        bus.enter_roster();
         let (commands, health) =
             (bus.publisher(&topics::COMMANDS, 1)?, bus.publisher(&topics::HEALTH, 1)?);
         Ok(Self {

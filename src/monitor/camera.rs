@@ -2,7 +2,7 @@
 
 use super::report::CameraDevice;
 use super::view::{Event, GroupView};
-use common::bus::{Bus, BusError, Subscriber};
+use common::bus::{Bus, BusError, Stranger, Subscriber};
 use common::messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
 use common::topics;
 
@@ -36,6 +36,11 @@ impl CameraWatch {
             self.device = Some(device);
         }
         Ok(())
+    }
+
+    /// Programs that are no grabber of the group's and have said something of a camera since this was last asked.
+    pub fn take_strangers(&self) -> Vec<Stranger> {
+        self.reports.take_strangers()
     }
 
     /// The camera, if it is a real one.

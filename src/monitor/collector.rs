@@ -8,6 +8,7 @@ use super::latency::LatencyMeter;
 use super::report::{
     Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage, Tops,
 };
+use super::strangers::StrangerWatch;
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{Event, GroupView};
@@ -42,6 +43,7 @@ pub struct Collector {
     truth: Subscriber<TruthFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
     camera: CameraWatch,
+    strangers: StrangerWatch,
     view: Arc<GroupView>,
     base: Report,
     started_ns: u64,
@@ -74,7 +76,7 @@ pub struct Collector {
     memory_bytes: u64,
     memory_due_ns: u64,
     // Last, so that it outlives the ports.
-    _bus: Bus,
+    bus: Bus,
 }
 
 /// What is known of a process, also after its end.
@@ -103,6 +105,7 @@ impl Collector {
         view: Arc<GroupView>,
     ) -> Result<(Self, Outlets), BusError> {
         let bus = Bus::join_as_reader(instance, "monitor")?;
+        bus.enter_roster();
         let outlets = Outlets {
             status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
             events: bus.publisher(&topics::EVENTS, 1)?,
@@ -133,6 +136,7 @@ impl Collector {
             truth: bus.subscriber(&topics::TRUTH)?,
             health: bus.subscriber(&topics::HEALTH)?,
             camera: CameraWatch::new(&bus)?,
+            strangers: StrangerWatch::new(instance, &config.access.publishers, &bus)?,
             view,
             base,
             started_ns: monotonic_ns(),
@@ -160,7 +164,7 @@ impl Collector {
             supervisor_cpu_before: own_cpu_seconds(),
             memory_bytes: 0,
             memory_due_ns: monotonic_ns() + MEMORY_FIRST_NS,
-            _bus: bus,
+            bus,
         };
         Ok((collector, outlets))
     }
@@ -175,7 +179,7 @@ impl Collector {
             // Rubbish of other programs; the classifier counts it, with the reason.
             let Camera { width, height, .. } = self.base.camera;
             if header.check(width, height, frame.elements().len()).is_err()
-                || !header.follows(self.last_frame.as_ref(), monotonic_ns())
+                || !header.follows(self.last_frame.as_ref(), monotonic_ns(), self.base.camera.fps)
             {
                 continue;
             }
@@ -224,7 +228,15 @@ impl Collector {
                 }
             }
         }
-        Ok(())
+        let met = [
+            (topics::FRAMES.name, self.frames.take_strangers()),
+            (topics::DETECTIONS.name, self.detections.take_strangers()),
+            (topics::WORLD.name, self.world.take_strangers()),
+            (topics::TRUTH.name, self.truth.take_strangers()),
+            (topics::HEALTH.name, self.health.take_strangers()),
+            (topics::CAMERA.name, self.camera.take_strangers()),
+        ];
+        self.strangers.collect(&self.bus, &self.view, met)
     }
 
     /// Whether it cannot see what some process publishes, for want of descriptors or memory.
@@ -249,7 +261,7 @@ impl Collector {
             return;
         }
         self.connect_after_ns = now_ns + RECONNECT_NS;
-        let Self { frames, detections, world, truth, health, _bus: bus, .. } = self;
+        let Self { frames, detections, world, truth, health, bus, .. } = self;
         let topic = topics::frames(self.frame_bytes);
         connect_again(frames, || bus.subscriber(&topic));
         connect_again(detections, || bus.subscriber(&topics::DETECTIONS));
@@ -329,7 +341,8 @@ impl Collector {
         let is_repeated = self.last_world.is_some_and(|last| frame.seq <= last.seq);
         // Rubbish of other programs, which must not pass for a result.
         if !frame.is_present(now_ns)
-            || !is_repeated && !frame.follows(self.last_world.as_ref(), now_ns)
+            || !is_repeated
+                && !frame.follows(self.last_world.as_ref(), now_ns, self.base.camera.fps)
         {
             return Ok(());
         }
@@ -476,6 +489,7 @@ impl Collector {
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
             gateway: self.gateway(),
+            strangers: self.strangers.report(),
             events: self.view.events(),
             ..self.base.clone()
         }

@@ -1,7 +1,9 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::report::{Breakdown, CameraDevice, Errors, Found, Gateway, Light, Percentiles, Report};
+use super::report::{
+    Breakdown, CameraDevice, Errors, Found, Gateway, Light, Percentiles, Report, Stranger,
+};
 use super::view::Event;
 use common::messages::ProcessKind;
 use std::ffi::OsStr;
@@ -229,6 +231,9 @@ fn body(report: &Report) -> String {
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
     }
+    for stranger in &report.strangers {
+        stranger_line(&mut text, stranger);
+    }
     for lack in &report.degraded {
         let _ = writeln!(text, "  degraded     {lack}");
     }
@@ -344,6 +349,17 @@ fn gateway_line(text: &mut String, gateway: &Gateway) {
         text,
         "  gateway      for {group}{state}: {clients} attached, {given} messages given, {lost} lost by slow \
          ones, {refused} refused, {restarts} restarts   {socket}"
+    );
+}
+
+/// A program that publishes where it is not believed.
+fn stranger_line(text: &mut String, stranger: &Stranger) {
+    let Stranger { pid, topic, messages, .. } = stranger;
+    let _ = writeln!(
+        text,
+        "  stranger     process {pid} {} on {topic}: {messages} messages, none believed; end it, or name it in \
+         access.publishers",
+        stranger.full_name()
     );
 }
 

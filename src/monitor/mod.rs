@@ -14,6 +14,7 @@ mod containment;
 mod flow;
 mod latency;
 pub mod report;
+mod strangers;
 mod unknown;
 mod usage;
 mod view;

@@ -56,6 +56,9 @@ pub struct Report {
     /// The gateway; absent where nobody but the owner may attach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gateway: Option<Gateway>,
+    /// Programs that have published on topics on which only processes of the group are believed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub strangers: Vec<Stranger>,
     /// What the supervisor noticed and did, oldest first; the last hundred.
     pub events: Vec<Event>,
 }
@@ -261,6 +264,34 @@ pub struct Gateway {
     pub lost: u64,
     /// Messages of theirs that were no commands, or impossible ones.
     pub refused: u64,
+}
+
+/// A program that is none of the group's, on a topic on which only those are believed.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Stranger {
+    /// The system's number for it.
+    pub pid: u32,
+    /// The name under which it has joined the group; empty when that cannot be known any more.
+    pub name: String,
+    /// The program that the process runs, as the system calls it; empty when it is gone.
+    pub program: String,
+    /// The topic.
+    pub topic: String,
+    /// Its messages, none of which was believed.
+    pub messages: u64,
+}
+
+impl Stranger {
+    /// What is known of its names, in parentheses.
+    pub fn full_name(&self) -> String {
+        match (self.name.as_str(), self.program.as_str()) {
+            ("", "") => "(gone)".into(),
+            (name, "") => format!("({name})"),
+            ("", program) => format!("(program {program})"),
+            (name, program) => format!("({name}, program {program})"),
+        }
+    }
 }
 
 /// What was found in the newest frame.

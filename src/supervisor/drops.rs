@@ -36,7 +36,8 @@ pub struct Tale {
 }
 
 impl Drops {
-    /// Takes in a process's counters; whether it has dropped something since it last said so.
+    /// Takes in a process's counters; whether it has since dropped something that no process could have worked
+    /// on. An input that only its own count of numbers forbids might be good for another one.
     pub fn note(&mut self, kind: ProcessKind, pid: u32, dropped: Dropped) -> bool {
         let counted = self.processes.entry(pid).or_insert(Counted {
             kind,
@@ -44,7 +45,11 @@ impl Drops {
             told: [0; DropReason::ALL.len()],
             told_ns: None,
         });
-        std::mem::replace(&mut counted.now, dropped) != dropped
+        let before = std::mem::replace(&mut counted.now, dropped);
+        let is_unusable =
+            |reason: &DropReason| !matches!(reason, DropReason::OutOfOrder | DropReason::BadHeader);
+        let mut reasons = DropReason::ALL.into_iter().filter(is_unusable);
+        reasons.any(|reason| before[reason as usize] != dropped[reason as usize])
     }
 
     /// What is to be told now.
@@ -104,6 +109,7 @@ mod tests {
         let mut drops = Drops::default();
         assert!(!drops.note(ProcessKind::Tracker, 7, dropped(0, 0)), "nothing happened");
         assert!(drops.note(ProcessKind::Tracker, 7, dropped(1, 0)));
+        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(1, 0)), "nothing new");
         assert_eq!(texts(drops.tell(0)), ["dropped input: 1 wrong_size"]);
         let mut told = Vec::new();
         for step in 1..=200 {
@@ -125,5 +131,13 @@ mod tests {
         assert_eq!(drops.forget(7), None);
         // The number is used again.
         assert!(drops.note(ProcessKind::Filter, 7, dropped(1, 0)));
+    }
+
+    #[test]
+    fn an_input_that_another_process_could_work_on_is_not_dealt_with() {
+        let mut drops = Drops::default();
+        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(0, 3)), "numbers");
+        assert!(drops.note(ProcessKind::Tracker, 7, dropped(1, 3)), "a wrong size");
+        assert_eq!(texts(drops.tell(0)), ["dropped input: 3 bad_header, 1 wrong_size"]);
     }
 }

@@ -342,7 +342,7 @@ impl<'a> Group<'a> {
             }
             // A grabber whose camera is away says so; a new one would not find it either.
             if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Waiting {
-                policy.note(Event::Dropped(sign.kind), now);
+                policy.note(Event::CameraIsAway, now);
             }
             if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Finished {
                 policy.note(Event::Finished, now);

@@ -8,6 +8,8 @@
 //! * A process that ends, does not get ready, or has input and gives no output within the stall
 //!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
 //!   first, and its successor speaks only when it is confirmed dead.
+//! * A stage makes progress by its output. Dropping an input that nobody could work on deals with that input;
+//!   a stage that drops everything is replaced once and then said to be degraded ([`dropping`]).
 //! * Two deaths in a row on the same input make the next process skip that input.
 //! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on. So are
 //!   those of a stage whose processes die more often than any disturbance from outside explains
@@ -19,6 +21,7 @@
 //! * The camera starts last, when everybody downstream is ready to see its first frame.
 
 mod degraded;
+mod dropping;
 mod intensity;
 mod stage;
 mod stalls;
@@ -69,8 +72,10 @@ pub enum Event {
     },
     /// The newest number on a stage's output topic.
     Output(ProcessKind, u64),
-    /// A stage has dealt with input without giving output: it dropped something.
+    /// A stage has dropped input that no process of it could work on.
     Dropped(ProcessKind),
+    /// The grabber says that its camera is away.
+    CameraIsAway,
     /// A stage was ready to run for so long (nanoseconds), but got no processor.
     Waited(ProcessKind, u64),
     /// The grabber has captured all it was asked to.
@@ -82,6 +87,8 @@ pub enum Event {
 pub enum Cause {
     /// Input, but no output.
     Stalled,
+    /// It drops everything it gets.
+    OnlyDrops,
     /// Started, but never ready.
     NotReady,
     /// Asked to end, but did not.
@@ -189,11 +196,9 @@ impl Policy {
                 stage.looked_around_ns = stage.looked_around_ns.max(at_ns.min(now_ns));
             }
             Event::Output(kind, seq) => self.output(kind, seq, now_ns),
-            Event::Dropped(kind) => {
-                let input = self.input(kind);
-                let stage = &mut self.stages[kind as usize];
-                stage.dropped_up_to = input;
-                stage.progress_ns = now_ns;
+            Event::Dropped(kind) => self.dropped(kind, now_ns),
+            Event::CameraIsAway => {
+                self.stages[ProcessKind::Grabber as usize].progress_ns = now_ns;
             }
             Event::Waited(kind, waited_ns) => {
                 let stage = &mut self.stages[kind as usize];
@@ -306,6 +311,7 @@ impl Policy {
         if stage.output < Some(seq) {
             stage.note_period(seq, sent_ns);
             stage.output = Some(seq);
+            stage.dropping = None;
             stage.progress_ns = stage.progress_ns.max(sent_ns);
         }
         if let Some(next) = idle {
@@ -330,6 +336,9 @@ impl Policy {
                 continue;
             };
             let Some(member) = slot.take() else { continue };
+            if was_active {
+                stage.dropping = None;
+            }
             let good_start = now_ns - member.started_ns >= GOOD_START_NS
                 || was_active && stage.output > member.output_at_work;
             *failures = if good_start { 1 } else { *failures + 1 };
@@ -407,20 +416,23 @@ impl Policy {
 
     fn kill_the_stuck(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
         let stalled = self.has_stalled(kind, now_ns);
+        let only_drops = self.is_to_be_replaced_for_drops(kind, now_ns);
         let stage = &mut self.stages[kind as usize];
         let late = |member: &Member| {
             !member.ready
                 && !self.is_blind
                 && now_ns - member.started_ns > self.settings.ready_timeout_ns
         };
-        let candidates = [(&mut stage.active, stalled), (&mut stage.spare, false)];
-        for (member, stalled) in candidates {
+        let candidates =
+            [(&mut stage.active, stalled, only_drops), (&mut stage.spare, false, false)];
+        for (member, stalled, only_drops) in candidates {
             let Some(member) = member else { continue };
             let cause = match member.dying_ns {
                 Some(since) if now_ns - since > RETIREMENT_NS => Cause::DoesNotEnd,
                 Some(_) => continue,
                 None if late(member) => Cause::NotReady,
                 None if stalled => Cause::Stalled,
+                None if only_drops => Cause::OnlyDrops,
                 None => continue,
             };
             member.dying_ns = Some(now_ns);

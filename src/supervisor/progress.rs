@@ -27,6 +27,7 @@ const RECONNECT_MAX: Duration = Duration::from_secs(5);
 pub struct Progress {
     instance: Instance,
     frame_bytes: usize,
+    fps: f64,
     topics: Option<Topics>,
     pages: Pages,
     /// How far the stages had come by their pages at the last look: by now the topics must have
@@ -111,6 +112,7 @@ impl Progress {
         Self {
             instance: instance.clone(),
             frame_bytes: config.camera.frame_bytes(),
+            fps: config.camera.fps,
             topics: None,
             pages: Pages::new(instance),
             paged: Default::default(),
@@ -157,7 +159,7 @@ impl Progress {
         let Some(topics) = &mut self.topics else { return Ok(()) };
         let received = match sys::fault(Call::ReceiveOutputs) {
             Some(error) => Err(failed(error)),
-            None => topics.outputs(&mut self.outputs),
+            None => topics.outputs(self.fps, &mut self.outputs),
         };
         if received.is_ok() && !topics.misses_a_writer() {
             if let Some(frame) = topics.last_of[ProcessKind::Grabber as usize] {
@@ -263,13 +265,30 @@ impl Topics {
             || self.health.misses_a_writer()
     }
 
-    fn outputs(&mut self, outputs: &mut Vec<Output>) -> Result<(), BusError> {
+    /// Takes in what is new on the topics. A number that the stage cannot have reached says nothing: no frame
+    /// comes sooner than its camera allows, and no result is of a frame that does not exist.
+    fn outputs(&mut self, fps: f64, outputs: &mut Vec<Output>) -> Result<(), BusError> {
+        // Against the stream, so that the frame of every result has been seen in the end.
+        let mut results: [Option<(FrameHeader, u64)>; ProcessKind::ALL.len()] = Default::default();
+        while let Some(received) = self.world.receive()? {
+            if let Some(world) = received.message() {
+                results[ProcessKind::Filter as usize] = Some((world.frame, world.t_sent_ns));
+            }
+        }
+        while let Some(received) = self.detections.receive()? {
+            if let Some(it) = received.message() {
+                results[ProcessKind::Tracker as usize] = Some((it.frame, it.t_sent_ns));
+            }
+        }
+        while let Some(received) = self.runs.receive()? {
+            let header = received.header();
+            results[ProcessKind::Classifier as usize] = Some((header.frame, header.t_sent_ns));
+        }
         let now_ns = monotonic_ns();
-        let Self { frames, runs, detections, world, last_of, recent_frames, .. } = self;
+        let Self { frames, last_of, recent_frames, .. } = self;
         let mut output = |kind: ProcessKind, frame: &FrameHeader, t_sent_ns: u64| {
             let last = &mut last_of[kind as usize];
-            // Other programs can publish on these topics too, rubbish included.
-            let follows = frame.follows(last.as_ref(), now_ns);
+            let follows = frame.follows(last.as_ref(), now_ns, fps);
             if follows {
                 *last = Some(*frame);
                 let t_sent_ns = t_sent_ns.min(now_ns);
@@ -286,17 +305,13 @@ impl Topics {
                 recent_frames.push_back(frame);
             }
         }
-        while let Some(runs) = runs.receive()? {
-            output(ProcessKind::Classifier, &runs.header().frame, runs.header().t_sent_ns);
-        }
-        while let Some(detections) = detections.receive()? {
-            if let Some(detections) = detections.message() {
-                output(ProcessKind::Tracker, &detections.frame, detections.t_sent_ns);
-            }
-        }
-        while let Some(world) = world.receive()? {
-            if let Some(world) = world.message() {
-                output(ProcessKind::Filter, &world.frame, world.t_sent_ns);
+        let newest = recent_frames.back().map(|frame| frame.header().seq);
+        for (kind, result) in ProcessKind::ALL.into_iter().zip(results) {
+            // Before the first frame is seen nothing is known of frames.
+            if let Some((frame, t_sent_ns)) = result
+                && newest.is_none_or(|newest| frame.seq <= newest)
+            {
+                output(kind, &frame, t_sent_ns);
             }
         }
         Ok(())

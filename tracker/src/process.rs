@@ -42,7 +42,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let taken_ns = monotonic_ns();
         let header = input.header();
         let seq = header.frame.seq;
-        if process.is_done_by_predecessor(seq) || !process.accept(seq) {
+        if process.is_done_by_predecessor(seq) || !process.accept(&header.frame) {
             continue;
         }
         prior = world.newest()?.or(prior);

@@ -2,6 +2,8 @@
 
 use super::{BusError, failed};
 use crate::instance::Instance;
+use crate::roster::NodeKey;
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use std::time::{Duration, SystemTime};
@@ -74,6 +76,30 @@ pub fn living(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
     })
     .map_err(failed("node", "list the processes"))?;
     Ok(living)
+}
+
+/// The name under which a node has joined, also when its process has died and is not yet cleared.
+pub fn name_of(instance: &Instance, key: NodeKey) -> Option<String> {
+    let mut name = None;
+    let named = |id: &UniqueNodeId, details: Option<String>, name: &mut Option<String>| {
+        if NodeKey::of(id) == key {
+            *name = details;
+        }
+        CallbackProgression::Continue
+    };
+    Node::<ipc::Service>::list(&instance.ipc_config().ok()?, |state| match state {
+        NodeState::Alive(view) => {
+            let details = view.details().as_ref().map(|details| details.name().to_string());
+            named(view.id(), details, &mut name)
+        }
+        NodeState::Dead(view) => {
+            let details = view.details().as_ref().map(|details| details.name().to_string());
+            named(view.id(), details, &mut name)
+        }
+        _ => CallbackProgression::Continue,
+    })
+    .ok()?;
+    name
 }
 
 #[cfg(test)]

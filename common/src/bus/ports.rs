@@ -1,7 +1,9 @@
 //! Writing messages into shared memory, and reading them in place.
 
+use super::strangers::{Stranger, Strangers};
 use super::{BusError, Header, Message, failed};
 use crate::eventcount::EventCount;
+use crate::roster::{NodeKey, Roster};
 use crate::topics::Topic;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IpcPublisher;
@@ -9,7 +11,7 @@ use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
@@ -113,7 +115,8 @@ impl<E: Message, H: Header> Loan<E, H> {
     }
 }
 
-/// Reads messages in place, in order.
+/// Reads messages in place, in order: those of the group's own processes, and on open topics those of
+/// everybody.
 ///
 /// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
 /// been handed over, a reader that has fallen behind finds messages of the dead process and of its
@@ -127,6 +130,11 @@ pub struct Subscriber<E: Message, H: Header> {
     capacity: usize,
     queue: RefCell<VecDeque<Received<E, H>>>,
     misses_a_writer: Arc<AtomicBool>,
+    /// Senders that are believed; `None` on a topic that is open to everybody.
+    roster: Option<Rc<Roster>>,
+    /// The node that was last found on the roster: nearly always that of the next message too.
+    believed: Cell<u128>,
+    strangers: RefCell<Strangers>,
 }
 
 impl<E: Message, H: Header> Subscriber<E, H> {
@@ -137,9 +145,19 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         topic: &Topic<E, H>,
         capacity: usize,
         misses_a_writer: Arc<AtomicBool>,
+        roster: Option<Rc<Roster>>,
     ) -> Self {
-        let queue = RefCell::new(VecDeque::with_capacity(capacity));
-        Self { port, topic: topic.name, seq: topic.seq, capacity, queue, misses_a_writer }
+        Self {
+            port,
+            topic: topic.name,
+            seq: topic.seq,
+            capacity,
+            queue: RefCell::new(VecDeque::with_capacity(capacity)),
+            misses_a_writer,
+            roster,
+            believed: Cell::new(0),
+            strangers: RefCell::default(),
+        }
     }
 
     /// Whether there is, or was, a writer whose messages it does not see, because descriptors or memory
@@ -155,6 +173,9 @@ impl<E: Message, H: Header> Subscriber<E, H> {
             let Some(sample) = self.port.receive().map_err(failed(self.topic, "receive"))? else {
                 break;
             };
+            if !self.believes(&sample) {
+                continue;
+            }
             let received = Received { sample };
             let seq = self.seq_of(&received);
             // Nearly always the place is the last.
@@ -163,6 +184,28 @@ impl<E: Message, H: Header> Subscriber<E, H> {
             queue.insert(place, received);
         }
         Ok(queue.pop_front())
+    }
+
+    /// Whether a message comes from a process of the group, or the topic is open to everybody; if not, it is
+    /// counted.
+    fn believes(&self, sample: &IpcSample<ipc::Service, [E], H>) -> bool {
+        let Some(roster) = &self.roster else { return true };
+        let node = sample.header().node_id();
+        if node.value() == self.believed.get() {
+            return true;
+        }
+        let key = NodeKey::of(&node);
+        let is_of_group = roster.has(key);
+        match is_of_group {
+            true => self.believed.set(node.value()),
+            false => self.strangers.borrow_mut().count(key),
+        }
+        is_of_group
+    }
+
+    /// Senders of messages that were not believed since this was last asked.
+    pub fn take_strangers(&self) -> Vec<Stranger> {
+        self.strangers.borrow_mut().take()
     }
 
     fn seq_of(&self, received: &Received<E, H>) -> u64 {

@@ -13,11 +13,15 @@ pub struct AccessConfig {
     /// So many of their programs at the same time; one user has at most half of the places.
     #[schemars(range(min = 2, max = 256))]
     pub clients: u32,
+    /// Programs of the owner, by the names under which they join the group, whose messages are believed on every
+    /// topic as if they were processes of the group: one that feeds frames into `frames`, say. On `commands`
+    /// everybody is believed. docs/attaching.md tells more.
+    pub publishers: Vec<String>,
 }
 
 impl Default for AccessConfig {
     fn default() -> Self {
-        Self { group: String::new(), clients: 32 }
+        Self { group: String::new(), clients: 32, publishers: Vec::new() }
     }
 }
 

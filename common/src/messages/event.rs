@@ -31,11 +31,13 @@ pub enum EventKind {
     TakenOver = 8,
     /// The camera's state has changed.
     Camera = 9,
+    /// A program that is none of the group's publishes on a topic on which only those are believed.
+    Stranger = 10,
 }
 
 impl EventKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Other,
         Self::Ended,
         Self::Promoted,
@@ -46,6 +48,7 @@ impl EventKind {
         Self::Poisonous,
         Self::TakenOver,
         Self::Camera,
+        Self::Stranger,
     ];
 }
 

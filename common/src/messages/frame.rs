@@ -136,31 +136,38 @@ pub enum FrameFault {
     },
 }
 
-/// No camera is faster than 20,000 frames a second.
-const SHORTEST_PERIOD_NS: u64 = 50_000;
-/// Numbers that may be missing however little time has passed.
-const TOLERATED_GAP: u64 = 1000;
+/// A camera may be so many times as fast as configured …
+const MOST_SPEED: f64 = 4.0;
+/// … and its numbers may jump by so many more: cameras that count by themselves are believed that they
+/// have lost as many.
+const TOLERATED_GAP: u64 = 128;
 /// A frame captured longer ago is not of this match. Those of a recording that is played at another
 /// pace than its own are as old as this allows.
 pub const MOST_AGE_NS: u64 = 3_600_000_000_000;
 /// Nor is one of so far in the future.
 const MOST_AHEAD_NS: u64 = 60_000_000_000;
 
-/// How far frame numbers can rise in a time, whatever the camera and however many were lost.
-pub fn reachable_frames(elapsed_ns: u64) -> u64 {
-    TOLERATED_GAP + elapsed_ns / SHORTEST_PERIOD_NS
+/// How far frame numbers can rise in a time at a configured rate, however many frames were lost.
+pub fn reachable_frames(elapsed_ns: u64, fps: f64) -> u64 {
+    // Saturates, and is 0 for a rate that is no number.
+    TOLERATED_GAP.saturating_add((elapsed_ns as f64 * 1e-9 * fps * MOST_SPEED) as u64)
 }
 
 impl FrameHeader {
-    /// Whether this can be the next frame after `last`, at the time `now_ns`: of the present, with a
-    /// higher number, but not with one that no camera can have reached. For those who only watch; a
-    /// program that publishes rubbish must not mislead them for the rest of the match.
-    pub fn follows(&self, last: Option<&Self>, now_ns: u64) -> bool {
+    /// Whether this can be the next frame after `last`, at the time `now_ns` and a configured rate: of the
+    /// present, with a higher number, but not with one that the camera cannot have reached.
+    pub fn follows(&self, last: Option<&Self>, now_ns: u64, fps: f64) -> bool {
         self.is_present(now_ns)
             && last.is_none_or(|last| {
-                let elapsed_ns = self.t_capture_ns.saturating_sub(last.t_capture_ns);
-                self.seq > last.seq && self.seq - last.seq <= reachable_frames(elapsed_ns)
+                self.seq > last.seq && self.is_reachable(last.seq, last.t_capture_ns, now_ns, fps)
             })
+    }
+
+    /// Whether a camera of a configured rate can have reached this number, at the time `now_ns`, since a frame
+    /// of that number and capture time. A capture time in the future does not count as time that has passed.
+    pub fn is_reachable(&self, seq: u64, t_capture_ns: u64, now_ns: u64, fps: f64) -> bool {
+        let elapsed_ns = self.t_capture_ns.min(now_ns).saturating_sub(t_capture_ns);
+        self.seq.saturating_sub(seq) <= reachable_frames(elapsed_ns, fps)
     }
 
     /// Whether a frame with this header can be of this match at all.
@@ -213,15 +220,17 @@ mod tests {
     fn only_what_a_camera_can_have_reached_follows() {
         let now_ns = 2 * MOST_AGE_NS;
         let frame = |seq, t_capture_ns| FrameHeader { seq, t_capture_ns, ..Default::default() };
-        let last = frame(500, now_ns);
-        let follows = |header: FrameHeader| header.follows(Some(&last), now_ns);
-        assert!(follows(frame(501, now_ns + 12_500_000)));
-        assert!(follows(frame(900, now_ns + 5_000_000_000)), "after an outage");
+        let last = frame(500, now_ns - 10_000_000_000);
+        let follows = |header: FrameHeader| header.follows(Some(&last), now_ns, 80.0);
+        assert!(follows(frame(501, last.t_capture_ns + 12_500_000)));
+        assert!(follows(frame(900, last.t_capture_ns + 5_000_000_000)), "after an outage");
+        assert!(!follows(frame(1400, last.t_capture_ns)), "no time has passed");
+        assert!(!follows(frame(9000, now_ns + 50_000_000_000)), "nor is it of the future");
         assert!(!follows(frame(500, now_ns)) && !follows(frame(0, now_ns)));
         assert!(!follows(frame(u64::MAX, now_ns)) && !follows(frame(u64::MAX, u64::MAX)));
-        assert!(!frame(7, 0).follows(None, now_ns), "of another time");
-        assert!(!frame(7, now_ns + 2 * MOST_AHEAD_NS).follows(None, now_ns), "of the future");
-        assert!(frame(7, now_ns).follows(None, now_ns));
-        assert!(frame(7, now_ns - MOST_AGE_NS / 2).follows(None, now_ns), "of a recording");
+        assert!(!frame(7, 0).follows(None, now_ns, 80.0), "of another time");
+        assert!(!frame(7, now_ns + 2 * MOST_AHEAD_NS).follows(None, now_ns, 80.0), "of the future");
+        assert!(frame(7, now_ns).follows(None, now_ns, 80.0));
+        assert!(frame(7, now_ns - MOST_AGE_NS / 2).follows(None, now_ns, 80.0), "of a recording");
     }
 }

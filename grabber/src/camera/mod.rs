@@ -111,6 +111,12 @@ pub enum CameraError {
     /// The synthetic match cannot be built.
     #[error("synthetic match: {0}")]
     Synthetic(String),
+    /// Frames are to come from another program, but the configuration names none.
+    #[error(
+        "the source external takes frames of a program that the configuration permits: put the name under which \
+         it joins the group into access.publishers"
+    )]
+    External,
     /// All of the topic's memory is in readers' hands: possible only if a reader breaks the rules.
     #[error("no shared memory for another frame: {0}")]
     NoMemory(String),

@@ -2,6 +2,8 @@
 //! another is killed a tenth of a second after it has attached, and comes back.
 
 use super::population::has_ended;
+use super::vandal::publish_rubbish;
+use crate::cli::BystanderArgs;
 use crate::commands::CommandError;
 use common::bus::Bus;
 use common::descriptors;
@@ -144,9 +146,12 @@ impl Drop for Bystander {
 
 /// `touchline bystander`: attaches to a group as a program of a user would, says so, and reads until
 /// it is killed or whoever has started it is gone.
-pub fn attach(name: &str) -> Result<ExitCode, CommandError> {
+pub fn attach(args: &BystanderArgs) -> Result<ExitCode, CommandError> {
+    if let Some(ms) = args.rubbish {
+        return publish_rubbish(args, Duration::from_millis(ms));
+    }
     let parent = rustix::process::getppid();
-    let instance = Instance::new(name)?;
+    let instance = Instance::new(&args.instance.instance)?;
     let bus = Bus::join(&instance, "bystander")?;
     let world = bus.subscriber(&topics::WORLD)?;
     let mut out = std::io::stdout();

@@ -3,6 +3,7 @@
 //! * [`plan`]: what is done to whom and when, repeatable by its seed.
 //! * [`group`]: the match, which is the real program in processes of its own.
 //! * [`bystanders`]: programs that attach to it and behave badly.
+//! * [`vandal`]: a program that publishes what it should not.
 //! * [`shortage`]: leaving it without descriptors or memory for a while.
 //! * [`population`]: who is alive, and sending signals to them and nobody else.
 //! * [`observer`]: subscribers of our own; [`tally`] counts what they see.
@@ -18,6 +19,7 @@ mod population;
 mod report;
 mod shortage;
 mod tally;
+mod vandal;
 mod verdict;
 
 pub use bystanders::attach;
@@ -44,6 +46,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use vandal::Vandal;
 
 /// Between two looks at whether something is to be done.
 const TICK: Duration = Duration::from_millis(1);
@@ -159,6 +162,7 @@ struct Session {
     ended_by_themselves: Vec<Ended>,
     deaths: u64,
     shortages: Vec<Shortage>,
+    vandals: Vec<Vandal>,
     line_at: Instant,
 }
 
@@ -184,6 +188,7 @@ impl Session {
             ended_by_themselves: Vec::new(),
             deaths: 0,
             shortages: Vec::new(),
+            vandals: Vec::new(),
             line_at: Instant::now(),
         })
     }
@@ -268,6 +273,7 @@ impl Session {
             }
         }
         self.shortages.clear();
+        self.vandals.clear();
         self.fate = self.bystanders.take().map(|bystanders| bystanders.fate);
         Ok(())
     }
@@ -295,6 +301,9 @@ impl Session {
                         self.shortages.push(Shortage::of_descriptors(pid, until)?);
                     }
                     Disturbance::Enospc => self.shortages.push(Shortage::of_shared_memory(until)?),
+                    Disturbance::Rubbish => {
+                        self.vandals.push(Vandal::start(&self.group.instance, step.pause)?);
+                    }
                     _ => {
                         // A new one would have to begin without.
                         self.shortages.clear();
@@ -329,7 +338,8 @@ impl Session {
                     Disturbance::Supervisor
                     | Disturbance::Hup
                     | Disturbance::Emfile
-                    | Disturbance::Enospc => unreachable!("these have no stage"),
+                    | Disturbance::Enospc
+                    | Disturbance::Rubbish => unreachable!("these have no stage"),
                 }
             }
         }
@@ -449,6 +459,7 @@ impl Session {
         }
         self.population.resume(Instant::now());
         self.shortages.retain(|shortage| !shortage.is_over(Instant::now()));
+        self.vandals.retain_mut(|vandal| !vandal.has_ended());
         if let Some(bystanders) = &mut self.bystanders {
             bystanders.look()?;
         }

@@ -29,6 +29,8 @@ pub enum Disturbance {
     Emfile,
     /// Leave no byte of shared memory for 20 ms to 2 s, in a /dev/shm of the match's own
     Enospc,
+    /// A program publishes rubbish on all topics of the stages, 80 times a second for 20 ms to 2 s
+    Rubbish,
 }
 
 impl Disturbance {
@@ -45,17 +47,23 @@ impl Disturbance {
             Self::Hup => "hup",
             Self::Emfile => "emfile",
             Self::Enospc => "enospc",
+            Self::Rubbish => "rubbish",
         }
     }
 
     /// Whether it is done to a process of a stage.
     pub fn concerns_a_stage(self) -> bool {
-        !matches!(self, Self::Supervisor | Self::Hup | Self::Emfile | Self::Enospc)
+        !matches!(self, Self::Supervisor | Self::Hup | Self::Emfile | Self::Enospc | Self::Rubbish)
+    }
+
+    /// Whether it lasts so long that others are to fall into it.
+    fn is_long(self) -> bool {
+        matches!(self, Self::Emfile | Self::Enospc | Self::Rubbish)
     }
 
     /// Whether it lasts for a while.
     pub fn lasts(self) -> bool {
-        matches!(self, Self::Pause | Self::Emfile | Self::Enospc)
+        matches!(self, Self::Pause) || self.is_long()
     }
 }
 
@@ -66,7 +74,7 @@ pub struct Step {
     pub at: Duration,
     /// What is done.
     pub what: Disturbance,
-    /// To which stage; `None` for the supervisor.
+    /// To which stage; `None` when it is done to none.
     pub stage: Option<ProcessKind>,
     /// For what lasts: how long.
     pub pause: Duration,
@@ -115,12 +123,11 @@ impl Iterator for Plan {
         let what = pick(&self.kinds, kind);
         let (shortest, longest) = PAUSE_MS;
         let pause = Duration::from_secs_f64((shortest + (longest - shortest) * pause) / 1000.0);
-        let is_shortage = matches!(what, Disturbance::Emfile | Disturbance::Enospc);
         Some(Step {
             at: self.every.mul_f64(f64::from(self.count) + JITTER * late),
             what,
             stage: what.concerns_a_stage().then(|| pick(&self.stages, stage)),
-            pause: if is_shortage { pause * SHORTAGE } else { pause },
+            pause: if what.is_long() { pause * SHORTAGE } else { pause },
         })
     }
 }

@@ -3,7 +3,9 @@
 use super::leaks::STALE_DESCRIPTORS;
 use super::plan::Disturbance;
 use super::report::{ChaosReport, Settings, Times};
+use super::vandal;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 /// A promise, and what became of it.
@@ -95,6 +97,21 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
             report.started_in_vain
         ),
     );
+    // A new supervisor counts anew.
+    let counts_all = report.disturbances.iter().all(|done| {
+        !matches!(done.what, Disturbance::Supervisor | Disturbance::Enospc | Disturbance::Emfile)
+    });
+    let has_rubbish = report.disturbances.iter().any(|done| done.what == Disturbance::Rubbish);
+    if let Some(group) = report.group.as_ref().filter(|_| has_rubbish && counts_all) {
+        let named = group.strangers.iter().filter(|stranger| stranger.name == vandal::NAME);
+        let messages: u64 = named.clone().map(|stranger| stranger.messages).sum();
+        let pids: BTreeSet<u32> = named.map(|stranger| stranger.pid).collect();
+        promise(
+            "who publishes rubbish is named",
+            messages > 0,
+            format!("{messages} messages of {} processes named", pids.len()),
+        );
+    }
     // Without memory nobody attaches.
     let has_memory = report.disturbances.iter().all(|done| done.what != Disturbance::Enospc);
     if let Some(fate) = report.bystanders {
@@ -224,7 +241,8 @@ fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(Stri
             Some((format!("median ≤ {median:.1}"), times.median <= median))
         }
         Disturbance::Pause | Disturbance::Emfile | Disturbance::Enospc => None,
-        Disturbance::Hup => Some(("max ≤ 100".into(), times.max <= 100.0)),
+        // The floor is the next frame.
+        Disturbance::Hup | Disturbance::Rubbish => Some(("max ≤ 100".into(), times.max <= 100.0)),
         Disturbance::Double => Some(("max ≤ 500".into(), times.max <= 500.0)),
         Disturbance::Supervisor => Some(("max ≤ 1000".into(), times.max <= 1000.0)),
     }

@@ -40,6 +40,7 @@ impl Group<'_> {
                         Cause::Stalled => {
                             (EventKind::Stalled, "killed: it has input but gives no output")
                         }
+                        Cause::OnlyDrops => (EventKind::Stalled, "killed: it drops all its input"),
                         Cause::NotReady => {
                             (EventKind::Killed, "killed: it did not get ready in time")
                         }

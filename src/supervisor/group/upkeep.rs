@@ -133,6 +133,10 @@ impl Group<'_> {
                         "the {stage} has no spare: it has failed {failures} times in a row, {next}"
                     )
                 }
+                Lack::Output => format!(
+                    "the {stage} drops all its input: `touchline status` counts the reasons; look at the stage \
+                     before it, and at the camera's settings"
+                ),
                 Lack::Peace(deaths) => format!(
                     "the {stage} dies too often ({deaths} times in five seconds or more): it is started \
                      with pauses, {next}"

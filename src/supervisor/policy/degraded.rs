@@ -1,4 +1,4 @@
-//! Degraded groups: stages and spares that are missing because starts keep failing. The group is kept alive, and says so.
+//! Degraded groups: stages and spares that are missing because starts keep failing, or that do nothing. The group is kept alive, and says so.
 
 use super::Policy;
 use common::messages::ProcessKind;
@@ -24,18 +24,22 @@ pub enum Lack {
     Process(u32),
     /// It works without a spare: so many starts of one have failed.
     Spare(u32),
+    /// It drops all its input.
+    Output,
     /// It works, but so many of its processes have died in a short time that there is a pause before the
     /// next.
     Peace(u32),
 }
 
 impl Policy {
-    /// Stages whose starts keep failing, and what is missing of each.
+    /// Stages of which something is missing, and what.
     pub fn degraded(&self, now_ns: u64) -> Vec<Degraded> {
         let lack = |kind: ProcessKind| {
             let stage = &self.stages[kind as usize];
             let (what, at_ns) = if stage.failures >= DEGRADED && !stage.is_working() {
                 (Lack::Process(stage.failures), stage.start_after_ns)
+            } else if self.only_drops(kind, now_ns) {
+                (Lack::Output, now_ns)
             } else if stage.spare_failures >= DEGRADED
                 && !stage.spare.as_ref().is_some_and(|spare| spare.ready)
             {

@@ -1,6 +1,7 @@
 //! What the rules know of a stage and of its processes.
 
 use super::MemberId;
+use super::dropping::Dropping;
 use super::intensity::Intensity;
 
 /// So many deaths in a row on the same input are not chance.
@@ -43,6 +44,8 @@ pub struct Stage {
     pub output: Option<u64>,
     /// Newest input at the moment it reported a drop; that much it has dealt with.
     pub dropped_up_to: Option<u64>,
+    /// Its drops since its last output; `None` when there was none.
+    pub dropping: Option<Dropping>,
     /// How many processes in a row have died after the same output, and after which.
     pub deaths: u32,
     pub output_at_death: Option<u64>,

@@ -146,6 +146,61 @@ fn dropping_bad_input_is_progress() {
 }
 
 #[test]
+fn a_stage_that_drops_everything_is_replaced_once_and_then_degraded() {
+    let mut play = Play::new(&[]);
+    let mut seq = 0;
+    let mut drop_all = |play: &mut Play, times: u64| {
+        let mut kills = vec![];
+        for _ in 0..times {
+            seq += 1;
+            play.output(ProcessKind::Grabber, seq);
+            play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+            let actions = play.run(15);
+            kills.extend(actions.into_iter().filter_map(|action| match action {
+                Action::Kill { kind, cause, .. } => Some((kind, cause)),
+                _ => None,
+            }));
+        }
+        kills
+    };
+    for kind in ProcessKind::ALL {
+        play.output(kind, 0);
+    }
+    assert_eq!(drop_all(&mut play, 60), [], "it may be a few bad frames");
+    assert_eq!(play.policy.degraded(play.now_ns), []);
+    assert_eq!(drop_all(&mut play, 120), [(ProcessKind::Classifier, Cause::OnlyDrops)]);
+    assert_eq!(drop_all(&mut play, 400), [], "another one would do no better");
+    let [degraded] = play.policy.degraded(play.now_ns)[..] else { panic!("it is said") };
+    assert_eq!((degraded.kind, degraded.what), (ProcessKind::Classifier, Lack::Output));
+    play.output(ProcessKind::Classifier, 700);
+    assert_eq!(play.policy.degraded(play.now_ns), []);
+}
+
+#[test]
+fn drops_long_ago_are_no_reason_to_replace_anybody() {
+    let mut play = Play::new(&[]);
+    for kind in ProcessKind::ALL {
+        play.output(kind, 0);
+    }
+    for seq in 1..=30 {
+        play.output(ProcessKind::Grabber, seq);
+        play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+    }
+    let wait = |play: &mut Play| {
+        for _ in 0..100 {
+            play.policy.note(Event::CameraIsAway, play.now_ns);
+            play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+            let actions = play.run(50);
+            assert!(actions.is_empty(), "{actions:?}");
+        }
+    };
+    wait(&mut play);
+    play.output(ProcessKind::Grabber, 31);
+    play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+    wait(&mut play);
+}
+
+#[test]
 fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
     let mut play = Play::new(&[]);
     play.output(ProcessKind::Grabber, 5);

@@ -1,0 +1,136 @@
+//! Programs that publish on topics on which only the group's own processes are believed: counted, named, and
+//! admitted where the configuration permits them.
+
+use super::report::Stranger as Reported;
+use super::view::{Event, GroupView};
+use common::bus::{Bus, BusError, Stranger, Subscriber, participants};
+use common::clock::monotonic_ns;
+use common::instance::Instance;
+use common::messages::{Attendant, EventKind, Run, RunsHeader};
+use common::roster::NodeKey;
+use common::topics;
+
+/// From one event about a program to the next.
+const PAUSE_NS: u64 = 10_000_000_000;
+/// Programs kept for the report, each with a topic; the oldest goes first.
+const MOST_KEPT: usize = 32;
+
+/// Watches for strangers.
+pub struct StrangerWatch {
+    instance: Instance,
+    /// Names of programs that may publish on any topic.
+    permitted: Vec<String>,
+    /// Read for the strangers on it alone.
+    runs: Subscriber<Run, RunsHeader>,
+    known: Vec<Known>,
+}
+
+/// A program on a topic.
+struct Known {
+    sender: NodeKey,
+    told_messages: u64,
+    told_ns: Option<u64>,
+    report: Reported,
+}
+
+impl StrangerWatch {
+    /// Connects.
+    pub fn new(instance: &Instance, permitted: &[String], bus: &Bus) -> Result<Self, BusError> {
+        Ok(Self {
+            instance: instance.clone(),
+            permitted: permitted.to_vec(),
+            runs: bus.subscriber(&topics::RUNS)?,
+            known: Vec::new(),
+        })
+    }
+
+    /// Takes in the strangers on `runs`, and those that others have met on a topic since the last call.
+    pub fn collect(
+        &mut self,
+        bus: &Bus,
+        view: &GroupView,
+        met: impl IntoIterator<Item = (&'static str, Vec<Stranger>)>,
+    ) -> Result<(), BusError> {
+        while self.runs.receive()?.is_some() {}
+        let on_runs = (topics::RUNS.name, self.runs.take_strangers());
+        for (topic, strangers) in met.into_iter().chain([on_runs]) {
+            for stranger in strangers {
+                self.note(topic, stranger);
+            }
+        }
+        self.tell(bus, view);
+        Ok(())
+    }
+
+    fn note(&mut self, topic: &str, stranger: Stranger) {
+        let is_it =
+            |known: &&mut Known| known.sender == stranger.sender && known.report.topic == topic;
+        if let Some(known) = self.known.iter_mut().find(is_it) {
+            known.report.messages += stranger.messages;
+            return;
+        }
+        if self.known.len() == MOST_KEPT {
+            self.known.remove(0);
+        }
+        let pid = stranger.sender.pid();
+        let report = Reported {
+            pid,
+            // Looked up when there is something to tell.
+            name: String::new(),
+            program: program_name(pid),
+            topic: topic.into(),
+            messages: stranger.messages,
+        };
+        let sender = stranger.sender;
+        self.known.push(Known { sender, told_messages: 0, told_ns: None, report });
+    }
+
+    /// Says what is new: the first message of a program at once, a flood now and then.
+    fn tell(&mut self, bus: &Bus, view: &GroupView) {
+        let now_ns = monotonic_ns();
+        for known in &mut self.known {
+            let is_due = known.told_ns.is_none_or(|told| now_ns.saturating_sub(told) >= PAUSE_NS);
+            if !is_due || known.told_messages == known.report.messages {
+                continue;
+            }
+            if known.report.name.is_empty() {
+                let name = participants::name_of(&self.instance, known.sender);
+                known.report.name = name.unwrap_or_default();
+            }
+            let is_permitted = self.permitted.contains(&known.report.name);
+            if is_permitted {
+                bus.admit(known.sender);
+            }
+            let what = words(&known.report, known.told_ns.is_some(), is_permitted);
+            let supervisor = Attendant::Supervisor.name();
+            view.log(Event::new(EventKind::Stranger, supervisor, known.report.pid, &what, ""));
+            (known.told_messages, known.told_ns) = (known.report.messages, Some(now_ns));
+        }
+    }
+
+    /// All that is known of strangers, in the order in which they came.
+    pub fn report(&self) -> Vec<Reported> {
+        self.known.iter().map(|known| known.report.clone()).collect()
+    }
+}
+
+fn words(stranger: &Reported, goes_on: bool, is_permitted: bool) -> String {
+    let Reported { pid, topic, messages, .. } = stranger;
+    let name = stranger.full_name();
+    if is_permitted {
+        return format!(
+            "process {pid} {name} is believed from now on, on all topics: access.publishers names it"
+        );
+    }
+    let first = if goes_on { "still " } else { "" };
+    format!(
+        "process {pid} {name} {first}publishes on the topic {topic}, but is not of the group: {messages} messages \
+         not believed"
+    )
+}
+
+/// The program that a process runs, as the system knows it; empty when the process is gone.
+fn program_name(pid: u32) -> String {
+    let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    comm.trim_end().into()
+}

@@ -1,0 +1,56 @@
+//! Stages that give no output because they drop their input.
+//!
+//! An input that no process could work on (a wrong size, an unknown format) is dealt with when it is dropped.
+//! But a stage that drops everything does not work, whatever the reason: its process is replaced once, in case
+//! the fault is the process's own. A successor that drops everything too is kept, since another one would do
+//! no better, and the group counts as degraded.
+
+use super::Policy;
+use common::messages::ProcessKind;
+
+/// Drops without an output in between for so long, and so many of them, are no chance.
+const ONLY_DROPS_NS: u64 = 2_000_000_000;
+const FEWEST_DROPS: u32 = 20;
+/// After so long without a drop it is not known what would become of the next input.
+const RECENT_NS: u64 = 1_000_000_000;
+
+/// The drops of a stage since its last output.
+#[derive(Debug, Clone, Copy)]
+pub struct Dropping {
+    since_ns: u64,
+    last_ns: u64,
+    /// Times at which it has reported drops.
+    reports: u32,
+}
+
+impl Policy {
+    /// A stage has dropped its input so far.
+    pub(super) fn dropped(&mut self, kind: ProcessKind, now_ns: u64) {
+        let input = self.input(kind);
+        let stage = &mut self.stages[kind as usize];
+        stage.dropped_up_to = input;
+        stage.progress_ns = now_ns;
+        let begin = Dropping { since_ns: now_ns, last_ns: now_ns, reports: 0 };
+        let goes_on = |before: &Dropping| now_ns.saturating_sub(before.last_ns) < RECENT_NS;
+        let before = stage.dropping.filter(goes_on).unwrap_or(begin);
+        let reports = before.reports.saturating_add(1);
+        stage.dropping = Some(Dropping { last_ns: now_ns, reports, ..before });
+    }
+
+    /// Whether a stage drops everything it gets. What a grabber drops says something of its camera only.
+    pub(super) fn only_drops(&self, kind: ProcessKind, now_ns: u64) -> bool {
+        kind != ProcessKind::Grabber
+            && self.stages[kind as usize].dropping.is_some_and(|dropping| {
+                dropping.last_ns.saturating_sub(dropping.since_ns) > ONLY_DROPS_NS
+                    && dropping.reports >= FEWEST_DROPS
+                    && now_ns.saturating_sub(dropping.last_ns) < RECENT_NS
+            })
+    }
+
+    /// Whether the process of a stage that drops everything is to be replaced.
+    pub(super) fn is_to_be_replaced_for_drops(&self, kind: ProcessKind, now_ns: u64) -> bool {
+        let stage = &self.stages[kind as usize];
+        let has_worked = |active: &super::Member| active.has_worked(stage.output);
+        self.only_drops(kind, now_ns) && stage.active.as_ref().is_some_and(has_worked)
+    }
+}

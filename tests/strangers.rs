@@ -1,0 +1,240 @@
+//! Programs that publish on topics which are not theirs: they cost no frame, and are named.
+
+mod support;
+
+use common::bus::Bus;
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::consumer::{Consumer, Event};
+use common::messages::{DetectionFrame, FrameHeader, PixelFormat, WorldFrame};
+use common::topics;
+use grabber::synthetic::SyntheticMatch;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use support::{Group, PATIENCE};
+
+const STAGES: [&str; 4] = ["grabber", "classifier", "tracker", "filter"];
+
+fn pids(status: &Value) -> [u32; 4] {
+    STAGES.map(|stage| Group::pid_of(status, stage))
+}
+
+/// Everything that a program sees on `world` until it is asked to stop: the numbers, and how many were missed.
+struct Witness {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<(Vec<u64>, u64)>,
+}
+
+impl Witness {
+    fn start(group: &Group) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (instance, is_over) = (group.instance.clone(), Arc::clone(&stop));
+        let thread = std::thread::spawn(move || {
+            let mut world = Consumer::new(instance, "witness", &topics::WORLD);
+            let (mut seen, mut missed) = (Vec::new(), 0);
+            while !is_over.load(Ordering::Relaxed) {
+                match world.next(Duration::from_millis(100)).unwrap() {
+                    Some(Event::Message(message)) => {
+                        seen.push(message.message().unwrap().frame.seq);
+                    }
+                    Some(Event::Missed(numbers)) => missed += numbers,
+                    Some(Event::Restarted | Event::Left) => panic!("numbers begin anew"),
+                    Some(Event::Joined) | None => {}
+                }
+            }
+            (seen, missed)
+        });
+        Self { stop, thread }
+    }
+
+    fn finish(self) -> (Vec<u64>, u64) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+fn strangers_of(status: &Value, pid: u32) -> BTreeSet<String> {
+    let strangers = status["strangers"].as_array().cloned().unwrap_or_default();
+    let of_pid = strangers.iter().filter(|stranger| stranger["pid"] == pid);
+    of_pid.map(|stranger| stranger["topic"].as_str().unwrap().to_string()).collect()
+}
+
+#[test]
+fn copies_with_wrong_numbers_cost_no_frame_and_their_sender_is_named() {
+    let mut group = Group::start("strangers", "", &[]);
+    let before = group.wait_until_working();
+    let witness = Witness::start(&group);
+    let mut vandal = group.start_touchline(&["bystander", "--rubbish", "4000"]);
+    let pid = vandal.id();
+    let on_all: BTreeSet<String> =
+        ["frames", "runs", "detections", "world", "health"].map(String::from).into();
+    let met = group
+        .wait_for("the vandal named on every topic", |status| strangers_of(status, pid) == on_all);
+    assert!(vandal.wait().unwrap().success(), "the vandal itself fell: the test is too weak");
+    let captured = met["frames"]["captured"].as_u64().unwrap();
+    let after = group.wait_for("further frames", |status| {
+        status["frames"]["world"].as_u64() > Some(captured + 80)
+    });
+    let (seen, missed) = witness.finish();
+    assert!(seen.len() > 100 && missed == 0, "{missed} of {} missed", seen.len());
+    assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
+    assert_eq!(pids(&after), pids(&before), "somebody was replaced: {after:#}");
+    for nothing in ["missing_in_world", "duplicates_in_world", "never_captured"] {
+        assert_eq!(after["frames"][nothing], 0, "{nothing}: {after:#}");
+    }
+    let frames = &met["strangers"].as_array().unwrap()[0];
+    assert_eq!(frames["name"], "vandal", "{met:#}");
+    let events = after["events"].to_string();
+    assert!(events.contains(&format!("process {pid} (vandal")), "{events}");
+    let text = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
+    assert!(text.contains(&format!("process {pid} (vandal")), "{text}");
+
+    // A successor is not misled either.
+    for stage in ["classifier", "tracker", "filter"] {
+        let mut vandal = group.start_touchline(&["bystander", "--rubbish", "1500"]);
+        let pid = vandal.id();
+        group.wait_for("the next vandal", |status| strangers_of(status, pid) == on_all);
+        let status = group.wait_until_working();
+        group.signal(Group::pid_of(&status, stage), Signal::KILL);
+        let world = status["frames"]["world"].as_u64().unwrap();
+        let status = group.wait_for("further frames", |status| {
+            status["complete"] == true && status["frames"]["world"].as_u64() > Some(world + 80)
+        });
+        assert_eq!(status["frames"]["missing_in_world"], 0, "{stage}: {status:#}");
+        assert_eq!(status["frames"]["duplicates_in_world"], 0, "{stage}: {status:#}");
+        vandal.wait().unwrap();
+    }
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+#[test]
+fn the_group_s_own_processes_are_known_to_a_new_supervisor() {
+    let mut group = Group::start("strangers-adopted", "", &[]);
+    group.wait_until_working();
+    let mut vandal = group.start_touchline(&["bystander", "--rubbish", "8000"]);
+    let pid = vandal.id();
+    group.wait_for("the vandal", |status| !strangers_of(status, pid).is_empty());
+    let witness = Witness::start(&group);
+    group.replace_supervisor();
+    let status = group.wait_for("the vandal named by the new supervisor", |status| {
+        status["complete"] == true
+            && status["frames"]["world"].as_u64() > Some(80)
+            && strangers_of(status, pid).len() == 5
+    });
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    let only_the_vandal = status["strangers"].as_array().unwrap().iter().all(|it| it["pid"] == pid);
+    assert!(only_the_vandal, "{status:#}");
+    let (seen, missed) = witness.finish();
+    assert!(seen.len() > 80 && missed == 0, "{missed} of {} missed", seen.len());
+    let _ = vandal.kill();
+    vandal.wait().unwrap();
+}
+
+/// Feeds frames of a synthetic match at the configured rate, under a name.
+fn inject(group: &Group, name: &str, numbers: std::ops::Range<u64>) {
+    let config = Config::default();
+    let bus = Bus::join(&group.instance, name).unwrap();
+    let topic = topics::frames(config.camera.frame_bytes());
+    let mut publisher = bus.publisher(&topic, config.camera.frame_bytes()).unwrap();
+    let mut scene = SyntheticMatch::new(&config).unwrap();
+    let begun = Instant::now();
+    for (count, seq) in numbers.enumerate() {
+        let mut frame = publisher.loan(config.camera.frame_bytes()).unwrap();
+        let (pixels, header) = frame.parts();
+        scene.render(pixels, config.camera.width as usize);
+        *header = FrameHeader {
+            seq,
+            t_capture_ns: monotonic_ns(),
+            t_sent_ns: monotonic_ns(),
+            width: config.camera.width,
+            height: config.camera.height,
+            stride: config.camera.width,
+            pixel_format: PixelFormat::Bayer8 as u32,
+            bayer_order: config.camera.bayer_order as u32,
+            ..FrameHeader::default()
+        };
+        frame.send().unwrap();
+        scene.advance();
+        let due = Duration::from_secs_f64((count + 1) as f64 / config.camera.fps);
+        std::thread::sleep(due.saturating_sub(begun.elapsed()));
+    }
+}
+
+#[test]
+fn a_program_that_the_user_permits_feeds_the_frames() {
+    let config = "[access]\npublishers = [\"my-camera\"]\n";
+    let mut group = Group::start("external", config, &["--source", "external"]);
+    group.wait_for("a grabber that waits", |status| {
+        let processes = &status["stages"]["grabber"]["processes"];
+        processes.as_array().is_some_and(|it| it.iter().any(|it| it["state"] == "waiting"))
+    });
+    let worlds = {
+        let bus = Bus::join(&group.instance, "reader").unwrap();
+        let worlds = bus.subscriber(&topics::WORLD).unwrap();
+        // Another name is not permitted.
+        inject(&group, "other-camera", 0..40);
+        assert!(worlds.receive().unwrap().is_none());
+        (worlds, bus)
+    };
+    inject(&group, "my-camera", 0..160);
+    let deadline = Instant::now() + PATIENCE;
+    let mut seen: Vec<WorldFrame> = Vec::new();
+    while seen.last().is_none_or(|last| last.frame.seq < 159) {
+        assert!(Instant::now() < deadline, "{} worlds", seen.len());
+        match worlds.0.receive().unwrap() {
+            Some(world) => seen.extend(world.message()),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    }
+    let first = seen[0].frame.seq;
+    assert!(seen.iter().map(|world| world.frame.seq).eq(first..160), "from {first}");
+    assert!(seen.last().unwrap().robots().len() >= 10);
+    let status = group.wait_for("both programs named", |status| {
+        status["strangers"].as_array().is_some_and(|it| it.len() == 2)
+    });
+    let events = status["events"].to_string();
+    assert!(
+        events.contains("(my-camera") && events.contains("is believed from now on"),
+        "{events}"
+    );
+    assert_eq!(status["stages"]["grabber"]["restarts"], 0, "{status:#}");
+
+    let refused = support::output_of(&group.scratch, &["run", "--source", "external"]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && said.contains("access.publishers"), "{said}");
+}
+
+#[test]
+fn results_of_frames_that_do_not_exist_are_no_progress_even_from_the_group_itself() {
+    let mut group = Group::start("strangers-own", "", &[]);
+    let before = group.wait_until_working();
+    let bus = Bus::join(&group.instance, "impostor").unwrap();
+    bus.enter_roster();
+    let reader = bus.subscriber(&topics::DETECTIONS).unwrap();
+    let mut writer = bus.publisher(&topics::DETECTIONS, 1).unwrap();
+    let deadline = Instant::now() + PATIENCE;
+    let newest: DetectionFrame = loop {
+        assert!(Instant::now() < deadline, "no detections");
+        match reader.newest().unwrap() {
+            Some(received) => break *received.message().unwrap(),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    let mut message = newest;
+    message.frame.seq += 900;
+    writer.publish(&message).unwrap();
+    let captured = before["frames"]["captured"].as_u64().unwrap();
+    let after = group.wait_for("further frames", |status| {
+        status["frames"]["world"].as_u64() > Some(captured + 160)
+    });
+    assert_eq!(pids(&after), pids(&before), "somebody was replaced: {after:#}");
+    assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
+    assert_eq!(after["stages"]["filter"]["dropped"]["bad_header"], 1, "{after:#}");
+}
