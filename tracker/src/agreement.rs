@@ -15,23 +15,24 @@
 //! finds its maximum: the step is H⁻¹·∇F. ∇F comes with F, from differences of the table of weights; H
 //! is that of a whole robot at its own pose, known beforehand, times the part of the robot that shows.
 //! A step that leads down is halved. Four or five looks at the pixels are enough.
+//!
+//! # One pass for all robots of a team
+//!
+//! At a given pose the sums of every robot come from the same numbers: how much of each patch the pixels of
+//! each class cover ([`Cover`]). One pass over the pixels makes them, and any set of colours is then held
+//! against them without another.
 
-use crate::linear::{UPPER, inverse, times};
+use crate::class_index::{CLASSES, ClassIndex};
+use crate::linear::{inverse, times};
 use crate::pattern::Top;
-use crate::pose::robot_from_field;
-use common::config::PatchConfig;
+use crate::shares::{PatchRow, ROW, Shares};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::{reach_mm, topmost_patch};
 use common::messages::{DetectionFrame, MAX_PATCHES};
+use fearless_simd::{Level, dispatch};
+use std::ops::Range;
 
 /// A pixel of another colour than the patch's, or of none, counts so much against it.
 const AGAINST: f32 = 0.5;
-/// The rims of patches fade over this distance: demosaicing mixes pixels with their neighbours, and a
-/// sum that changes gradually shows the way to its greatest value.
-const FADE_MM: f64 = 6.0;
-const CELL_MM: f64 = 1.0;
-/// A cell with so much of a patch lies inside it, and not where a neighbour's colour begins.
-const INSIDE: f32 = 0.5;
 /// At most so many pixels are looked at for a robot; of larger pictures every second, third … one.
 const MAX_PIXELS: f64 = 1600.0;
 /// The robot may be so far from where it is looked for.
@@ -44,22 +45,6 @@ const SETTLED_MM: f64 = 0.2;
 /// Most looks at the pixels.
 const MAX_LOOKS: u32 = 12;
 
-/// How much of each patch there is at every point of a robot's top, the rims faded.
-#[derive(Debug, Clone)]
-pub(crate) struct Shares {
-    reach_mm: f64,
-    columns: usize,
-    /// For each cell, the share of each patch.
-    cells: Vec<[f32; MAX_PATCHES]>,
-    /// For each patch, the sum of its shares in square millimetres.
-    areas_mm2: [f32; MAX_PATCHES],
-    /// For each patch, the area of the cells well inside it, which have at least [`INSIDE`] of it.
-    insides_mm2: [f32; MAX_PATCHES],
-    /// By how much the sum over a whole robot falls with the square of a step, in square millimetres:
-    /// upper triangle for steps in x, y (mm) and heading (rad), all in the robot's frame.
-    curvature: [f64; 6],
-}
-
 /// Agreement of the pixels with a pose, and its gradient.
 #[derive(Debug, Clone, Copy, Default)]
 struct Look {
@@ -69,89 +54,102 @@ struct Look {
     slope: [f32; 3],
 }
 
+/// How much of each patch the pixels of each class cover at a pose, in pixels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cover {
+    by_class: [PatchRow; CLASSES],
+    pixel_mm2: f32,
+}
+
 /// The pixels around a robot that have a colour.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Surroundings {
-    pixels: Vec<Pixel>,
-    /// What each stands for.
+    level: Level,
+    /// Places of the pixels, class by class.
+    x_mm: Vec<f32>,
+    y_mm: Vec<f32>,
+    /// Classes that have pixels, and which.
+    classes: Vec<(usize, Range<usize>)>,
+    /// What each pixel stands for.
     pixel_mm2: f32,
     /// From where their places are counted.
     origin: FieldPoint,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Pixel {
-    x_mm: f32,
-    y_mm: f32,
-    /// Bit i: it has colour class i.
-    class_bit: u32,
+    /// At the pose that is being looked at: the cell of each pixel, and its place in the robot's frame.
+    cells: Vec<u32>,
+    ahead_mm: Vec<f32>,
+    aside_mm: Vec<f32>,
 }
 
 /// For each patch, the classes that agree with it, as a bit set.
 pub(crate) type Accepted = [u32; MAX_PATCHES];
 
-impl Shares {
-    pub fn new(patches: &[PatchConfig]) -> Self {
-        // With a border all around.
-        let reach_mm = reach_mm(patches) + 2.0 * FADE_MM + CELL_MM;
-        let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(3);
-        let place = |index: usize| (index as f64 + 0.5) * CELL_MM - reach_mm;
-        let mut cells = vec![[0.0; MAX_PATCHES]; columns * columns];
-        for (cell, share) in cells.iter_mut().enumerate() {
-            let point = [place(cell % columns), place(cell / columns)];
-            if let Some(patch) = topmost_patch(patches, point) {
-                share[patch] = 1.0;
-            }
-        }
-        let curvature = curvature(cells.clone(), columns, place);
-        fade(&mut cells, columns, FADE_MM);
-        let mut areas_mm2 = [0.0; MAX_PATCHES];
-        for share in &cells {
-            areas_mm2.iter_mut().zip(share).for_each(|(area, share)| *area += share);
-        }
-        let insides_mm2 = std::array::from_fn(|patch| {
-            let is_inside = |share: &&[f32; MAX_PATCHES]| share[patch] >= INSIDE;
-            cells.iter().filter(is_inside).count() as f32 * (CELL_MM * CELL_MM) as f32
-        });
-        areas_mm2.iter_mut().for_each(|area| *area *= (CELL_MM * CELL_MM) as f32);
-        Self { reach_mm, columns, cells, areas_mm2, insides_mm2, curvature }
+impl Cover {
+    /// Pixels of the classes that a patch accepts, weighted by its share.
+    fn own(&self, accepted: &Accepted, patch: usize) -> f32 {
+        bits(accepted[patch]).map(|class| self.by_class[class][patch]).sum()
     }
 
-    /// Square millimetres that a whole robot's patches agree with at its own pose.
-    fn area_mm2(&self) -> f32 {
-        self.areas_mm2.iter().sum()
+    /// For each patch, 1 when all of it has a colour that agrees; at worst −½.
+    pub fn agreement(&self, shares: &Shares, accepted: &Accepted) -> [f32; MAX_PATCHES] {
+        std::array::from_fn(|patch| {
+            let area_mm2 = shares.areas_mm2[patch];
+            let own_mm2 = self.own(accepted, patch) * self.pixel_mm2;
+            if area_mm2 > 0.0 { (1.0 + AGAINST) * own_mm2 / area_mm2 - AGAINST } else { 0.0 }
+        })
+    }
+
+    /// The sum of that over all patches.
+    pub fn total(&self, shares: &Shares, accepted: &Accepted) -> f32 {
+        self.agreement(shares, accepted).iter().sum()
+    }
+
+    /// With the cover of the patches' insides: which part of each has a colour that agrees, and which part has
+    /// the one other colour that most of it has.
+    pub fn parts(&self, shares: &Shares, accepted: &Accepted) -> [[f32; 2]; MAX_PATCHES] {
+        std::array::from_fn(|patch| {
+            let inside_mm2 = shares.insides_mm2[patch];
+            let others = bits(!accepted[patch]).map(|class| self.by_class[class][patch]);
+            let counts = [self.own(accepted, patch), others.fold(0.0, f32::max)];
+            let part = |count: f32| count * self.pixel_mm2 / inside_mm2;
+            if inside_mm2 > 0.0 { counts.map(part) } else { [0.0; 2] }
+        })
     }
 }
 
-/// The negative second derivatives of the sum over a robot whose patches are all there, at its pose.
-/// The sum is the correlation of its patches with the patches faded. That is the correlation of the
-/// patches faded half as much (in variance) with themselves, so its second derivatives are products of
-/// their slopes.
-fn curvature(
-    mut shares: Vec<[f32; MAX_PATCHES]>,
-    columns: usize,
-    place: impl Fn(usize) -> f64,
-) -> [f64; 6] {
-    fade(&mut shares, columns, FADE_MM / std::f64::consts::SQRT_2);
-    let mut sums = [0.0; 6];
-    for (row, column) in (1..columns - 1).flat_map(|row| (1..columns - 1).map(move |c| (row, c))) {
-        let cell = row * columns + column;
-        // How the share of each patch changes from the cell before to the one behind.
-        let between = |step: usize| {
-            let pairs = shares[cell - step].iter().zip(&shares[cell + step]);
-            pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * CELL_MM))
-        };
-        for (x, y) in between(1).zip(between(columns)) {
-            let slope = [x, y, place(row) * x - place(column) * y];
-            for (sum, (i, j)) in sums.iter_mut().zip(UPPER) {
-                *sum += slope[i] * slope[j] * CELL_MM * CELL_MM;
-            }
+/// Numbers of the bits that are set.
+fn bits(mut set: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lowest = set.trailing_zeros();
+        (set != 0).then(|| {
+            set &= set - 1;
+            lowest as usize
+        })
+    })
+}
+
+impl Default for Surroundings {
+    fn default() -> Self {
+        Self {
+            level: Level::new(),
+            x_mm: Vec::new(),
+            y_mm: Vec::new(),
+            classes: Vec::new(),
+            pixel_mm2: 0.0,
+            origin: FieldPoint::default(),
+            cells: Vec::new(),
+            ahead_mm: Vec::new(),
+            aside_mm: Vec::new(),
         }
     }
-    sums
 }
 
 impl Surroundings {
+    fn clear(&mut self) {
+        self.x_mm.clear();
+        self.y_mm.clear();
+        self.classes.clear();
+    }
+
     /// Looks at the pixels around a team patch at `place`, wherever around it the robot may turn out to
     /// be: what is not looked at would count against it.
     pub fn look_at(
@@ -159,9 +157,10 @@ impl Surroundings {
         top: &Top,
         camera: &CameraModel,
         frame: &DetectionFrame,
+        index: &ClassIndex,
         place: FieldPoint,
     ) {
-        self.pixels.clear();
+        self.clear();
         let center = camera.image_from_field(place, top.height_mm);
         let area_mm2 = camera.pixel_area_mm2(center, top.height_mm);
         let robot_mm = top.shares.reach_mm.max(top.body.reach_mm()) + START_ERROR_MM;
@@ -193,159 +192,127 @@ impl Surroundings {
         // What the regions show of it.
         let (left, first_row) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
-        for region in frame.regions() {
-            let apart = i64::from(region.left) > last
-                || i64::from(region.right) < left
-                || i64::from(region.top) > bottom
-                || i64::from(region.bottom) < first_row;
-            let class_bit = 1u32.checked_shl(region.class).unwrap_or(0);
-            if apart || class_bit == 0 {
-                continue;
-            }
-            for run in frame.runs_of(region) {
-                let y = i64::from(run.row);
-                if y < first_row || y > bottom || (y - first_row) % step != 0 {
+        for class in 0..CLASSES {
+            let begin = self.x_mm.len();
+            for &region in index.of_class(class) {
+                let region = &frame.regions()[region as usize];
+                let apart = i64::from(region.left) > last
+                    || i64::from(region.right) < left
+                    || i64::from(region.top) > bottom
+                    || i64::from(region.bottom) < first_row;
+                if apart {
                     continue;
                 }
-                let first = (i64::from(run.begin) - left).max(0);
-                let end = (i64::from(run.end) - left).min(last - left + 1);
-                let first = first + (step - first % step) % step;
-                for x in (first..end).step_by(step as usize) {
-                    let (dx, dy) = ((left + x - column) as f64, (y - row) as f64);
-                    let at = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
-                    let [dx, dy] = [at[0] - off[0], at[1] - off[1]];
-                    if dx * dx + dy * dy <= reach_mm * reach_mm {
-                        let [x_mm, y_mm] = at.map(|value| value as f32);
-                        self.pixels.push(Pixel { x_mm, y_mm, class_bit });
+                for run in frame.runs_of(region) {
+                    let y = i64::from(run.row);
+                    if y < first_row || y > bottom || (y - first_row) % step != 0 {
+                        continue;
+                    }
+                    let first = (i64::from(run.begin) - left).max(0);
+                    let end = (i64::from(run.end) - left).min(last - left + 1);
+                    let first = first + (step - first % step) % step;
+                    for x in (first..end).step_by(step as usize) {
+                        let (dx, dy) = ((left + x - column) as f64, (y - row) as f64);
+                        let at = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
+                        let [dx, dy] = [at[0] - off[0], at[1] - off[1]];
+                        if dx * dx + dy * dy <= reach_mm * reach_mm {
+                            self.x_mm.push(at[0] as f32);
+                            self.y_mm.push(at[1] as f32);
+                        }
                     }
                 }
             }
+            if self.x_mm.len() > begin {
+                self.classes.push((class, begin..self.x_mm.len()));
+            }
         }
+        for list in [&mut self.ahead_mm, &mut self.aside_mm] {
+            list.resize(self.x_mm.len(), 0.0);
+        }
+        self.cells.resize(self.x_mm.len(), 0);
     }
 
-    /// For each patch, what speaks for and against it, in pixels.
-    fn sums(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> [f32; MAX_PATCHES] {
-        let mut agree = [0.0; MAX_PATCHES];
-        let scale = 1.0 / CELL_MM as f32;
+    /// How much of each patch each class covers, weighted by the patches' shares.
+    pub fn cover(&mut self, shares: &Shares, pose: &Pose) -> Cover {
+        dispatch!(self.level, _simd => self.sum_up(shares, pose, |share| share))
+    }
+
+    /// The same for the insides of the patches, every pixel there counted as one.
+    pub fn cover_inside(&mut self, shares: &Shares, pose: &Pose) -> Cover {
+        let count = |share| if Shares::is_inside(share) { 1.0 } else { 0.0 };
+        dispatch!(self.level, _simd => self.sum_up(shares, pose, count))
+    }
+
+    #[inline(always)]
+    fn sum_up(&mut self, shares: &Shares, pose: &Pose, count: impl Fn(f32) -> f32) -> Cover {
+        self.place(shares, pose);
+        let table = shares.cells();
+        let mut by_class = [PatchRow::default(); CLASSES];
+        for (class, pixels) in &self.classes {
+            let mut sums = PatchRow::default();
+            for &cell in &self.cells[pixels.clone()] {
+                let share = &table[cell as usize];
+                for patch in 0..ROW {
+                    sums[patch] += count(share[patch]);
+                }
+            }
+            by_class[*class] = sums;
+        }
+        Cover { by_class, pixel_mm2: self.pixel_mm2 }
+    }
+
+    /// Finds the cell of every pixel.
+    #[inline(always)]
+    fn place(&mut self, shares: &Shares, pose: &Pose) {
         let (sin, cos) = pose.orientation.sin_cos();
-        let (sin, cos) = (sin as f32 * scale, cos as f32 * scale);
-        let middle = (shares.reach_mm / CELL_MM) as f32;
-        let columns = shares.columns as f32;
+        let (sin, cos) = (sin as f32, cos as f32);
         let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
         let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
-        for pixel in &self.pixels {
-            let (dx, dy) = (pixel.x_mm - center_x, pixel.y_mm - center_y);
-            let x = cos * dx + sin * dy + middle;
-            let y = cos * dy - sin * dx + middle;
-            if !(x >= 0.0 && y >= 0.0 && x < columns && y < columns) {
-                continue;
-            }
-            let cell = &shares.cells[y as usize * shares.columns + x as usize];
-            for ((agree, share), accepted) in agree.iter_mut().zip(cell).zip(accepted) {
-                *agree += if accepted & pixel.class_bit != 0 { *share } else { 0.0 };
-            }
+        let count = self.x_mm.len();
+        let (x_mm, y_mm) = (&self.x_mm[..count], &self.y_mm[..count]);
+        let (ahead_mm, aside_mm) = (&mut self.ahead_mm[..count], &mut self.aside_mm[..count]);
+        let cells = &mut self.cells[..count];
+        for index in 0..count {
+            let (dx, dy) = (x_mm[index] - center_x, y_mm[index] - center_y);
+            let (ahead, aside) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            (ahead_mm[index], aside_mm[index]) = (ahead, aside);
+            cells[index] = shares.cell_at(ahead, aside);
         }
-        let per_mm2 = if self.pixel_mm2 > 0.0 { AGAINST / self.pixel_mm2 } else { 0.0 };
-        for (agree, area_mm2) in agree.iter_mut().zip(shares.areas_mm2) {
-            *agree = (1.0 + AGAINST) * *agree - area_mm2 * per_mm2;
-        }
-        agree
-    }
-
-    /// For each patch, which part of its inside has a colour that agrees, and which part has the one other
-    /// colour that most of it has.
-    pub fn colors_inside(
-        &self,
-        shares: &Shares,
-        accepted: &Accepted,
-        pose: &Pose,
-    ) -> [[f32; 2]; MAX_PATCHES] {
-        let mut pixels = [[0u32; 32]; MAX_PATCHES];
-        for pixel in &self.pixels {
-            let place = FieldPoint::new(
-                self.origin.x_mm + f64::from(pixel.x_mm),
-                self.origin.y_mm + f64::from(pixel.y_mm),
-            );
-            let [x, y] = robot_from_field(pose, place).map(|v| (v + shares.reach_mm) / CELL_MM);
-            let columns = shares.columns as f64;
-            if !(x >= 0.0 && y >= 0.0 && x < columns && y < columns) {
-                continue;
-            }
-            let cell = &shares.cells[y as usize * shares.columns + x as usize];
-            for (share, pixels) in cell.iter().zip(&mut pixels) {
-                if *share >= INSIDE {
-                    pixels[pixel.class_bit.trailing_zeros() as usize % 32] += 1;
-                }
-            }
-        }
-        std::array::from_fn(|patch| {
-            let (mut own, mut other) = (0, 0);
-            for (class, &count) in pixels[patch].iter().enumerate() {
-                match accepted[patch] >> class & 1 {
-                    1 => own += count,
-                    _ => other = other.max(count),
-                }
-            }
-            let inside_mm2 = shares.insides_mm2[patch];
-            let part = |count: u32| match inside_mm2 > 0.0 {
-                true => count as f32 * self.pixel_mm2 / inside_mm2,
-                false => 0.0,
-            };
-            [part(own), part(other)]
-        })
-    }
-
-    /// For each patch, 1 when all of it has a colour that agrees; at worst −½.
-    pub fn agreement(
-        &self,
-        shares: &Shares,
-        accepted: &Accepted,
-        pose: &Pose,
-    ) -> [f32; MAX_PATCHES] {
-        let mut sums = self.sums(shares, accepted, pose);
-        for (sum, area_mm2) in sums.iter_mut().zip(shares.areas_mm2) {
-            *sum *= if area_mm2 > 0.0 { self.pixel_mm2 / area_mm2 } else { 0.0 };
-        }
-        sums
     }
 
     /// The sum over all pixels, and its slope.
-    fn look(&self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
-        let (sin, cos) = pose.orientation.sin_cos();
-        let (sin, cos) = (sin as f32, cos as f32);
-        let (middle, columns) = (shares.reach_mm as f32, shares.columns);
-        let last = (columns - 1) as f32;
-        let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
-        let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
-        let (mut sum, mut slope) = (0.0, [0.0; 3]);
-        for pixel in &self.pixels {
-            let (dx, dy) = (pixel.x_mm - center_x, pixel.y_mm - center_y);
-            let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
-            let [column, row] = [x, y].map(|at| (at + middle) * (1.0 / CELL_MM as f32));
-            // Not at the border, so that there is a cell on each side.
-            if !(column >= 1.0 && row >= 1.0 && column < last && row < last) {
-                continue;
-            }
-            let cell = row as usize * columns + column as usize;
-            let near = [cell, cell - 1, cell + 1, cell - columns, cell + columns];
-            let near = near.map(|cell| &shares.cells[cell]);
+    fn look(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
+        dispatch!(self.level, _simd => self.sum_up_slopes(shares, accepted, pose))
+    }
+
+    #[inline(always)]
+    fn sum_up_slopes(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
+        self.place(shares, pose);
+        let (mut sums, mut turn) = ([0.0; 4], 0.0);
+        for (class, pixels) in &self.classes {
             for (patch, accepted) in accepted.iter().enumerate() {
-                if accepted & pixel.class_bit != 0 {
-                    let [here, left, right, above, below] = near.map(|cell| cell[patch]);
-                    let (by_x, by_y) = (right - left, below - above);
-                    sum += here;
-                    // The robot moves on by the step, so the pixel moves back within it.
-                    slope[0] -= by_x;
-                    slope[1] -= by_y;
-                    slope[2] += y * by_x - x * by_y;
+                if accepted >> class & 1 == 0 {
+                    continue;
+                }
+                let table = shares.slopes_of(patch);
+                let cells = self.cells[pixels.clone()].iter();
+                let places =
+                    self.ahead_mm[pixels.clone()].iter().zip(&self.aside_mm[pixels.clone()]);
+                for (&cell, (&x, &y)) in cells.zip(places) {
+                    let slope = table[cell as usize];
+                    for (sum, part) in sums.iter_mut().zip(slope) {
+                        *sum += part;
+                    }
+                    turn += y * slope[1] - x * slope[2];
                 }
             }
         }
-        Look { sum, slope: slope.map(|part| part / (2.0 * CELL_MM as f32)) }
+        // The robot moves on by the step, so the pixel moves back within it.
+        Look { sum: sums[0], slope: [-sums[1], -sums[2], turn] }
     }
 
     /// The pose near `start` that explains most.
-    pub fn best_near(&self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
+    pub fn best_near(&mut self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
         let mut best = start;
         let mut look = self.look(shares, accepted, &best);
         let mut damping = 1.0;
@@ -384,33 +351,6 @@ impl Surroundings {
     }
 }
 
-/// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
-fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
-    // A box of width w has a variance of (w² − 1)/12 cells²; each takes its part of what is left.
-    let mut left = (sigma_mm / CELL_MM).powi(2);
-    for boxes in [3.0, 2.0, 1.0] {
-        let half = (((12.0 * left / boxes + 1.0).max(1.0).sqrt() - 1.0) / 2.0).round() as usize;
-        left -= ((2 * half + 1).pow(2) - 1) as f64 / 12.0;
-        for vertical in [false, true] {
-            let before = shares.to_vec();
-            let index = |line: usize, place: usize| {
-                if vertical { place * columns + line } else { line * columns + place }
-            };
-            for line in 0..columns {
-                for place in 0..columns {
-                    let around = place.saturating_sub(half)..(place + half + 1).min(columns);
-                    let mut sum = [0.0; MAX_PATCHES];
-                    for other in around {
-                        let share = &before[index(line, other)];
-                        sum.iter_mut().zip(share).for_each(|(sum, share)| *sum += share);
-                    }
-                    shares[index(line, place)] = sum.map(|sum| sum / (2 * half + 1) as f32);
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -419,6 +359,7 @@ mod tests {
     use bytemuck::Zeroable;
     use common::config::{Config, Preset};
     use common::geometry::wrap_angle;
+    use common::layout::topmost_patch;
     use common::messages::Run;
 
     /// A robot of the large league at a pose, as runs: class i for patch i. `shows` says which pixels
@@ -463,10 +404,12 @@ mod tests {
             let pose = Pose { position, orientation: f64::to_radians(degrees) };
             // A checkerboard of holes, and one identification patch gone at all.
             let frame = painted(&config, &pose, |column, row| (column / 2 + row / 2) % 3 != 0);
+            let mut index = ClassIndex::default();
+            index.fill(&frame);
             let mut surroundings = Surroundings::default();
             let top = &pattern.tops[0];
             let team_patch = pose.field_from_robot(top.patches[top.team_patch].centroid_mm);
-            surroundings.look_at(top, &camera, &frame, team_patch);
+            surroundings.look_at(top, &camera, &frame, &index, team_patch);
             let start = Pose {
                 position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
                 orientation: pose.orientation + 0.3,
@@ -475,19 +418,10 @@ mod tests {
             let turned = wrap_angle(fitted.orientation - pose.orientation).to_degrees().abs();
             assert!(turned < 6.0, "{degrees}: {turned}°");
             assert!(fitted.position.distance(position) < 6.0, "{degrees}: {fitted:?}");
-            let right = surroundings.agreement(&top.shares, &accepted, &fitted);
-            let swapped = surroundings.agreement(&top.shares, &[1, 4, 2, 0, 0, 0], &fitted);
+            let cover = surroundings.cover(&top.shares, &fitted);
+            let right = cover.agreement(&top.shares, &accepted);
+            let swapped = cover.agreement(&top.shares, &[1, 4, 2, 0, 0, 0]);
             assert!(right[1] > 0.2 && swapped[1] < 0.0, "{right:?} {swapped:?}");
-        }
-    }
-
-    #[test]
-    fn shares_add_up_to_the_patches() {
-        let config = Config::default();
-        let shares = Shares::new(&config.robots.patches);
-        for (patch, expected) in [34.0 * 34.0, 34.0 * 34.0].iter().enumerate() {
-            let area = f64::from(shares.areas_mm2[patch]);
-            assert!((area / expected - 1.0).abs() < 0.01, "{area} mm²");
         }
     }
 
@@ -497,11 +431,13 @@ mod tests {
         let pattern = Pattern::new(&config).unwrap();
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let frame = Box::new(DetectionFrame::zeroed());
+        let mut index = ClassIndex::default();
+        index.fill(&frame);
         let mut surroundings = Surroundings::default();
         let top = &pattern.tops[0];
         for x_mm in [f64::NAN, 1e12, -5000.0] {
             let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
-            surroundings.look_at(top, &camera, &frame, pose.position);
+            surroundings.look_at(top, &camera, &frame, &index, pose.position);
             let fitted = surroundings.best_near(&top.shares, &[1; MAX_PATCHES], pose);
             assert!(!fitted.orientation.is_nan());
         }

@@ -7,16 +7,16 @@
 //! that fit best. So each team patch gets its own identification patch, as Fig. 7 demands, even
 //! where another robot's lies nearer.
 
-use crate::agreement::Surroundings;
 use crate::assignment::{Choice, Solver};
 use crate::candidates::{Candidate, CandidateFinder};
+use crate::class_index::ClassIndex;
 use crate::hypotheses::{Fate, Hypothesis, Hypothesiser, NO_CANDIDATE, Outcome, fit};
 use crate::measure::{Measure, MomentSums, distance_mm};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::pose::{image_pose, robot_from_field};
 use crate::prior::Prior;
-use crate::second_opinion::{self, AMBIGUITY, MAX_OPINIONS, Opinion};
+use crate::second_opinion::{AMBIGUITY, MAX_OPINIONS, Opinion, SecondOpinion};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 use std::ops::Range;
@@ -49,8 +49,8 @@ pub(crate) struct Pairing {
     /// Those believed before the ambiguous among them were dropped.
     named: Vec<usize>,
     solver: Solver,
-    surroundings: Surroundings,
-    opinions: Vec<Opinion>,
+    second_opinion: SecondOpinion,
+    index: ClassIndex,
     paired: Vec<Pose>,
     /// The believed hypotheses, and their patches, that pieces of a region belong to, and what is
     /// measured of each.
@@ -83,6 +83,7 @@ pub(crate) struct Scene<'a> {
 impl Pairing {
     /// Finds the robots among the regions of `frame` and appends them to it, by team and number.
     pub fn find(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
+        self.index.fill(frame);
         self.finder.find(scene.pattern, scene.camera, scene.pitch, frame);
         self.hypothesise(scene, frame);
         self.believe(scene);
@@ -185,18 +186,17 @@ impl Pairing {
             self.paired.clear();
             let paired = self.hypotheses[hypotheses.clone()].iter().take(MAX_STARTS);
             self.paired.extend(paired.map(|hypothesis| hypothesis.pose));
-            let is_asked = second_opinion::ask(
+            let is_asked = self.second_opinion.ask(
                 scene,
                 frame,
+                &self.index,
                 kind,
                 &self.finder.of_kind(kind)[candidate].measure,
                 &self.paired,
-                &mut self.surroundings,
-                &mut self.opinions,
             );
             opinions_left -= usize::from(is_asked);
             let first = self.hypotheses.len();
-            for &Opinion { identity, pose, misfit } in &self.opinions {
+            for &Opinion { identity, pose, misfit } in &self.second_opinion.opinions {
                 if !scene.pitch.contains(pose.position, 0.0) {
                     continue;
                 }

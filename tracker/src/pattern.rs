@@ -3,9 +3,9 @@
 //! Everything that can be computed from the configuration alone is computed here, once, and
 //! everything that is wrong with it is refused here.
 
-use crate::agreement::Shares;
 use crate::error::TrackerError;
 use crate::footprint::Footprints;
+use crate::shares::Shares;
 use common::body::Body;
 use common::config::{self, Config, Pair, PatchConfig, PatchRole};
 use common::layout::{Layout, topmost_patch};

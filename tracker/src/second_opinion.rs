@@ -8,7 +8,8 @@
 //! equally well, the assignment may choose; all others are ruled out, since a wrong name is worse than
 //! none.
 
-use crate::agreement::{Accepted, Surroundings};
+use crate::agreement::{Accepted, Cover, Surroundings};
+use crate::class_index::ClassIndex;
 use crate::footprint;
 use crate::measure::Measure;
 use crate::pairing::Scene;
@@ -45,70 +46,91 @@ pub(crate) struct Opinion {
     pub misfit: f64,
 }
 
-/// Asks the pixels around a team patch of a kind which robot it is. `paired` are poses of robots that
-/// were paired with it, if any. Returns whether there was reason to look.
-pub(crate) fn ask(
-    scene: &Scene,
-    frame: &DetectionFrame,
-    team_kind: usize,
-    team_patch: &Measure,
-    paired: &[Pose],
-    surroundings: &mut Surroundings,
-    opinions: &mut Vec<Opinion>,
-) -> bool {
-    let pattern = scene.pattern;
-    let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
-    opinions.clear();
-    let by_shape = footprint::poses(&top.patches[top.team_patch], team_patch);
-    // A floor beside the pitch may be full of what looks like team patches.
-    let is_inside = |pose: &&Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
-    let starts = by_shape.iter().flatten().chain(paired).filter(is_inside);
-    if starts.clone().next().is_none() {
-        return false;
-    }
-    surroundings.look_at(top, scene.camera, frame, team_patch.position);
-    let any = accepted_by_any(pattern, team_kind);
-    let total = |accepted: &Accepted, pose: &Pose| -> f32 {
-        surroundings.agreement(&top.shares, accepted, pose).iter().sum()
-    };
-    let better = |a: &&Pose, b: &&Pose| total(&any, a).total_cmp(&total(&any, b));
-    let Some(&start) = starts.clone().max_by(better) else { return false };
-    if surroundings.agreement(&top.shares, &any, &start)[top.team_patch] < MIN_START {
-        return true;
-    }
-    let near = surroundings.best_near(&top.shares, &any, start);
+/// Gives second opinions, reusing its lists.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct SecondOpinion {
+    surroundings: Surroundings,
+    /// Poses that were looked at, and what the pixels cover there.
+    seen: Vec<(Pose, Cover)>,
+    /// The robots that the pixels of the team patch asked about last agree with.
+    pub opinions: Vec<Opinion>,
+}
 
-    // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better.
-    let start_of = |accepted: &Accepted| {
-        let candidates = std::iter::once(&near).chain(paired);
-        let candidates = candidates.map(|pose| (total(accepted, pose), *pose));
-        candidates.fold((f32::NEG_INFINITY, near), |a, b| if b.0 > a.0 { b } else { a })
-    };
-    let wearers = || pattern.wearers(team_kind).iter().copied();
-    let at_once = wearers().map(|identity| start_of(&accepted_by(pattern, identity)).0);
-    let at_once = at_once.fold(f32::NEG_INFINITY, f32::max);
-    let mut best = f32::NEG_INFINITY;
-    for identity in wearers() {
-        let accepted = accepted_by(pattern, identity);
-        let (agreement, start) = start_of(&accepted);
-        if agreement < at_once - WORTH_FITTING {
-            continue;
+impl SecondOpinion {
+    /// Asks the pixels around a team patch of a kind which robot it is. `paired` are poses of robots that
+    /// were paired with it, if any. Returns whether there was reason to look.
+    pub fn ask(
+        &mut self,
+        scene: &Scene,
+        frame: &DetectionFrame,
+        index: &ClassIndex,
+        team_kind: usize,
+        team_patch: &Measure,
+        paired: &[Pose],
+    ) -> bool {
+        let pattern = scene.pattern;
+        let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
+        let shares = &top.shares;
+        let Self { surroundings, seen, opinions } = self;
+        opinions.clear();
+        seen.clear();
+        let by_shape = footprint::poses(&top.patches[top.team_patch], team_patch);
+        // A floor beside the pitch may be full of what looks like team patches.
+        let is_inside = |pose: &Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
+        if !by_shape.iter().flatten().chain(paired).any(is_inside) {
+            return false;
         }
-        let pose = surroundings.best_near(&top.shares, &accepted, start);
-        let agreement = surroundings.agreement(&top.shares, &accepted, &pose);
-        let agreement = &agreement[..top.patches.len()];
-        best = best.max(agreement.iter().sum());
-        if is_believable(top, agreement)
-            && !is_contradicted(top, &surroundings.colors_inside(&top.shares, &accepted, &pose))
-        {
-            let misfit = agreement.iter().map(|&part| 1.0 - f64::from(part)).sum();
-            opinions.push(Opinion { identity, pose, misfit });
+        surroundings.look_at(top, scene.camera, frame, index, team_patch.position);
+        let any = accepted_by_any(pattern, team_kind);
+        for pose in paired.iter().chain(by_shape.iter().flatten()) {
+            seen.push((*pose, surroundings.cover(shares, pose)));
         }
+        let starts = seen.iter().filter(|(pose, _)| is_inside(pose));
+        let starts = starts.map(|(pose, cover)| (cover.total(shares, &any), pose, cover));
+        let Some((_, &start, cover)) = starts.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
+            return false;
+        };
+        if cover.agreement(shares, &any)[top.team_patch] < MIN_START {
+            return true;
+        }
+        let near = surroundings.best_near(shares, &any, start);
+        // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better: robots begin
+        // from either.
+        seen.truncate(paired.len());
+        seen.push((near, surroundings.cover(shares, &near)));
+        seen.rotate_right(1);
+        let start_of = |accepted: &Accepted| {
+            let starts = seen.iter().map(|(pose, cover)| (cover.total(shares, accepted), *pose));
+            starts.fold((f32::NEG_INFINITY, near), |a, b| if b.0 > a.0 { b } else { a })
+        };
+        let wearers = || pattern.wearers(team_kind).iter().copied();
+        let at_once = wearers().map(|identity| start_of(&accepted_by(pattern, identity)).0);
+        let at_once = at_once.fold(f32::NEG_INFINITY, f32::max);
+        let mut best = f32::NEG_INFINITY;
+        for identity in wearers() {
+            let accepted = accepted_by(pattern, identity);
+            let (agreement, start) = start_of(&accepted);
+            if agreement < at_once - WORTH_FITTING {
+                continue;
+            }
+            let pose = surroundings.best_near(shares, &accepted, start);
+            let agreement = surroundings.cover(shares, &pose).agreement(shares, &accepted);
+            let agreement = &agreement[..top.patches.len()];
+            best = best.max(agreement.iter().sum());
+            if !is_believable(top, agreement) {
+                continue;
+            }
+            let inside = surroundings.cover_inside(shares, &pose).parts(shares, &accepted);
+            if !is_contradicted(top, &inside) {
+                let misfit = agreement.iter().map(|&part| 1.0 - f64::from(part)).sum();
+                opinions.push(Opinion { identity, pose, misfit });
+            }
+        }
+        // Whoever is ruled out may still have been the best: then nobody is sure.
+        let full = top.patches.len() as f64;
+        opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
+        true
     }
-    // Whoever is ruled out may still have been the best: then nobody is sure.
-    let full = top.patches.len() as f64;
-    opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
-    true
 }
 
 fn is_believable(top: &Top, agreement: &[f32]) -> bool {

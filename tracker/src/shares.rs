@@ -1,0 +1,214 @@
+//! The layout as a table: how much of each patch there is at every point of a robot's top, the rims faded.
+
+use crate::linear::UPPER;
+use common::config::PatchConfig;
+use common::layout::{reach_mm, topmost_patch};
+use common::messages::MAX_PATCHES;
+
+/// Patch rims fade over this distance (1 σ): demosaicing mixes pixels with their neighbours, and a sum that
+/// changes gradually shows the way to its maximum.
+const FADE_MM: f64 = 6.0;
+/// Side of a cell. A third of the fade, so that a pixel may take its cell's share as it is; small tables stay
+/// in the processor's nearest caches.
+const CELL_MM: f64 = 2.0;
+/// Patches are painted and faded on a grid this many times finer, then averaged.
+const FINER: usize = 2;
+const FINE_MM: f64 = CELL_MM / FINER as f64;
+/// A cell with at least this share of a patch lies inside it, and not where a neighbour's colour begins.
+const INSIDE: f32 = 0.5;
+/// Floats in a table's row: one for each patch, and as many more as fill a register.
+pub(crate) const ROW: usize = 8;
+const _: () = assert!(MAX_PATCHES <= ROW);
+
+/// One value for each patch; the rest is 0.
+pub(crate) type PatchRow = [f32; ROW];
+
+/// How much of each patch there is at every point of a robot's top.
+#[derive(Debug, Clone)]
+pub(crate) struct Shares {
+    /// Half the table's side. Beyond it there is nothing of a patch, nor in the cells at its border.
+    pub reach_mm: f64,
+    columns: usize,
+    /// Share of each patch, by cell.
+    cells: Vec<PatchRow>,
+    /// Share of a patch, and how it changes per millimetre in x and in y: patch by patch, by cell.
+    slopes: Vec<[f32; 4]>,
+    /// For each patch, the sum of its shares in square millimetres.
+    pub areas_mm2: PatchRow,
+    /// For each patch, the area of the cells well inside it, see [`INSIDE`].
+    pub insides_mm2: PatchRow,
+    /// Second derivatives of the sum over a whole robot at its own pose, negative, in square millimetres:
+    /// upper triangle for steps in x, y (mm) and heading (rad), all in the robot's frame.
+    pub curvature: [f64; 6],
+}
+
+impl Shares {
+    pub fn new(patches: &[PatchConfig]) -> Self {
+        // A ring of cells without shares all around.
+        let reach_mm = reach_mm(patches) + 2.0 * FADE_MM + CELL_MM;
+        let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(3) + 2;
+        let reach_mm = columns as f64 * CELL_MM / 2.0;
+        let fine_columns = columns * FINER;
+        let place = |index: usize| (index as f64 + 0.5) * FINE_MM - reach_mm;
+        let mut fine = vec![[0.0; MAX_PATCHES]; fine_columns * fine_columns];
+        for (cell, share) in fine.iter_mut().enumerate() {
+            let point = [place(cell % fine_columns), place(cell / fine_columns)];
+            if let Some(patch) = topmost_patch(patches, point) {
+                share[patch] = 1.0;
+            }
+        }
+        let curvature = curvature(fine.clone(), fine_columns, place);
+        fade(&mut fine, fine_columns, FADE_MM);
+
+        let count = columns * columns;
+        let mut cells = vec![PatchRow::default(); count];
+        let mut slopes = vec![[0.0; 4]; count * MAX_PATCHES];
+        let inner = 1..columns - 1;
+        for (row, column) in inner.clone().flat_map(|row| inner.clone().map(move |c| (row, c))) {
+            let cell = row * columns + column;
+            for part in 0..FINER * FINER {
+                let (y, x) = (row * FINER + part / FINER, column * FINER + part % FINER);
+                let at = y * fine_columns + x;
+                let near = [at, at - 1, at + 1, at - fine_columns, at + fine_columns];
+                for patch in 0..patches.len().min(MAX_PATCHES) {
+                    let [here, left, right, above, below] = near.map(|at| fine[at][patch]);
+                    let mean = 1.0 / (FINER * FINER) as f32;
+                    let slope = mean / (2.0 * FINE_MM as f32);
+                    cells[cell][patch] += mean * here;
+                    let sums = &mut slopes[patch * count + cell];
+                    sums[0] += mean * here;
+                    sums[1] += slope * (right - left);
+                    sums[2] += slope * (below - above);
+                }
+            }
+        }
+        let cell_mm2 = (CELL_MM * CELL_MM) as f32;
+        let over_all = |of: fn(f32) -> f32| -> PatchRow {
+            std::array::from_fn(|patch| {
+                cell_mm2 * cells.iter().map(|share| of(share[patch])).sum::<f32>()
+            })
+        };
+        let areas_mm2 = over_all(|share| share);
+        let insides_mm2 = over_all(|share| f32::from(u8::from(share >= INSIDE)));
+        Self { reach_mm, columns, cells, slopes, areas_mm2, insides_mm2, curvature }
+    }
+
+    /// Index of the cell in which a point of the robot's frame lies; a cell without shares for a point outside.
+    #[inline(always)]
+    pub fn cell_at(&self, x_mm: f32, y_mm: f32) -> u32 {
+        // Added to a small number, this leaves its nearest whole one in the lowest bits: a conversion that a
+        // processor can do for many numbers at once, other than the language's own.
+        const WHOLE_BITS: f32 = (1 << 23) as f32;
+        let middle = (self.columns as f32 - 1.0) / 2.0;
+        let last = (self.columns - 1) as f32;
+        // `max` makes NaN 0.
+        let index = |at_mm: f32| {
+            let place = (at_mm * (1.0 / CELL_MM as f32) + middle).max(0.0).min(last);
+            (place + WHOLE_BITS).to_bits() & ((1 << 23) - 1)
+        };
+        index(y_mm) * self.columns as u32 + index(x_mm)
+    }
+
+    /// Shares by cell.
+    #[inline(always)]
+    pub fn cells(&self) -> &[PatchRow] {
+        &self.cells
+    }
+
+    /// Share of a patch, and its change per millimetre in x and y, by cell.
+    #[inline(always)]
+    pub fn slopes_of(&self, patch: usize) -> &[[f32; 4]] {
+        let count = self.columns * self.columns;
+        &self.slopes[patch * count..(patch + 1) * count]
+    }
+
+    /// Whether a cell lies well inside a patch.
+    #[inline(always)]
+    pub fn is_inside(share: f32) -> bool {
+        share >= INSIDE
+    }
+
+    /// Square millimetres that a whole robot's patches agree with at its own pose.
+    pub fn area_mm2(&self) -> f32 {
+        self.areas_mm2.iter().sum()
+    }
+}
+
+/// The negative second derivatives of the sum over a robot whose patches are all there, at its pose.
+/// The sum is the correlation of its patches with the patches faded. That is the correlation of the
+/// patches faded half as much (in variance) with themselves, so its second derivatives are products of
+/// their slopes.
+fn curvature(
+    mut shares: Vec<[f32; MAX_PATCHES]>,
+    columns: usize,
+    place: impl Fn(usize) -> f64,
+) -> [f64; 6] {
+    fade(&mut shares, columns, FADE_MM / std::f64::consts::SQRT_2);
+    let mut sums = [0.0; 6];
+    for (row, column) in (1..columns - 1).flat_map(|row| (1..columns - 1).map(move |c| (row, c))) {
+        let cell = row * columns + column;
+        // How the share of each patch changes from the cell before to the one behind.
+        let between = |step: usize| {
+            let pairs = shares[cell - step].iter().zip(&shares[cell + step]);
+            pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * FINE_MM))
+        };
+        for (x, y) in between(1).zip(between(columns)) {
+            let slope = [x, y, place(row) * x - place(column) * y];
+            for (sum, (i, j)) in sums.iter_mut().zip(UPPER) {
+                *sum += slope[i] * slope[j] * FINE_MM * FINE_MM;
+            }
+        }
+    }
+    sums
+}
+
+/// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
+fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
+    // A box of width w has a variance of (w² − 1)/12 cells²; each takes its part of what is left.
+    let mut left = (sigma_mm / FINE_MM).powi(2);
+    for boxes in [3.0, 2.0, 1.0] {
+        let half = (((12.0 * left / boxes + 1.0).max(1.0).sqrt() - 1.0) / 2.0).round() as usize;
+        left -= ((2 * half + 1).pow(2) - 1) as f64 / 12.0;
+        for vertical in [false, true] {
+            let before = shares.to_vec();
+            let index = |line: usize, place: usize| {
+                if vertical { place * columns + line } else { line * columns + place }
+            };
+            for line in 0..columns {
+                for place in 0..columns {
+                    let around = place.saturating_sub(half)..(place + half + 1).min(columns);
+                    let mut sum = [0.0; MAX_PATCHES];
+                    for other in around {
+                        let share = &before[index(line, other)];
+                        sum.iter_mut().zip(share).for_each(|(sum, share)| *sum += share);
+                    }
+                    shares[index(line, place)] = sum.map(|sum| sum / (2 * half + 1) as f32);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use common::config::Config;
+
+    #[test]
+    fn shares_add_up_to_the_patches() {
+        let config = Config::default();
+        let shares = Shares::new(&config.robots.patches);
+        for (patch, expected) in [34.0 * 34.0, 34.0 * 34.0].iter().enumerate() {
+            let area = f64::from(shares.areas_mm2[patch]);
+            assert!((area / expected - 1.0).abs() < 0.01, "{area} mm²");
+        }
+    }
+
+    #[test]
+    fn points_outside_have_no_share() {
+        let shares = Shares::new(&Config::default().robots.patches);
+        for [x, y] in [[1e9, 0.0], [0.0, -1e9], [f32::NAN, 0.0], [f32::INFINITY, f32::NAN]] {
+            assert_eq!(shares.cells()[shares.cell_at(x, y) as usize], PatchRow::default());
+        }
+    }
+}
