@@ -8,12 +8,14 @@
 //! the patch must be is one, whatever else the region is part of. Which of them are real is for the assignment to
 //! decide, when it is known what each explanation is good for; here nothing is ruled out early.
 
+use crate::class_index::ClassIndex;
 use crate::footprint::{self, Footprint};
 use crate::measure::{Measure, Moments, distance_mm};
 use crate::pattern::{ExpectedPatch, Kind, Pattern, Top};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
-use common::geometry::{CameraModel, Pose};
+use crate::spots::{Spot, Spots};
+use common::geometry::CameraModel;
 use common::messages::{DetectionFrame, Region};
 use std::ops::Range;
 
@@ -40,17 +42,6 @@ const MAX_GUESSES: usize = 48;
 /// Runs and pixels a frame may look at in footprints: a few milliseconds. Ten robots take some
 /// ten thousand.
 const CUT_WORK_PER_FRAME: usize = 2_000_000;
-
-/// A region of a colour that some patch has.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Spot {
-    /// Index of the region in the message.
-    pub region: u32,
-    pub class: u32,
-    pub measure: Measure,
-    /// Too far outside the pitch to belong to a robot on it.
-    pub outside: bool,
-}
 
 /// A region, or one of the pieces it was taken apart into, or a part cut out of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -108,11 +99,21 @@ impl Candidate {
     }
 }
 
+/// Where a patch must be if a team patch is what it seems to be.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// Index into the pattern's tops.
+    top: usize,
+    /// The first part of the team patch.
+    beside: Part,
+    footprint: Footprint,
+}
+
 /// Finds candidates, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CandidateFinder {
-    /// For each height of the pattern, regions of the colours of patches there, largest first.
-    spots: Vec<Vec<Spot>>,
+    /// For each height of the pattern, regions of the colours of patches there.
+    spots: Vec<Spots>,
     candidates: Vec<Candidate>,
     /// For each kind of the pattern, its part of `candidates`.
     ranges: Vec<Range<usize>>,
@@ -121,15 +122,23 @@ pub(crate) struct CandidateFinder {
     near: Vec<(f64, usize)>,
     /// There were more candidates than are kept.
     pub is_cut: bool,
+    /// Where the team patches that were found say that other patches must be.
+    places: Vec<Place>,
     /// Parts cut out in this frame.
     cuts: u16,
     cut_work: usize,
 }
 
 impl CandidateFinder {
-    /// Regions of the colours that patches on a top have, measured at its height; largest first.
+    /// Regions of the colours that patches on a top have, measured at its height; class by class, in each the
+    /// largest first.
     pub fn spots(&self, top: &Top) -> &[Spot] {
-        self.spots.get(top.height).map_or(&[], Vec::as_slice)
+        self.spots.get(top.height).map_or(&[], Spots::all)
+    }
+
+    /// The spots of one class, largest first.
+    pub fn spots_of(&self, top: &Top, class: u32) -> &[Spot] {
+        self.spots.get(top.height).map_or(&[], |spots| spots.of_class(class))
     }
 
     /// Candidates of a kind, likeliest size first.
@@ -144,11 +153,14 @@ impl CandidateFinder {
         camera: &CameraModel,
         pitch: &Pitch,
         frame: &DetectionFrame,
+        index: &ClassIndex,
     ) {
         self.splitter.start_frame();
-        self.measure_spots(pattern, camera, pitch, frame);
+        self.measure_spots(pattern, camera, pitch, frame, index);
         self.candidates.clear();
         self.ranges.clear();
+        self.places.clear();
+        let mut is_guessed = false;
         (self.cuts, self.cut_work, self.is_cut) = (0, 0, false);
         for (kind, alike) in pattern.kinds.iter().zip(&pattern.alike) {
             let begin = self.candidates.len();
@@ -165,6 +177,10 @@ impl CandidateFinder {
             self.candidates.truncate(begin + MAX_CANDIDATES);
             // Kinds of team patches come first.
             if kind.team.is_none() {
+                if !is_guessed {
+                    self.guess_places(pattern, camera);
+                    is_guessed = true;
+                }
                 self.look_beside_team_patches(pattern, kind, camera, frame);
                 self.candidates[begin..].sort_unstable_by(by_misfit);
             }
@@ -178,27 +194,17 @@ impl CandidateFinder {
         camera: &CameraModel,
         pitch: &Pitch,
         frame: &DetectionFrame,
+        index: &ClassIndex,
     ) {
-        self.spots.resize(pattern.heights_mm.len(), Vec::new());
+        self.spots.resize(pattern.heights_mm.len(), Spots::default());
         for (height, spots) in self.spots.iter_mut().enumerate() {
-            spots.clear();
             let is_there = |kind: &&Kind| pattern.top_of_kind(kind).height == height;
             let kinds = pattern.kinds.iter().filter(is_there);
             let classes = kinds.fold(0u32, |classes, kind| classes | 1 << kind.class);
-            for (index, region) in (0u32..).zip(frame.regions()) {
-                if classes.checked_shr(region.class).unwrap_or(0) & 1 == 0 {
-                    continue;
-                }
-                let moments = Moments::of_region(region, frame.runs_of(region));
-                let height_mm = pattern.heights_mm[height];
-                let Some(measure) = Measure::new(&moments, camera, height_mm) else { continue };
-                // A patch lies within half a diagonal of the centre of its robot.
-                let outside = !pitch.contains(measure.position, pattern.size_mm * 0.75);
-                spots.push(Spot { region: index, class: region.class, measure, outside });
-            }
-            spots.sort_unstable_by(|a, b| {
-                b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
-            });
+            let height_mm = pattern.heights_mm[height];
+            // A patch lies within half a diagonal of the centre of its robot.
+            let slack_mm = pattern.size_mm * 0.75;
+            spots.measure(frame, index, classes, camera, height_mm, pitch, slack_mm);
         }
     }
 
@@ -220,19 +226,41 @@ impl CandidateFinder {
         frame: &DetectionFrame,
     ) {
         let (top, patch) = (pattern.top_of_kind(kind), pattern.patch_of_kind(kind));
-        for seed in 0..self.spots(top).len() {
-            let spot = self.spots(top)[seed];
-            if spot.class != kind.class || spot.outside {
+        for seed in 0..self.spots_of(top, kind.class).len() {
+            let spot = self.spots_of(top, kind.class)[seed];
+            if spot.outside {
                 continue;
             }
             let ratio = spot.measure.area_mm2 / patch.area_mm2;
             self.push(pattern, patch, &[Part::whole(spot.region)], spot.measure);
             if ratio < MAX_MERGED_RATIO {
-                self.merge(pattern, top, patch, seed);
+                self.merge(pattern, top, patch, kind.class, seed);
             }
             for pieces in 2..=MAX_PIECES {
                 if SPLIT_RATIO.contains(&(ratio / pieces as f64)) {
                     self.split(pattern, top, patch, &spot, pieces, camera, frame);
+                }
+            }
+        }
+    }
+
+    /// Works out where the team patches that were found say that the other patches must be.
+    fn guess_places(&mut self, pattern: &Pattern, camera: &CameraModel) {
+        // Kinds of team patches come first.
+        for range in self.ranges.iter().zip(&pattern.kinds) {
+            let (range, kind) = range;
+            let top = pattern.top_of_kind(kind);
+            let expected = &top.patches[top.team_patch];
+            for team_patch in self.candidates[range.clone()].iter().take(MAX_GUESSES) {
+                let poses = footprint::poses(expected, &team_patch.measure);
+                for pose in poses.into_iter().flatten() {
+                    for patch in (0..top.patches.len()).filter(|&patch| patch != top.team_patch) {
+                        let Some(footprint) = Footprint::new(top, camera, &pose, patch) else {
+                            continue;
+                        };
+                        let beside = team_patch.seed();
+                        self.places.push(Place { top: kind.top, beside, footprint });
+                    }
                 }
             }
         }
@@ -246,53 +274,40 @@ impl CandidateFinder {
         camera: &CameraModel,
         frame: &DetectionFrame,
     ) {
-        let top = pattern.top_of_kind(kind);
-        let expected = &top.patches[top.team_patch];
-        // Kinds of team patches come first.
-        let is_of_team = |other: &&Kind| other.team.is_some();
-        for (team_kind, other) in pattern.kinds.iter().take_while(is_of_team).enumerate() {
-            if other.top != kind.top {
+        for index in 0..self.places.len() {
+            let Place { top, beside, footprint } = self.places[index];
+            if (top, footprint.patch) != (kind.top, kind.patch) {
                 continue;
             }
-            for index in 0..self.of_kind(team_kind).len().min(MAX_GUESSES) {
-                let team_patch = self.of_kind(team_kind)[index];
-                let poses = footprint::poses(expected, &team_patch.measure);
-                for pose in poses.into_iter().flatten() {
-                    let before = self.candidates.len();
-                    self.cut_out(pattern, kind, camera, frame, pose);
-                    for candidate in &mut self.candidates[before..] {
-                        candidate.beside = Some(team_patch.seed());
-                    }
-                }
+            let before = self.candidates.len();
+            self.cut_out(pattern, kind, camera, frame, &footprint);
+            for candidate in &mut self.candidates[before..] {
+                candidate.beside = Some(beside);
             }
         }
     }
 
-    /// Adds what lies in the patch's footprint on a robot at `pose`.
+    /// Adds what lies in a footprint of the patch.
     fn cut_out(
         &mut self,
         pattern: &Pattern,
         kind: &Kind,
         camera: &CameraModel,
         frame: &DetectionFrame,
-        pose: Pose,
+        footprint: &Footprint,
     ) {
         let top = pattern.top_of_kind(kind);
-        let Some(footprint) = Footprint::new(top, camera, pose, kind.patch) else { return };
         let mut sums = footprint.sums();
         // Pixels of the region that most of them are of, and which one it is.
         let mut most = (0, 0);
-        let spots = self.spots.get(top.height).into_iter().flatten();
-        for spot in spots.filter(|spot| spot.class == kind.class) {
+        let spots = self.spots.get(top.height).map_or(&[][..], |spots| spots.of_class(kind.class));
+        for spot in spots.iter().filter(|spot| spot.bounds.meets(&footprint.bounds)) {
             let Some(region) = frame.regions().get(spot.region as usize) else { continue };
-            if !footprint.touches(region) {
-                continue;
-            }
             self.cut_work += cut_work(region);
             if self.cut_work > CUT_WORK_PER_FRAME {
                 return;
             }
-            let pixels = footprint.add(region, frame, &mut sums);
+            let pixels = footprint.add(top, region, frame, &mut sums);
             if pixels > most.0 {
                 most = (pixels, spot.region);
             }
@@ -325,17 +340,21 @@ impl CandidateFinder {
     }
 
     /// Adds the spot together with one, two or three smaller ones of its class, nearest first.
-    fn merge(&mut self, pattern: &Pattern, top: &Top, patch: &ExpectedPatch, seed: usize) {
-        let spot = self.spots(top)[seed];
+    fn merge(
+        &mut self,
+        pattern: &Pattern,
+        top: &Top,
+        patch: &ExpectedPatch,
+        class: u32,
+        seed: usize,
+    ) {
+        let spot = self.spots_of(top, class)[seed];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
         // Largest first: all that follow are smaller.
-        for (index, other) in self.spots(top).iter().enumerate().skip(seed + 1) {
+        for (index, other) in self.spots_of(top, class).iter().enumerate().skip(seed + 1) {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
-            }
-            if other.class != spot.class {
-                continue;
             }
             let distance = distance_mm(spot.measure.position, other.measure.position);
             if distance < MERGE_REACH * patch.reach_mm {
@@ -348,7 +367,7 @@ impl CandidateFinder {
         let mut count = 1;
         let mut merged = spot.measure;
         for &(_, index) in &near {
-            let fragment = self.spots(top)[index];
+            let fragment = self.spots_of(top, class)[index];
             let together = merged.merged(&fragment.measure);
             if together.area_mm2 > MAX_MERGED_RATIO * patch.area_mm2
                 || together.deviations_mm()[0] > MAX_MERGED_SPREAD * patch.major_mm
@@ -428,7 +447,9 @@ mod tests {
         RegionFinder::new(640, 480, 8, 8).find(&runs, &mut frame);
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let mut finder = CandidateFinder::default();
-        finder.find(&pattern, &camera, &Pitch::new(&config), &frame);
+        let mut index = ClassIndex::default();
+        index.fill(&frame);
+        finder.find(&pattern, &camera, &Pitch::new(&config), &frame, &index);
         (finder, kind)
     }
 
@@ -455,7 +476,7 @@ mod tests {
             vec![[300, 200, 322, 202]],
         ] {
             let (finder, kind) = yellow_candidates(&rim);
-            assert_eq!(finder.spots[0].len(), 1, "{rim:?} is not one region");
+            assert_eq!(finder.spots[0].all().len(), 1, "{rim:?} is not one region");
             assert!(finder.of_kind(kind).is_empty(), "{rim:?}: {:?}", finder.of_kind(kind));
         }
     }
@@ -493,7 +514,7 @@ mod tests {
     fn regions_outside_the_pitch_are_not_candidates() {
         // Beside a goal, behind the goal line; and a proper one.
         let (finder, kind) = yellow_candidates(&[[4, 60, 13, 69], [300, 200, 309, 209]]);
-        let outside: Vec<bool> = finder.spots[0].iter().map(|spot| spot.outside).collect();
+        let outside: Vec<bool> = finder.spots[0].all().iter().map(|spot| spot.outside).collect();
         assert_eq!(outside.iter().filter(|&&outside| outside).count(), 1);
         let [candidate] = finder.of_kind(kind) else { panic!("{:?}", finder.of_kind(kind)) };
         assert!((candidate.measure.image.x_px - 304.0).abs() < 1e-9);

@@ -196,11 +196,10 @@ impl FaintRobots {
         let (class, top) = (pattern.team_class(team), &pattern.tops[top]);
         let whole_mm2 = top.patches[top.team_patch].area_mm2;
         self.seeds.clear();
-        for spot in pairing.finder.spots(top) {
+        for spot in pairing.finder.spots_of(top, class) {
             let ratio = spot.measure.area_mm2 / whole_mm2;
             let place = spot.measure.position;
-            if spot.class == class
-                && !spot.outside
+            if !spot.outside
                 && (MIN_AREA_RATIO..MAX_AREA_RATIO).contains(&ratio)
                 && scene.pitch.contains(place, 0.0)
                 && !is_on_robot(pattern, pairing, place)

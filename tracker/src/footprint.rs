@@ -7,7 +7,7 @@
 
 use crate::measure::{Measure, MomentSums};
 use crate::pattern::{ExpectedPatch, Top};
-use crate::pose::robot_from_field;
+use crate::spots::Bounds;
 use common::config::{Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::{reach_mm, topmost_patch};
@@ -58,15 +58,18 @@ impl Footprints {
         Self { reach_mm, columns, cells }
     }
 
-    /// Whether a point of the robot's frame may belong to a patch.
+    /// Whether the cell at a place, counted in cells from the table's corner, may belong to a patch.
+    #[inline(always)]
     fn holds(&self, patch: usize, [x, y]: Pair) -> bool {
-        // A point outside is saturated to 0, or beyond the last column.
-        let index = |value: f64| ((value + self.reach_mm) / STEP_MM).floor();
-        let (column, row) = (index(x), index(y));
-        let inside = |index: f64| index >= 0.0 && index < self.columns as f64;
-        inside(column)
-            && inside(row)
-            && self.cells[row as usize * self.columns + column as usize] >> patch & 1 == 1
+        let limit = self.columns as f64;
+        // Neither is true of what is not a number.
+        let is_inside = x >= 0.0 && y >= 0.0 && x < limit && y < limit;
+        is_inside && self.cells[y as usize * self.columns + x as usize] >> patch & 1 == 1
+    }
+
+    /// A point of the robot's frame, or a distance between two, in cells.
+    fn in_cells(&self, point: Pair, origin_mm: f64) -> Pair {
+        point.map(|value| (value + origin_mm) / STEP_MM)
     }
 }
 
@@ -92,73 +95,79 @@ pub(crate) fn poses(team_patch: &ExpectedPatch, measure: &Measure) -> Option<[Po
 }
 
 /// A place in the picture where a patch is looked for.
-pub(crate) struct Footprint<'a> {
-    top: &'a Top,
-    patch: usize,
-    pose: Pose,
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Footprint {
+    /// Index into the patches of the top.
+    pub patch: usize,
+    /// Outside these pixels nothing of the patch can be.
+    pub bounds: Bounds,
     center: ImagePoint,
-    /// Field coordinates of `center`, and how they change with a pixel to the right and down.
-    place: FieldPoint,
-    right: [f64; 2],
-    down: [f64; 2],
-    /// Pixels around `center` outside which nothing of the patch can be.
-    reach_px: f64,
+    /// Where `center` lies on the top, in cells of its table, and how that changes with a pixel to the right
+    /// and down.
+    origin: Pair,
+    right: Pair,
+    down: Pair,
 }
 
-impl<'a> Footprint<'a> {
-    /// Of a patch of a robot at `pose`; `None` where the camera model has no answer.
-    pub fn new(top: &'a Top, camera: &CameraModel, pose: Pose, patch: usize) -> Option<Self> {
-        let place = pose.field_from_robot(top.patches[patch].centroid_mm);
+impl Footprint {
+    /// Footprint of a patch of a robot at `pose`; `None` where the camera model has no answer.
+    pub fn new(top: &Top, camera: &CameraModel, pose: &Pose, patch: usize) -> Option<Self> {
+        let on_top = top.patches[patch].centroid_mm;
+        let place = pose.field_from_robot(on_top);
         let center = camera.image_from_field(place, top.height_mm);
-        let at = |dx: f64, dy: f64| {
-            let point = ImagePoint::new(center.x_px + dx, center.y_px + dy);
-            let there = camera.field_from_image(point, top.height_mm);
-            [there.x_mm - place.x_mm, there.y_mm - place.y_mm]
+        // The map from pixels to millimetres is as good as linear over a patch. Its inverse costs less.
+        let ahead = |dx: f64, dy: f64| {
+            let there = FieldPoint::new(place.x_mm + dx, place.y_mm + dy);
+            let there = camera.image_from_field(there, top.height_mm);
+            [there.x_px - center.x_px, there.y_px - center.y_px]
         };
-        let (right, down) = (at(1.0, 0.0), at(0.0, 1.0));
+        let ([a, c], [b, d]) = (ahead(1.0, 0.0), ahead(0.0, 1.0));
+        let determinant = a * d - b * c;
+        let (right, down) =
+            ([d / determinant, -c / determinant], [-b / determinant, a / determinant]);
         let least = right[0].hypot(right[1]).min(down[0].hypot(down[1]));
         let reach_px = (top.patches[patch].reach_mm + MARGIN_MM) / least + 1.0;
         let usable = [place.x_mm, place.y_mm, center.x_px, center.y_px, reach_px];
-        usable.iter().all(|number| number.is_finite()).then_some(Self {
-            top,
+        if !usable.iter().all(|number| number.is_finite()) {
+            return None;
+        }
+        let (sin, cos) = pose.orientation.sin_cos();
+        let turned = |[x, y]: Pair| [cos * x + sin * y, cos * y - sin * x];
+        let table = &top.footprints;
+        let within =
+            |center: f64| [(center - reach_px).ceil() as i32, (center + reach_px).floor() as i32];
+        Some(Self {
             patch,
-            pose,
+            bounds: Bounds { columns: within(center.x_px), rows: within(center.y_px) },
             center,
-            place,
-            right,
-            down,
-            reach_px,
+            origin: table.in_cells(on_top, table.reach_mm),
+            right: table.in_cells(turned(right), 0.0),
+            down: table.in_cells(turned(down), 0.0),
         })
     }
 
-    /// Whether something of a region can lie in it.
-    pub fn touches(&self, region: &Region) -> bool {
-        let apart = |low: u16, high: u16, center: f64| {
-            f64::from(low) > center + self.reach_px || f64::from(high) < center - self.reach_px
-        };
-        !apart(region.left, region.right, self.center.x_px)
-            && !apart(region.top, region.bottom, self.center.y_px)
-    }
-
-    /// Adds the pixels of a region that lie in it; returns how many those are.
-    pub fn add(&self, region: &Region, frame: &DetectionFrame, sums: &mut MomentSums) -> u32 {
-        let clip = |value: f64| value.clamp(0.0, f64::from(u16::MAX)) as u16;
-        let first = clip(self.center.x_px - self.reach_px);
-        let last = clip(self.center.x_px + self.reach_px);
+    /// Adds the pixels of a region that lie in it; returns how many those are. `top` is the one it was made for.
+    pub fn add(
+        &self,
+        top: &Top,
+        region: &Region,
+        frame: &DetectionFrame,
+        sums: &mut MomentSums,
+    ) -> u32 {
+        let clip = |value: i32| value.clamp(0, i32::from(u16::MAX)) as u16;
+        let [first, last] = self.bounds.columns.map(clip);
+        let [above, below] = self.bounds.rows;
         let mut count = 0;
         for run in frame.runs_of(region) {
-            let dy = f64::from(run.row) - self.center.y_px;
-            if dy.abs() > self.reach_px {
+            if !(above..=below).contains(&i32::from(run.row)) {
                 continue;
             }
+            let dy = f64::from(run.row) - self.center.y_px;
+            let [x, y] = [0, 1].map(|axis| self.origin[axis] + self.down[axis] * dy);
             for column in run.begin.max(first)..run.end.min(last.saturating_add(1)) {
                 let dx = f64::from(column) - self.center.x_px;
-                let place = FieldPoint::new(
-                    self.place.x_mm + self.right[0] * dx + self.down[0] * dy,
-                    self.place.y_mm + self.right[1] * dx + self.down[1] * dy,
-                );
-                let point = robot_from_field(&self.pose, place);
-                if self.top.footprints.holds(self.patch, point) {
+                let cell = [x + self.right[0] * dx, y + self.right[1] * dx];
+                if top.footprints.holds(self.patch, cell) {
                     sums.add_pixel(f64::from(column), f64::from(run.row));
                     count += 1;
                 }
@@ -247,7 +256,8 @@ mod tests {
             ([f64::NAN, 0.0], false),
             ([1e300, -1e300], false),
         ] {
-            assert_eq!(footprints.holds(1, point), inside, "{point:?}");
+            let cell = footprints.in_cells(point, footprints.reach_mm);
+            assert_eq!(footprints.holds(1, cell), inside, "{point:?}");
         }
     }
 }

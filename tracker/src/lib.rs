@@ -59,6 +59,7 @@ mod shares;
 mod silhouette;
 mod sphere;
 mod split;
+mod spots;
 pub mod stage;
 mod tinge;
 mod unknown;

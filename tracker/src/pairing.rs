@@ -84,7 +84,7 @@ impl Pairing {
     /// Finds the robots among the regions of `frame` and appends them to it, by team and number.
     pub fn find(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
         self.index.fill(frame);
-        self.finder.find(scene.pattern, scene.camera, scene.pitch, frame);
+        self.finder.find(scene.pattern, scene.camera, scene.pitch, frame, &self.index);
         self.hypothesise(scene, frame);
         self.believe(scene);
         self.separate_grown_together(scene, frame);

@@ -1,13 +1,15 @@
 //! Why candidates became nothing: what a person needs to see to set up colours and lamps.
 
-use crate::candidates::Spot;
+use crate::candidates::Candidate;
 use crate::faint::FaintRobots;
 use crate::hypotheses::{Fate, Outcome};
+use crate::measure::distance_mm;
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::{Kind, Pattern, Top};
+use crate::spots::Spot;
 use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
-use common::messages::{DetectionFrame, RejectReason, Rejected, Team};
+use common::messages::{DetectionFrame, MAX_REGIONS, RejectReason, Rejected, Team};
 
 /// Below this fraction of the smallest size that is admitted, a region is plain noise and not
 /// worth listing.
@@ -17,6 +19,34 @@ const WORTH_LISTING: f64 = 0.25;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Rejections {
     list: Vec<(f64, Rejected)>,
+    used: UsedRegions,
+}
+
+/// The regions that robots were put together from.
+#[derive(Debug, Clone, Default)]
+struct UsedRegions {
+    is_used: Vec<bool>,
+}
+
+impl UsedRegions {
+    fn fill(&mut self, pattern: &Pattern, pairing: &Pairing) {
+        self.is_used.clear();
+        self.is_used.resize(MAX_REGIONS, false);
+        for robot in pairing.robots() {
+            for patch in 0..pattern.top_of(robot.identity).patches.len() {
+                let parts = pairing.candidate(pattern, robot, patch).map(Candidate::parts);
+                for part in parts.unwrap_or_default() {
+                    if let Some(is_used) = self.is_used.get_mut(part.region as usize) {
+                        *is_used = true;
+                    }
+                }
+            }
+        }
+    }
+
+    fn contain(&self, region: u32) -> bool {
+        self.is_used.get(region as usize).copied().unwrap_or(false)
+    }
 }
 
 impl Rejections {
@@ -52,10 +82,26 @@ impl Rejections {
     }
 }
 
-/// Lists every region of a team's colour that is in no robot.
-pub(crate) fn explain_team_patches(
+/// Lists what should have become a robot and did not.
+pub(crate) fn explain(
     pattern: &Pattern,
     pairing: &Pairing,
+    faint: &FaintRobots,
+    unknown: &UnknownRobots,
+    rejections: &mut Rejections,
+) {
+    let mut used = std::mem::take(&mut rejections.used);
+    used.fill(pattern, pairing);
+    explain_team_patches(pattern, pairing, &used, faint, unknown, rejections);
+    explain_lonely_patches(pattern, pairing, &used, faint, rejections);
+    rejections.used = used;
+}
+
+/// Lists every region of a team's colour that is in no robot.
+fn explain_team_patches(
+    pattern: &Pattern,
+    pairing: &Pairing,
+    used: &UsedRegions,
     faint: &FaintRobots,
     unknown: &UnknownRobots,
     rejections: &mut Rejections,
@@ -64,15 +110,14 @@ pub(crate) fn explain_team_patches(
         let (class, top) = (pattern.team_class(team), first_top(pattern, team));
         let worth_listing =
             WORTH_LISTING * pattern.limits.min_area_ratio * least_team_patch_mm2(pattern, team);
-        for spot in pairing.finder.spots(top) {
-            if spot.class != class
-                || spot.measure.area_mm2 < worth_listing
+        for spot in pairing.finder.spots_of(top, class) {
+            if spot.measure.area_mm2 < worth_listing
                 || unknown.use_region(spot.region)
                 || faint.covers(pattern, spot.measure.position)
             {
                 continue;
             }
-            if let Some(reason) = reason(pattern, pairing, team, spot) {
+            if let Some(reason) = reason(pattern, pairing, used, team, spot) {
                 rejections.add(team as u32, reason, spot.measure.image, spot.measure.area_mm2);
             }
         }
@@ -81,21 +126,25 @@ pub(crate) fn explain_team_patches(
 
 /// Lists every identification patch of the right size that is in no robot and has no region of a
 /// team's colour beside it: whoever wears it is not seen, because his team's colour is not.
-pub(crate) fn explain_lonely_patches(
+fn explain_lonely_patches(
     pattern: &Pattern,
     pairing: &Pairing,
+    used: &UsedRegions,
     faint: &FaintRobots,
     rejections: &mut Rejections,
 ) {
     let is_of_team = |class: u32| Team::ALL.iter().any(|&team| pattern.team_class(team) == class);
     // Where teams have different heights, each patch is off by the same little.
-    let spots = || pairing.finder.spots(first_top(pattern, Team::Yellow)).iter();
+    let top = first_top(pattern, Team::Yellow);
     // However small: a bad team patch is listed with a reason of its own.
-    let team_spots = || spots().filter(|spot| is_of_team(spot.class));
-    for spot in spots() {
+    let team_spots = || {
+        let of = |team| pairing.finder.spots_of(top, pattern.team_class(team)).iter();
+        Team::ALL.into_iter().flat_map(of)
+    };
+    for spot in pairing.finder.spots(top) {
         if spot.outside
             || is_of_team(spot.class)
-            || is_used(pattern, pairing, spot.region)
+            || used.contain(spot.region)
             || faint.covers(pattern, spot.measure.position)
         {
             continue;
@@ -109,8 +158,8 @@ pub(crate) fn explain_lonely_patches(
         });
         let farthest = could_be.map(|kind| reach_mm(pattern, kind)).reduce(f64::max);
         let is_lonely = farthest.is_some_and(|farthest| {
-            team_spots()
-                .all(|team| team.measure.position.distance(spot.measure.position) > farthest)
+            let distance = |team: &Spot| distance_mm(team.measure.position, spot.measure.position);
+            team_spots().all(|team| distance(team) > farthest)
         });
         if is_lonely {
             let (reason, measure) = (RejectReason::NoTeamPatch, &spot.measure);
@@ -136,19 +185,15 @@ fn reach_mm(pattern: &Pattern, kind: &Kind) -> f64 {
     top.distance_mm(kind.patch, top.team_patch) + pattern.limits.patch_tolerance_mm
 }
 
-/// Whether a region is in a robot.
-fn is_used(pattern: &Pattern, pairing: &Pairing, region: u32) -> bool {
-    pairing.robots().any(|robot| {
-        (0..pattern.top_of(robot.identity).patches.len())
-            .filter_map(|patch| pairing.candidate(pattern, robot, patch))
-            .any(|candidate| candidate.uses_region(region))
-    })
-}
-
 /// Why a region of a team's colour is not in a robot; `None` if it is.
-fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Option<RejectReason> {
-    let is_used = |region: u32| is_used(pattern, pairing, region);
-    if is_used(spot.region) {
+fn reason(
+    pattern: &Pattern,
+    pairing: &Pairing,
+    used: &UsedRegions,
+    team: Team,
+    spot: &Spot,
+) -> Option<RejectReason> {
+    if used.contain(spot.region) {
         return None;
     }
     if spot.outside {
@@ -178,8 +223,8 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
     let least_distance = TEAM_PATCH_DISTANCE * first_top(pattern, team).team_patch_size_mm();
     let too_close = candidates().any(|(_, (_, other))| {
         !other.uses_region(spot.region)
-            && other.measure.position.distance(spot.measure.position) < least_distance
-            && (other.measure.area_mm2 > spot.measure.area_mm2 || is_used(other.seed().region))
+            && distance_mm(other.measure.position, spot.measure.position) < least_distance
+            && (other.measure.area_mm2 > spot.measure.area_mm2 || used.contain(other.seed().region))
     });
     if too_close {
         return Some(RejectReason::TooCloseToTeamPatch);
@@ -190,9 +235,7 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
     Some(match fate.outcome {
         Outcome::Complete => RejectReason::TakenByAnother,
         Outcome::Outside => RejectReason::OutsideField,
-        Outcome::Incomplete
-            if unused_identification_near(pattern, pairing, team, spot, &is_used) =>
-        {
+        Outcome::Incomplete if unused_identification_near(pattern, pairing, used, team, spot) => {
             RejectReason::LayoutMismatch
         }
         Outcome::Incomplete => RejectReason::NoIdentificationPatch,
@@ -204,17 +247,21 @@ fn reason(pattern: &Pattern, pairing: &Pairing, team: Team, spot: &Spot) -> Opti
 fn unused_identification_near(
     pattern: &Pattern,
     pairing: &Pairing,
+    used: &UsedRegions,
     team: Team,
     spot: &Spot,
-    is_used: &dyn Fn(u32) -> bool,
 ) -> bool {
-    let identities = pattern.identities.iter().filter(|identity| identity.team == team);
-    identities.flat_map(|identity| &identity.kinds).any(|&kind| {
-        let reach = reach_mm(pattern, &pattern.kinds[kind]);
-        pattern.kinds[kind].team.is_none()
-            && pairing.finder.of_kind(kind).iter().any(|candidate| {
-                candidate.measure.position.distance(spot.measure.position) <= reach
-                    && !is_used(candidate.seed().region)
+    let is_worn = |kind: usize| {
+        let identities = &pattern.identities;
+        identities.iter().any(|identity| identity.team == team && identity.kinds.contains(&kind))
+    };
+    pattern.kinds.iter().enumerate().any(|(index, kind)| {
+        let reach = reach_mm(pattern, kind);
+        kind.team.is_none()
+            && is_worn(index)
+            && pairing.finder.of_kind(index).iter().any(|candidate| {
+                !used.contain(candidate.seed().region)
+                    && distance_mm(candidate.measure.position, spot.measure.position) <= reach
             })
     })
 }

@@ -54,11 +54,13 @@ impl Splitter {
             self.work += round;
             let mut sums = centers.map(MomentSums::around);
             for &(x, y) in &self.pixels {
-                let nearest = (0..count)
-                    .min_by(|&a, &b| {
-                        distance2(centers[a], (x, y)).total_cmp(&distance2(centers[b], (x, y)))
-                    })
-                    .unwrap_or(0);
+                let (mut nearest, mut least) = (0, f64::INFINITY);
+                for (piece, &center) in centers[..count].iter().enumerate() {
+                    let distance = distance2(center, (x, y));
+                    if distance < least {
+                        (nearest, least) = (piece, distance);
+                    }
+                }
                 sums[nearest].add_pixel(x, y);
             }
             let mut settled = true;

@@ -7,7 +7,7 @@ use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::prior::Prior;
 use crate::raw::RawFrame;
-use crate::reasons::{Rejections, explain_lonely_patches, explain_team_patches};
+use crate::reasons::{Rejections, explain};
 use crate::refine::Refiner;
 use crate::regions::RegionFinder;
 use crate::unknown::UnknownRobots;
@@ -136,8 +136,7 @@ impl Tracker {
         }
         self.rejections.clear();
         let (pattern, pairing, rejections) = (&self.pattern, &self.pairing, &mut self.rejections);
-        explain_team_patches(pattern, pairing, &self.faint, &self.unknown, rejections);
-        explain_lonely_patches(pattern, pairing, &self.faint, rejections);
+        explain(pattern, pairing, &self.faint, &self.unknown, rejections);
         self.ball_finder.find(&self.pattern, &self.camera, &self.pitch, out, &mut self.rejections);
         let shows = self.ball_finder.shows();
         self.refiner.refine_balls(&self.camera, frame.as_ref(), shows, out);
