@@ -186,13 +186,13 @@ impl Haze {
     /// The tables for the picture that was looked at last, each part for its haze and its light, and what
     /// identifies them. They are made of `tables`, which are always the same, and the gains for the middle
     /// of the pitch, whose tables have the version `middle`.
-    pub fn under(
-        &mut self,
-        tables: &ClassTables,
+    pub fn under<'a>(
+        &'a mut self,
+        tables: &'a ClassTables,
         gains: Gains,
         middle: u64,
         shaded: Option<&ShadedTables>,
-    ) -> (ZonedTables<'_>, u64) {
+    ) -> (ZonedTables<'a>, u64) {
         let Grid { step, columns, rows } = self.grid;
         let tiles = self.zones.columns();
         for (index, tile) in self.zones.of_tiles_mut().iter_mut().enumerate() {
@@ -213,16 +213,13 @@ impl Haze {
             };
             *tile = zone as u8;
             if self.made_for[zone] != Some(gains) {
-                let lit = tables.under(shading::zone_gains(gains, light));
-                self.tables[zone] = match level {
-                    0 => lit,
-                    _ => lit.without_haze(level as u8 * STEP),
-                };
+                let gains = shading::zone_gains(gains, light);
+                self.tables[zone] = tables.under_haze(gains, level as u8 * STEP);
                 self.made_for[zone] = Some(gains);
             }
         }
         let version = version_by_parts(middle, b"haze", self.zones.of_tiles());
-        (ZonedTables { tables: &self.tables, zones: &self.zones }, version)
+        (ZonedTables { colors: tables, tables: &self.tables, zones: &self.zones }, version)
     }
 }
 

@@ -175,19 +175,9 @@ fn gain_of(steps: i32) -> u32 {
     SIXTEENTHS[rest as usize] << 3 >> (3 - octaves.clamp(-3, 3))
 }
 
-/// For each channel, what each value becomes.
-pub fn corrections(gains: Gains) -> [[u8; 256]; 3] {
-    gains.map(|steps| {
-        let gain = gain_of(steps);
-        let mut table = [0; 256];
-        // Value after value a gain is added, which is a third of what multiplying takes.
-        let mut product = 1 << 15;
-        for corrected in &mut table {
-            *corrected = (product >> 16).min(255) as u8;
-            product += gain;
-        }
-        table
-    })
+/// The same in 256ths.
+pub(crate) fn gain_in_256ths(steps: i32) -> u16 {
+    ((gain_of(steps) + 128) >> 8) as u16
 }
 
 /// 2^(i/16), 16 bits behind the point.
@@ -247,7 +237,7 @@ fn median(bins: &[u32]) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Picture;
+    use crate::{Correction, Picture};
     use common::messages::{BayerOrder, PixelFormat, PixelLayout};
 
     /// A pitch of one colour, with a part of it covered by another.
@@ -290,7 +280,7 @@ mod tests {
             // An octave less red, an octave more blue.
             assert_eq!(gains([30, 60, 96]), [16, 0, -16]);
             assert_eq!(gains([120, 120, 96]), [-16, -16, -16]);
-            let corrected = corrections(gains([45, 52, 70]));
+            let corrected = Correction::new(gains([45, 52, 70]), 0).tables();
             for (channel, (seen, expected)) in [(45u8, 60), (52, 60), (70, 48)].iter().enumerate() {
                 let value = corrected[channel][usize::from(*seen)];
                 assert!(value.abs_diff(*expected) <= 2, "{channel}: {value}, not {expected}");
@@ -341,18 +331,6 @@ mod tests {
         for (value, &log) in LOG.iter().enumerate().skip(1) {
             let exact = (value as f64).log2() * f64::from(UNITS_PER_OCTAVE);
             assert!((f64::from(log) - exact).abs() <= 0.51, "{value}: {log}, not {exact}");
-        }
-    }
-
-    #[test]
-    fn corrections_are_what_gains_say() {
-        assert_eq!(corrections(NO_GAINS)[0].to_vec(), (0..=255).collect::<Vec<u8>>());
-        for steps in -MOST_STEPS..=MOST_STEPS {
-            let gain = (f64::from(steps) / 16.0).exp2();
-            for (value, &corrected) in corrections([steps; 3])[2].iter().enumerate() {
-                let exact = (value as f64 * gain).min(255.0);
-                assert!((f64::from(corrected) - exact).abs() <= 0.52, "{steps}: {value}");
-            }
         }
     }
 }

@@ -28,6 +28,7 @@
 // A process outlives whoever reads what it says: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+mod correction;
 mod error;
 mod haze;
 pub mod kernels;
@@ -48,6 +49,7 @@ pub mod zones;
 #[cfg(doc)]
 use common::messages::{FrameHeader, Run, RunsHeader};
 
+pub use correction::Correction;
 pub use error::ClassifierError;
 pub use kernels::scalar::{demosaic, to_rgb};
 pub use kernels::{SimdChoice, SimdLevel};

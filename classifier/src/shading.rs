@@ -14,7 +14,8 @@
 //! a fixed order, so the same frame gives the same zones on every machine.
 
 use crate::ClassTables;
-use crate::lamp::{self, Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
+use crate::correction::Correction;
+use crate::lamp::{Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
 use crate::lattice::{Grid, Lattice};
 use crate::ranks::Ranks;
 use crate::tables::version_by_parts;
@@ -239,12 +240,12 @@ impl ShadedTables {
     /// For each zone and channel what each value becomes, where the gains of the middle of the pitch are
     /// these.
     pub fn corrections(gains: Gains) -> Vec<[[u8; 256]; 3]> {
-        (0..ZONES).map(|zone| lamp::corrections(zone_gains(gains, zone))).collect()
+        (0..ZONES).map(|zone| Correction::new(zone_gains(gains, zone), 0).tables()).collect()
     }
 
     /// The tables for the picture looked at last, made of `tables`, which are always the same, and the
     /// gains for the middle of the pitch.
-    pub fn under(&mut self, tables: &ClassTables, gains: Gains) -> ZonedTables<'_> {
+    pub fn under<'a>(&'a mut self, tables: &'a ClassTables, gains: Gains) -> ZonedTables<'a> {
         for &zone in self.zones.of_tiles() {
             let zone = usize::from(zone);
             if self.made_for[zone] != Some(gains) {
@@ -252,7 +253,7 @@ impl ShadedTables {
                 self.made_for[zone] = Some(gains);
             }
         }
-        ZonedTables { tables: &self.tables, zones: &self.zones }
+        ZonedTables { colors: tables, tables: &self.tables, zones: &self.zones }
     }
 }
 

@@ -120,7 +120,7 @@ impl Classifier {
                 let version = shaded.version(middle);
                 (shaded.under(tables, *gains), version)
             }
-            (None, None) => (ZonedTables::everywhere(lit_tables, one_zone), middle),
+            (None, None) => (ZonedTables::everywhere(tables, lit_tables, one_zone), middle),
         };
         let written = kernel.classify(&picture, zoned, mask, out);
         *out_header = RunsHeader {

@@ -7,8 +7,9 @@
 //! Pixels of YUV pictures have three tables of their own, for the colours that have a box in YUV.
 //! The other colours look at what the pixel is in RGB.
 
-use crate::lamp::{self, Gains, NO_GAINS};
-use crate::look_tables::{Bytes, LookTables};
+use crate::correction::Correction;
+use crate::lamp::{Gains, NO_GAINS};
+use crate::look_tables::LookTables;
 use crate::second_look::{SecondLook, Seen};
 use crate::yuv::rgb_from_yuv;
 use crate::{ClassifierError, MAX_CLASSES};
@@ -27,8 +28,8 @@ pub struct ClassTables {
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
     second_looks: Arc<SecondLooks>,
-    /// What the values of each channel are taken for; `None` for what they are.
-    corrections: Option<[Bytes; 3]>,
+    /// What pixels are taken for.
+    correction: Correction,
     version: u64,
 }
 
@@ -107,46 +108,38 @@ impl ClassTables {
             rgb_only_bits,
             second_look_bits,
             second_looks: Arc::new(SecondLooks { of_class: second_looks, tables, classes }),
-            corrections: None,
+            correction: Correction::NONE,
             version: version(colors),
         })
     }
 
-    /// The tables for another light: what each pixel is classified as is what these classify it as
-    /// once its channels are corrected by the gains. Boxes in YUV stay as they are.
+    /// The tables for another light, made of those for the light in which the colours were set: what each pixel is
+    /// classified as is what these classify it as once its channels are corrected by the gains. Boxes in YUV
+    /// stay as they are.
     pub fn under(&self, gains: Gains) -> Self {
-        if gains == NO_GAINS {
+        self.under_haze(gains, 0)
+    }
+
+    /// The same where white light of so many grey levels lies over the pixels, too.
+    pub fn under_haze(&self, gains: Gains, haze: u8) -> Self {
+        debug_assert_eq!(self.correction, Correction::NONE);
+        let mut hash = Fnv1a(self.version);
+        if gains != NO_GAINS {
+            gains.iter().for_each(|steps| hash.write(&steps.to_le_bytes()));
+        }
+        if haze > 0 {
+            hash.write(b"haze");
+            hash.write(&[haze]);
+        }
+        let correction = Correction::new(gains, haze);
+        if correction == Correction::NONE {
             return self.clone();
         }
-        let corrections = lamp::corrections(gains);
-        let mut hash = Fnv1a(self.version);
-        gains.iter().for_each(|steps| hash.write(&steps.to_le_bytes()));
-        self.corrected(corrections, hash.0)
-    }
-
-    /// The tables for pixels over which white light of so many grey levels lies: what each pixel is
-    /// classified as is what these classify it as without that. Boxes in YUV stay as they are.
-    pub fn without_haze(&self, haze: u8) -> Self {
-        let without = std::array::from_fn(|value| (value as u8).saturating_sub(haze));
-        let mut hash = Fnv1a(self.version);
-        hash.write(b"haze");
-        hash.write(&[haze]);
-        self.corrected([without; 3], hash.0)
-    }
-
-    /// The tables that classify a pixel as these do once its channels' values are taken for others.
-    fn corrected(&self, corrections: [[u8; 256]; 3], version: u64) -> Self {
         let mut rgb = Boxes::NONE;
         let boxes = rgb.0.iter_mut().zip(&self.rgb.0);
-        for ((table, before), values) in boxes.zip(&corrections) {
+        for ((table, before), values) in boxes.zip(&correction.tables()) {
             for (entry, value) in table.iter_mut().zip(values) {
                 *entry = before[usize::from(*value)];
-            }
-        }
-        let mut corrections = corrections.map(Bytes);
-        if let Some(before) = &self.corrections {
-            for (values, before) in corrections.iter_mut().zip(before) {
-                values.0.iter_mut().for_each(|value| *value = before.of(*value));
             }
         }
         Self {
@@ -155,8 +148,8 @@ impl ClassTables {
             rgb_only_bits: self.rgb_only_bits,
             second_look_bits: self.second_look_bits,
             second_looks: Arc::clone(&self.second_looks),
-            corrections: Some(corrections),
-            version,
+            correction,
+            version: hash.0,
         }
     }
 
@@ -204,11 +197,7 @@ impl ClassTables {
 
     #[inline(never)]
     fn look_again(&self, boxes: u32, rgb: [u8; 3]) -> u8 {
-        let rgb = match &self.corrections {
-            Some(tables) => [0, 1, 2].map(|channel: usize| tables[channel].of(rgb[channel])),
-            None => rgb,
-        };
-        let seen = Seen::new(rgb);
+        let seen = Seen::new([0, 1, 2].map(|channel| self.correction.of(channel, rgb[channel])));
         let mut admitting = boxes & !self.second_look_bits;
         let mut looking = boxes & self.second_look_bits;
         while looking != 0 {
@@ -240,9 +229,9 @@ impl ClassTables {
         &self.second_looks
     }
 
-    /// What the values of each channel are taken for by second looks; `None` for what they are.
-    pub(crate) fn corrections(&self) -> Option<&[Bytes; 3]> {
-        self.corrections.as_ref()
+    /// What pixels are taken for.
+    pub(crate) fn correction(&self) -> Correction {
+        self.correction
     }
 
     /// Whether some colours have no box in YUV: pixels of YUV pictures are compared with them in RGB.
@@ -441,7 +430,7 @@ mod tests {
         let tables = ClassTables::new(&[red, paper_yellow(), grey]).unwrap();
         assert_eq!(tables.under(NO_GAINS), tables);
         for gains in [[3, -2, 10], [-21, 0, 21], [5, 5, 5]] {
-            let corrections = lamp::corrections(gains);
+            let corrections = Correction::new(gains, 0).tables();
             let under = tables.under(gains);
             assert_ne!(under.version(), tables.version());
             for index in 0..17u32.pow(3) {

@@ -13,19 +13,22 @@ pub struct Zones {
     of_tile: Vec<u8>,
 }
 
-/// Zones, and the tables of each.
+/// Zones, and the tables of each: all of the same colours, each under its light.
 #[derive(Debug, Clone, Copy)]
 pub struct ZonedTables<'a> {
-    /// By zone; at least one more than the highest zone.
+    /// Under the light in which the colours were set.
+    pub colors: &'a ClassTables,
+    /// By zone; at least one more than the highest zone. Made by [`ClassTables::under`] or
+    /// [`ClassTables::under_haze`] of `colors`.
     pub tables: &'a [ClassTables],
     /// Where they count.
     pub zones: &'a Zones,
 }
 
 impl<'a> ZonedTables<'a> {
-    /// The same tables everywhere; `zones` are [`Zones::one`].
-    pub fn everywhere(tables: &'a ClassTables, zones: &'a Zones) -> Self {
-        Self { tables: std::slice::from_ref(tables), zones }
+    /// The same light everywhere; `zones` are [`Zones::one`].
+    pub fn everywhere(colors: &'a ClassTables, tables: &'a ClassTables, zones: &'a Zones) -> Self {
+        Self { colors, tables: std::slice::from_ref(tables), zones }
     }
 }
 

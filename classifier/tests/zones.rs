@@ -6,10 +6,10 @@ mod reference;
 use common::config::{Config, LightConfig};
 use common::messages::{BayerOrder, PixelFormat, Run, RunsHeader};
 use proptest::prelude::*;
-use reference::{Frame, Noise, any_color, runs_of_labels};
+use reference::{Frame, Noise, any_color, label, runs_of_labels};
 use touchline_classifier::kernels::{Kernel, scalar};
 use touchline_classifier::zones::{ZonedTables, Zones};
-use touchline_classifier::{ClassTables, Classifier, FieldMask, Picture, SimdLevel};
+use touchline_classifier::{ClassTables, Classifier, Correction, FieldMask, Picture, SimdLevel};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
@@ -18,7 +18,8 @@ proptest! {
     fn each_zone_has_its_own_tables(
         (width, height, order) in (2u32..260, 2u32..40, 0u32..4),
         half_tile in 1usize..40,
-        colors in proptest::collection::vec(proptest::collection::vec(any_color(), 5..6), 3..4),
+        colors in proptest::collection::vec(any_color(), 5..6),
+        lights in proptest::collection::vec((prop::array::uniform3(-41i32..42), 0u8..3), 3..4),
         zones_of_tiles in proptest::collection::vec(0u8..3, 1..400),
         format in proptest::sample::select(vec![
             PixelFormat::Bayer8, PixelFormat::Bayer12, PixelFormat::Rgb24,
@@ -32,17 +33,23 @@ proptest! {
         let mut zones = Zones::tiled(width as usize, height as usize, 2 * half_tile);
         let tiles = zones.of_tiles_mut().iter_mut();
         tiles.zip(zones_of_tiles.iter().cycle()).for_each(|(tile, &zone)| *tile = zone);
-        let labels: Vec<_> = colors.iter().map(|colors| frame.labels(colors)).collect();
-        let expected: Vec<Option<u8>> = (0..labels[0].len())
-            .map(|index| {
+        let corrections: Vec<_> =
+            lights.iter().map(|&(gains, haze)| Correction::new(gains, 40 * haze).tables()).collect();
+        let pixels = frame.rgb();
+        let expected: Vec<Option<u8>> = (0..)
+            .zip(pixels.as_chunks::<3>().0)
+            .map(|(index, rgb)| {
                 let (column, row) = (index % width as usize, index / width as usize);
-                labels[zones.at(column, row)][index]
+                let values = corrections[zones.at(column, row)];
+                let rgb = [0, 1, 2].map(|channel| values[channel][usize::from(rgb[channel])]);
+                label(rgb, &colors)
             })
             .collect();
         let expected = runs_of_labels(&expected, width);
+        let colors = ClassTables::new(&colors).unwrap();
         let tables: Vec<_> =
-            colors.iter().map(|colors| ClassTables::new(colors).unwrap()).collect();
-        let zoned = ZonedTables { tables: &tables, zones: &zones };
+            lights.iter().map(|&(gains, haze)| colors.under_haze(gains, 40 * haze)).collect();
+        let zoned = ZonedTables { colors: &colors, tables: &tables, zones: &zones };
         let mask = FieldMask::everything(width, height);
 
         let rgb = frame.rgb();
@@ -58,11 +65,11 @@ proptest! {
         frame.header.stride = stride;
         let layout = frame.header.check(width, height, frame.pixels.len()).unwrap();
         let picture = Picture::new(&frame.pixels, width, height, stride, layout).unwrap();
-        let mut runs = vec![Run::default(); labels[0].len()];
+        let mut runs = vec![Run::default(); (width * height) as usize];
         let written = scalar::classify(&picture, zoned, &mask, &mut runs);
         prop_assert_eq!(&runs[..written.count as usize], &expected);
         for level in SimdLevel::available() {
-            let mut kernel = Kernel::new(level, &tables[0]);
+            let mut kernel = Kernel::new(level, &colors);
             let written = kernel.classify(&picture, zoned, &mask, &mut runs);
             prop_assert_eq!(&runs[..written.count as usize], &expected, "{}", level);
         }

@@ -12,6 +12,7 @@ use super::classes::Classes;
 use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
+use super::light::RowLight;
 use super::look_rows;
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
@@ -31,6 +32,7 @@ pub struct Scratch {
     noted: Vec<Noted>,
     colors: Colors,
     filters: BlockFilters,
+    light: RowLight,
 }
 
 /// Of the pixels of a block in even and in odd columns: red, green and blue.
@@ -59,6 +61,7 @@ impl Scratch {
     fn fit(&mut self, width: usize) {
         self.ring.fit(width);
         self.filters.begin();
+        self.light.begin(width);
         let blocks = width.div_ceil(2 * MIN_LANES);
         if self.noted.len() < blocks {
             self.noted.resize(blocks, Noted::default());
@@ -79,9 +82,9 @@ pub fn classify<S: Lanes>(
     let (width, height) = (image.width(), image.height());
     let Setup { zoned, prefilters, mask, .. } = setup;
     let block = 2 * S::u8s::LEN;
-    let has_looks = zoned.tables.iter().any(ClassTables::has_second_looks);
+    let has_looks = zoned.colors.has_second_looks();
     scratch.fit(width);
-    let Scratch { ring, noted, colors, filters } = scratch;
+    let Scratch { ring, noted, colors, filters, light } = scratch;
     for upper in (0..height).step_by(2) {
         // The last row may be alone; then what is found in the one below it does not count.
         let lower = after(upper, height);
@@ -101,20 +104,23 @@ pub fn classify<S: Lanes>(
         let blocks = around.begin / block..around.end.div_ceil(block);
         let filters = filters.of_row(prefilters, zoned.zones, upper, width.div_ceil(block), block);
         let sites = [Sites::of(image, upper), Sites::of(image, lower)];
-        let pair = Pair { rows, upper, width, has_red: sites[0].has_red };
+        let pair = Pair { rows, has_red: sites[0].has_red };
         let count = match sites[0].colored_parity {
-            0 => find_apart::<S, 0>(simd, &pair, blocks, filters, setup, noted),
-            _ => find_apart::<S, 1>(simd, &pair, blocks, filters, setup, noted),
+            0 => find_apart::<S, 0>(simd, &pair, blocks, filters, noted),
+            _ => find_apart::<S, 1>(simd, &pair, blocks, filters, noted),
         };
         if count == 0 {
             continue;
         }
+        // Where all is in one zone, boxes are looked at with its tables.
+        let zone = filters.only_zone();
+        let light = if has_looks || zone.is_none() { light.of_row(zoned, upper) } else { None };
+        let tables = zone.map_or(zoned.colors, |zone| &zoned.tables[zone]);
         for (index, spans) in spans.into_iter().enumerate() {
             let rows = [rows[index], rows[index + 1], rows[index + 2]];
-            let zone = filters.only_zone();
-            let row = upper + index;
-            let part = Row { rows, has_red: sites[index].has_red, row, spans, width, setup, zone };
-            let mut row_runs = RowRuns::new(&mut runs, row);
+            let has_red = sites[index].has_red;
+            let part = Row { rows, has_red, spans, width, setup, light, tables };
+            let mut row_runs = RowRuns::new(&mut runs, upper + index);
             let noted = &noted[..count];
             let (parity, runs) = (sites[index].colored_parity, &mut row_runs);
             match (has_looks, parity) {
@@ -137,9 +143,6 @@ pub fn classify<S: Lanes>(
 struct Pair<'a> {
     /// The one above the two, the two, and the one below.
     rows: [Planes<'a>; 4],
-    /// Which one of the picture the upper one is.
-    upper: usize,
-    width: usize,
     /// The upper one has red and green sites; otherwise blue and green ones.
     has_red: bool,
 }
@@ -152,18 +155,11 @@ fn find_apart<S: Lanes, const P: usize>(
     pair: &Pair,
     blocks: Range<usize>,
     filters: RowFilters,
-    setup: Setup,
     noted: &mut [Noted],
 ) -> usize {
     simd.vectorize(
         #[inline(always)]
-        || {
-            let count = find::<S, P>(simd, pair, blocks, filters, noted);
-            match filters.only_zone() {
-                Some(_) => count,
-                None => narrow::<S, P>(simd, pair, setup, &mut noted[..count]),
-            }
-        },
+        || find::<S, P>(simd, pair, blocks, filters, noted),
     )
 }
 
@@ -218,40 +214,6 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Where the rows are in several zones: takes from the notes what only another zone's prefilter lets pass,
-/// which is half of it under lamps as uneven as one to two.
-#[inline(always)]
-fn narrow<S: Lanes, const P: usize>(
-    simd: S,
-    pair: &Pair,
-    setup: Setup,
-    noted: &mut [Noted],
-) -> usize {
-    let lanes = S::u8s::LEN;
-    let mut count = 0;
-    for number in 0..noted.len() {
-        let Noted { index, passing: before } = noted[number];
-        let rows = within(pair.rows, MARGIN + index * lanes - 1, lanes);
-        let colors = rough_colors::<S, P>(simd, rows);
-        let start = 2 * lanes * index;
-        let block = Span { begin: start, end: pair.width.min(start + 2 * lanes) };
-        let mut passing = [[0; 2]; 2];
-        for (span, zone) in setup.zoned.zones.divide(pair.upper, block) {
-            let columns = [every_other(span, start, 0), every_other(span, start, 1)];
-            let of_zone = passing_of_rows(simd, colors, pair.has_red, &setup.prefilters[zone].rgb);
-            for row in 0..2 {
-                for parity in 0..2 {
-                    passing[row][parity] |=
-                        before[row][parity] & of_zone[row][parity] & columns[parity];
-                }
-            }
-        }
-        noted[count] = Noted { index, passing };
-        count += usize::from(is_any(passing));
-    }
-    count
-}
-
 /// Some pixels of each plane of some rows, and one more before and behind them.
 #[inline(always)]
 fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
@@ -272,13 +234,14 @@ pub(super) struct Row<'a> {
     pub rows: [Planes<'a>; 3],
     /// It has red and green sites; otherwise blue and green ones.
     pub has_red: bool,
-    pub row: usize,
     /// What is to be looked at.
     pub spans: &'a [Span],
     pub width: usize,
     pub setup: Setup<'a>,
-    /// If all of it is in one.
-    pub zone: Option<usize>,
+    /// Corrects its pixels before they are looked at.
+    pub light: Option<&'a RowLight>,
+    /// For boxes; of corrected pixels, if there is something to correct.
+    tables: &'a ClassTables,
 }
 
 /// [`classify_row`] as a function of its own, which has all registers for itself.
@@ -310,56 +273,74 @@ fn classify_row<S: Lanes, const P: usize>(
 ) {
     let lanes = S::u8s::LEN;
     for noted in noted {
-        let passing = noted.passing[index];
+        let mut passing = noted.passing[index];
         if passing == [0; 2] {
             continue;
         }
-        let at = MARGIN + lanes * noted.index;
-        let colored = at_colored_sites(simd, row.rows, P, at);
-        let green = at_green_sites(simd, row.rows, 1 - P, at);
-        let places = if row.has_red { [0, 1, 2] } else { [2, 1, 0] };
-        for (channel, place) in places.into_iter().enumerate() {
-            colored[channel].store_slice(&mut colors.0[P][place][..lanes]);
-            green[channel].store_slice(&mut colors.0[1 - P][place][..lanes]);
-        }
         let start = 2 * lanes * noted.index;
         let block = Span { begin: start, end: row.width.min(start + 2 * lanes) };
+        let [mut even, mut odd] = exact_colors::<S, P>(simd, row, noted.index);
+        if let Some(light) = row.light {
+            let light = light.load(simd, lanes * noted.index);
+            (even, odd) = (light.corrected(simd, even), light.corrected(simd, odd));
+            // What another zone's prefilter has let pass is half of it under lamps as uneven as one to two.
+            let Prefilter([red, green, blue]) = &row.setup.looks.boxes.rgb;
+            let tables = [simd.table(red), simd.table(green), simd.table(blue)];
+            passing[0] &= simd.passing(even, tables);
+            passing[1] &= simd.passing(odd, tables);
+            if passing == [0; 2] {
+                continue;
+            }
+        }
+        for channel in 0..3 {
+            even[channel].store_slice(&mut colors.0[0][channel][..lanes]);
+            odd[channel].store_slice(&mut colors.0[1][channel][..lanes]);
+        }
         let mut classes = Classes::new();
         for span in row.spans {
-            let span = span.within(block);
-            match row.zone {
-                Some(zone) => row.classify(colors, passing, start, (span, zone), &mut classes),
-                None => {
-                    for part in row.setup.zoned.zones.divide(row.row, span) {
-                        row.classify(colors, passing, start, part, &mut classes);
-                    }
-                }
-            }
+            row.classify(colors, passing, start, span.within(block), &mut classes);
         }
         classes.hand_in(simd, start, block.end - start, runs);
     }
 }
 
+/// Red, green and blue of the pixels in even and in odd columns of a block, which is this one of the row.
+#[inline(always)]
+pub(super) fn exact_colors<S: Lanes, const P: usize>(
+    simd: S,
+    row: &Row,
+    index: usize,
+) -> [[S::u8s; 3]; 2] {
+    let at = MARGIN + S::u8s::LEN * index;
+    let colored = rgb::<S>(at_colored_sites(simd, row.rows, P, at), row.has_red);
+    let green = rgb::<S>(at_green_sites(simd, row.rows, 1 - P, at), row.has_red);
+    if P == 0 { [colored, green] } else { [green, colored] }
+}
+
+/// Sorts a row's own colour and the other one into red and blue.
+#[inline(always)]
+fn rgb<S: Lanes>([own, green, other]: [S::u8s; 3], has_red: bool) -> [S::u8s; 3] {
+    if has_red { [own, green, other] } else { [other, green, own] }
+}
+
 impl Row<'_> {
-    /// Classifies the pixels of a block that have passed, as far as they are in a span, which is in one
-    /// zone.
+    /// Classifies the pixels of a block that have passed, as far as they are in a span.
     #[inline(always)]
     fn classify(
         &self,
         Colors(colors): &Colors,
         passing: [u64; 2],
         start: usize,
-        (span, zone): (Span, usize),
+        span: Span,
         classes: &mut Classes,
     ) {
-        let tables = &self.setup.zoned.tables[zone];
         for parity in 0..2 {
             let mut pixels = passing[parity] & every_other(span, start, parity);
             while pixels != 0 {
                 let lane = pixels.trailing_zeros() as usize % MAX_LANES;
                 pixels &= pixels - 1;
                 let [red, green, blue] = &colors[parity];
-                let class = tables.classify([red[lane], green[lane], blue[lane]]);
+                let class = self.tables.classify([red[lane], green[lane], blue[lane]]);
                 classes.set(2 * lane + parity, class);
             }
         }

@@ -3,10 +3,10 @@
 use super::classes::Classes;
 use super::filters::BlockFilters;
 use super::lanes::{Lanes, MAX_LANES};
-use super::looks::{self, ZoneLooks};
+use super::light::Light;
+use super::looks::{self, PixelLooks};
 use super::prefilter::Prefilter;
 use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
-use crate::ClassTables;
 use crate::mask::Span;
 use crate::picture::{ColorImage, ColorRow};
 use crate::yuv::rgb_from_yuv;
@@ -45,8 +45,9 @@ pub fn classify<S: Lanes>(
     let lanes = S::u8s::LEN;
     let mut runs = RunWriter::new(out);
     let is_yuv = image.is_yuv();
-    let has_rgb_boxes = is_yuv && zoned.tables.iter().any(ClassTables::has_colors_without_yuv);
-    let has_looks = is_yuv && zoned.tables.iter().any(ClassTables::has_second_looks);
+    let has_rgb_boxes = is_yuv && zoned.colors.has_colors_without_yuv();
+    let has_looks = is_yuv && zoned.colors.has_second_looks();
+    let looks = PixelLooks::new(setup);
     scratch.fit(image.width());
     let Scratch { channels: [a, b, c, red, green, blue], filters } = scratch;
     for row in 0..image.height() {
@@ -84,9 +85,9 @@ pub fn classify<S: Lanes>(
                     let tables = &zoned.tables[zone];
                     let mut pixels = pixels & span.bits(start, lanes);
                     if pixels != 0 && tables.has_second_looks() {
-                        let looks = ZoneLooks::new(setup, zone);
                         if !is_yuv {
-                            let rgb = load(simd, [a, b, c], start);
+                            let light = Light::everywhere(simd, tables.correction());
+                            let rgb = light.corrected(simd, load(simd, [a, b, c], start));
                             if let Some(found) = looks.classify(simd, rgb, pixels) {
                                 classes.set_all(simd, 0, found);
                             }
@@ -140,9 +141,9 @@ fn passing_looks_yuv<S: Lanes>(
     setup: Setup,
 ) -> u64 {
     let (yuv, rgb) = (load(simd, yuv, start), load(simd, rgb, start));
-    let corrected = looks::corrected(simd, rgb, &setup.zoned.tables[zone]);
-    let keys = looks::keys(simd, corrected);
-    let (prefilters, looks) = (&setup.prefilters[zone], &setup.look_filters[zone]);
+    let light = Light::everywhere(simd, setup.zoned.tables[zone].correction());
+    let keys = looks::keys(simd, light.corrected(simd, rgb));
+    let (prefilters, looks) = (&setup.prefilters[zone], setup.looks);
     let in_yuv = buckets(simd, yuv, &prefilters.yuv) & looks.yuv.admitting(simd, keys);
     let in_rgb = buckets(simd, rgb, &prefilters.rgb) & looks.rgb.admitting(simd, keys);
     simd.any_bucket(in_yuv) | simd.any_bucket(in_rgb)

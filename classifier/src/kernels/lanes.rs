@@ -1,7 +1,9 @@
 //! What the kernels need of an instruction set beyond what the library offers for all of them.
 
 use super::prefilter::ChannelFilter;
-use crate::look_tables::{Bytes, COLOR_LOG, GREY_LOG, KEYS, LOG};
+#[cfg(target_arch = "x86_64")]
+use crate::look_tables::{Bytes, COLOR_LOG, GREY_LOG};
+use crate::look_tables::{KEYS, LOG};
 use fearless_simd::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512, Sse4_2};
@@ -39,9 +41,6 @@ pub trait Lanes: Simd {
     /// (a + b + 1) / 2, rounded down, of each pair of bytes. One instruction wherever there is one,
     /// which the library does not offer; it would be four of those that it does.
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
-
-    /// The entry for each value of a table of all bytes.
-    fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s;
 
     /// The entry for each key, below [`KEYS`].
     fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s;
@@ -92,18 +91,6 @@ macro_rules! sixteen_entries {
         #[inline(always)]
         fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s {
             table.swizzle_dyn_within_blocks(keys >> 2)
-        }
-
-        #[inline(always)]
-        fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s {
-            let (upper, lower) = (values >> 4, values & 15);
-            let mut mapped = Self::u8s::splat(self, 0);
-            for (index, entries) in table.0.as_chunks::<16>().0.iter().enumerate() {
-                let entries = Self::u8s::block_splat(u8x16::from_slice(self, entries));
-                let is_here = upper.simd_eq(index as u8);
-                mapped = is_here.select(entries.swizzle_dyn_within_blocks(lower), mapped);
-            }
-            mapped
         }
 
         /// Value for the upper four bits, and the increment for the lower ones.
@@ -163,48 +150,19 @@ impl Lanes for Avx512 {
         table.swizzle_dyn(keys)
     }
 
-    /// Twice among 128 entries, by the lower seven bits.
-    #[inline(always)]
-    fn map(self, table: &Bytes, values: Self::u8s) -> Self::u8s {
-        fearless_simd::kernel!(
-            #[inline(always)]
-            fn look_up(
-                simd: Avx512,
-                table: [u8x64<Avx512>; 4],
-                values: u8x64<Avx512>,
-            ) -> u8x64<Avx512> {
-                let [a, b, c, d] = table;
-                let values = values.into();
-                let lower = _mm512_permutex2var_epi8(a.into(), values, b.into());
-                let upper = _mm512_permutex2var_epi8(c.into(), values, d.into());
-                _mm512_mask_blend_epi8(_mm512_movepi8_mask(values), lower, upper).simd_into(simd)
-            }
-        );
-        let [a, b, c, d] = table.0.as_chunks::<64>().0 else {
-            unreachable!("256 is four times 64")
-        };
-        let load = [
-            u8x64::from_slice(self, a),
-            u8x64::from_slice(self, b),
-            u8x64::from_slice(self, c),
-            u8x64::from_slice(self, d),
-        ];
-        look_up(self, load, values)
-    }
-
     #[inline(always)]
     fn log(self, values: Self::u8s) -> Self::u8s {
-        self.map(&LOG, values)
+        map_all(self, &LOG, values)
     }
 
     #[inline(always)]
     fn color_log(self, values: Self::u8s) -> Self::u8s {
-        self.map(&COLOR_LOG, values)
+        map_all(self, &COLOR_LOG, values)
     }
 
     #[inline(always)]
     fn grey_log(self, values: Self::u8s) -> Self::u8s {
-        self.map(&GREY_LOG, values)
+        map_all(self, &GREY_LOG, values)
     }
 
     #[inline(always)]
@@ -217,6 +175,34 @@ impl Lanes for Avx512 {
         );
         mean(self, a, b)
     }
+}
+
+/// The entry for each value of a table of all bytes: looked up twice among 128 entries, by the lower seven bits.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn map_all(simd: Avx512, table: &Bytes, values: u8x64<Avx512>) -> u8x64<Avx512> {
+    fearless_simd::kernel!(
+        #[inline(always)]
+        fn look_up(
+            simd: Avx512,
+            table: [u8x64<Avx512>; 4],
+            values: u8x64<Avx512>,
+        ) -> u8x64<Avx512> {
+            let [a, b, c, d] = table;
+            let values = values.into();
+            let lower = _mm512_permutex2var_epi8(a.into(), values, b.into());
+            let upper = _mm512_permutex2var_epi8(c.into(), values, d.into());
+            _mm512_mask_blend_epi8(_mm512_movepi8_mask(values), lower, upper).simd_into(simd)
+        }
+    );
+    let [a, b, c, d] = table.0.as_chunks::<64>().0 else { unreachable!("256 is four times 64") };
+    let load = [
+        u8x64::from_slice(simd, a),
+        u8x64::from_slice(simd, b),
+        u8x64::from_slice(simd, c),
+        u8x64::from_slice(simd, d),
+    ];
+    look_up(simd, load, values)
 }
 
 #[cfg(target_arch = "x86_64")]

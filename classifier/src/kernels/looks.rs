@@ -34,17 +34,6 @@ impl LookFilter {
     }
 }
 
-/// Classes of the pixels.
-#[inline(always)]
-pub fn corrected<S: Lanes>(simd: S, rgb: [S::u8s; 3], tables: &ClassTables) -> [S::u8s; 3] {
-    match tables.corrections() {
-        None => rgb,
-        Some([red, green, blue]) => {
-            [simd.map(red, rgb[0]), simd.map(green, rgb[1]), simd.map(blue, rgb[2])]
-        }
-    }
-}
-
 /// The [keys](crate::look_tables) of pixels.
 #[inline(always)]
 pub fn keys<S: Lanes>(simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 4] {
@@ -66,28 +55,24 @@ fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
     of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
 }
 
-/// What a zone's pixels are classified with where colours have second looks.
+/// What pixels are classified with where colours have second looks.
 #[derive(Clone, Copy)]
-pub struct ZoneLooks<'a> {
-    tables: &'a ClassTables,
+pub struct PixelLooks<'a> {
+    colors: &'a ClassTables,
     boxes: &'a Prefilter,
     looks: &'a LookFilter,
     buckets: &'a Buckets,
 }
 
-impl<'a> ZoneLooks<'a> {
+impl<'a> PixelLooks<'a> {
     #[inline(always)]
-    pub fn new(setup: Setup<'a>, zone: usize) -> Self {
-        Self {
-            tables: &setup.zoned.tables[zone],
-            boxes: &setup.prefilters[zone].rgb,
-            looks: &setup.look_filters[zone].rgb,
-            buckets: setup.buckets,
-        }
+    pub fn new(setup: Setup<'a>) -> Self {
+        let Setup { zoned, looks, buckets, .. } = setup;
+        Self { colors: zoned.colors, boxes: &looks.boxes.rgb, looks: &looks.rgb, buckets }
     }
 
-    /// The classes of those pixels of a register whose bits are set; [`BACKGROUND`] for the others. `None`
-    /// if there are none.
+    /// The classes of those pixels of a register whose bits are set, under the light in which the colours were set;
+    /// [`BACKGROUND`] for the others. `None` if there are none.
     #[inline(always)]
     pub fn classify<S: Lanes>(self, simd: S, rgb: [S::u8s; 3], pixels: u64) -> Option<S::u8s> {
         if pixels == 0 {
@@ -95,7 +80,6 @@ impl<'a> ZoneLooks<'a> {
         }
         let Prefilter([red, green, blue]) = self.boxes;
         let boxes = simd.buckets(rgb, [simd.table(red), simd.table(green), simd.table(blue)]);
-        let rgb = corrected(simd, rgb, self.tables);
         let buckets = boxes & self.looks.admitting(simd, keys(simd, rgb));
         let pixels = pixels & simd.any_bucket(buckets);
         if pixels == 0 {
@@ -109,14 +93,14 @@ impl<'a> ZoneLooks<'a> {
 #[inline(never)]
 fn classify_apart<S: Lanes>(
     simd: S,
-    zone: ZoneLooks,
+    with: PixelLooks,
     rgb: &[S::u8s; 3],
     buckets: &S::u8s,
     pixels: u64,
 ) -> S::u8s {
     simd.vectorize(
         #[inline(always)]
-        || classify_exactly(simd, zone, *rgb, *buckets, pixels),
+        || classify_exactly(simd, with, *rgb, *buckets, pixels),
     )
 }
 
@@ -124,7 +108,7 @@ fn classify_apart<S: Lanes>(
 #[inline(always)]
 fn classify_exactly<S: Lanes>(
     simd: S,
-    zone: ZoneLooks,
+    with: PixelLooks,
     rgb: [S::u8s; 3],
     buckets: S::u8s,
     pixels: u64,
@@ -132,10 +116,10 @@ fn classify_exactly<S: Lanes>(
     let seen = Seen::new(simd, rgb);
     let mut classes = S::u8s::splat(simd, BACKGROUND);
     // An earlier colour replaces a later one.
-    let colors = &zone.tables.second_looks().classes;
+    let colors = &with.colors.second_looks().classes;
     for class in (0..colors.len()).rev() {
         let (ranges, look) = &colors[class];
-        let mut found = !(buckets & zone.buckets.bit(class)).simd_eq(0).to_bitmask() & pixels;
+        let mut found = !(buckets & with.buckets.bit(class)).simd_eq(0).to_bitmask() & pixels;
         if found == 0 {
             continue;
         }
@@ -215,7 +199,9 @@ fn met<S: Lanes>(simd: S, [first, second, third, fourth]: [S::i16s; 4], bound: B
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::correction::Correction;
     use crate::kernels::lanes::MAX_LANES;
+    use crate::kernels::light::Light;
     use crate::look_tables::{self, Bytes, COLOR_LOG, GREY_LOG, LOG};
     use fearless_simd::Level;
 
@@ -241,9 +227,8 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_is_mapped_and_has_its_logarithm() {
+    fn every_byte_has_its_logarithms() {
         fn check<S: Lanes>(simd: S) {
-            let table = Bytes(std::array::from_fn(|value| (value * 7 + value / 9) as u8));
             let all: [u8; 256] = std::array::from_fn(|value| value as u8);
             for bytes in all.chunks_exact(S::u8s::LEN) {
                 let values = S::u8s::from_slice(simd, bytes);
@@ -253,7 +238,6 @@ mod tests {
                 assert_eq!(store::<S>(simd.log(values)), of(&LOG));
                 assert_eq!(store::<S>(simd.color_log(values)), of(&COLOR_LOG));
                 assert_eq!(store::<S>(simd.grey_log(values)), of(&GREY_LOG));
-                assert_eq!(store::<S>(simd.map(&table, values)), of(&table));
             }
         }
         with_each_level!(check);
@@ -262,8 +246,8 @@ mod tests {
     #[test]
     fn keys_are_those_of_each_pixel() {
         fn check<S: Lanes>(simd: S) {
-            let dim = ClassTables::new(&[]).unwrap();
-            for tables in [dim.under([-3, 0, 9]), dim] {
+            for correction in [Correction::new([-3, 0, 9], 12), Correction::NONE] {
+                let light = Light::everywhere(simd, correction);
                 let mut state = 1u32;
                 for round in 0..3000 {
                     let mut channels = [[0; MAX_LANES]; 3];
@@ -273,12 +257,9 @@ mod tests {
                     }
                     let rgb =
                         channels.each_ref().map(|c| S::u8s::from_slice(simd, &c[..S::u8s::LEN]));
-                    let found = keys(simd, corrected(simd, rgb, &tables)).map(store::<S>);
+                    let found = keys(simd, light.corrected(simd, rgb)).map(store::<S>);
                     for lane in 0..S::u8s::LEN {
-                        let rgb = [0, 1, 2].map(|channel: usize| {
-                            let value = channels[channel][lane];
-                            tables.corrections().map_or(value, |c| c[channel].of(value))
-                        });
+                        let rgb = [0, 1, 2].map(|c| correction.of(c, channels[c][lane]));
                         let found = found.each_ref().map(|keys| keys[lane]);
                         assert_eq!(found, look_tables::keys(rgb), "{rgb:?}");
                     }

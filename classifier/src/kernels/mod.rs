@@ -11,6 +11,7 @@ mod demosaic;
 mod filters;
 mod lanes;
 mod level;
+mod light;
 mod look_rows;
 mod looks;
 mod planes;
@@ -20,14 +21,12 @@ mod self_test;
 
 use crate::mask::FieldMask;
 use crate::picture::Picture;
-use crate::tables::SecondLooks;
 use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use buckets::Buckets;
 use common::messages::Run;
 use looks::LookFilter;
 use prefilter::Prefilter;
-use std::sync::Arc;
 
 pub use level::{SimdChoice, SimdLevel};
 
@@ -42,7 +41,7 @@ pub struct Kernel {
     buckets: [Buckets; 2],
     /// By zone.
     prefilters: Vec<Prefilters>,
-    look_filters: Vec<LookFilters>,
+    looks: Looks,
     scratch: Scratch,
 }
 
@@ -52,8 +51,8 @@ impl Kernel {
     pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
         let buckets = [Buckets::new(tables.rgb(), demosaic::EXCESS), Buckets::new(tables.yuv(), 0)];
         let prefilters = vec![Prefilters::new(tables, &buckets)];
-        let look_filters = vec![LookFilters::new(tables, &buckets)];
-        Self { level, buckets, prefilters, look_filters, scratch: Scratch::default() }
+        let looks = Looks::new(tables, &buckets);
+        Self { level, buckets, prefilters, looks, scratch: Scratch::default() }
     }
 
     /// Whose instructions it uses.
@@ -70,7 +69,7 @@ impl Kernel {
         mask: &FieldMask,
         out: &mut [Run],
     ) -> Written {
-        let ZonedTables { tables, .. } = zoned;
+        let ZonedTables { colors, tables, .. } = zoned;
         let known = self.prefilters.len();
         let new = |tables| Prefilters::new(tables, &self.buckets);
         self.prefilters.extend(tables.iter().skip(known).map(new));
@@ -79,18 +78,11 @@ impl Kernel {
                 *prefilters = new(tables);
             }
         }
-        for (zone, tables) in tables.iter().enumerate() {
-            if zone == self.look_filters.len() {
-                // Mostly of the same colours.
-                self.look_filters.push(self.look_filters[0].clone());
-            }
-            if !self.look_filters[zone].are_of(tables) {
-                self.look_filters[zone] = LookFilters::new(tables, &self.buckets);
-            }
+        if self.looks.boxes.version != colors.version() {
+            self.looks = Looks::new(colors, &self.buckets);
         }
-        let (prefilters, look_filters) = (&self.prefilters, &self.look_filters);
-        let buckets = &self.buckets[0];
-        let setup = Setup { zoned, prefilters, look_filters, buckets, mask };
+        let (prefilters, looks) = (&self.prefilters, &self.looks);
+        let setup = Setup { zoned, prefilters, looks, buckets: &self.buckets[0], mask };
         self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
@@ -109,7 +101,7 @@ struct Setup<'a> {
     zoned: ZonedTables<'a>,
     /// By zone.
     prefilters: &'a [Prefilters],
-    look_filters: &'a [LookFilters],
+    looks: &'a Looks,
     /// Tables for colours in RGB.
     buckets: &'a Buckets,
     /// The pixels to look at.
@@ -142,22 +134,23 @@ impl Prefilters {
     }
 }
 
-/// Data for the second looks of some colours.
+/// Data for colours with second looks, under the light in which they were set.
 #[derive(Debug, Clone)]
-struct LookFilters {
-    of: Arc<SecondLooks>,
+struct Looks {
+    boxes: Prefilters,
     rgb: LookFilter,
     yuv: LookFilter,
 }
 
-impl LookFilters {
-    fn new(tables: &ClassTables, [rgb, yuv]: &[Buckets; 2]) -> Self {
-        let of = Arc::clone(tables.second_looks());
-        Self { rgb: LookFilter::new(&of.tables, rgb), yuv: LookFilter::new(&of.tables, yuv), of }
-    }
-
-    fn are_of(&self, tables: &ClassTables) -> bool {
-        Arc::ptr_eq(&self.of, tables.second_looks())
+impl Looks {
+    fn new(colors: &ClassTables, buckets: &[Buckets; 2]) -> Self {
+        let [rgb, yuv] = buckets;
+        let tables = &colors.second_looks().tables;
+        Self {
+            boxes: Prefilters::new(colors, buckets),
+            rgb: LookFilter::new(tables, rgb),
+            yuv: LookFilter::new(tables, yuv),
+        }
     }
 }
 

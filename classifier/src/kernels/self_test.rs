@@ -29,10 +29,10 @@ pub fn passes(level: SimdLevel) -> bool {
             let colors: Vec<ColorConfig> = (0..count).map(|_| random.color(count)).collect();
             ClassTables::new(&colors).ok()
         };
-        let (Some(first), Some(second)) = (some_tables(), some_tables()) else { return false };
-        let tables = [first, second];
-        let zoned = ZonedTables { tables: &tables, zones: &zones };
-        let mut kernel = Kernel::new(level, &tables[0]);
+        let Some(colors) = some_tables() else { return false };
+        let tables = [colors.clone(), colors.under_haze([-9, 0, 21], 16)];
+        let zoned = ZonedTables { colors: &colors, tables: &tables, zones: &zones };
+        let mut kernel = Kernel::new(level, &colors);
         orders.into_iter().chain(others).all(|layout| {
             let stride = layout.format.row_bytes(WIDTH) as u32 + 3;
             let bytes = layout.format.frame_bytes(WIDTH, HEIGHT, stride);

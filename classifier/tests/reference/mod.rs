@@ -72,19 +72,18 @@ impl Frame {
 
     /// The class of every pixel, row by row.
     pub fn labels(&self, colors: &[ColorConfig]) -> Vec<Option<u8>> {
-        self.rgb()
-            .chunks_exact(3)
-            .map(|rgb| {
-                let rgb = [rgb[0], rgb[1], rgb[2]];
-                colors.iter().position(|color| is_of_color(rgb, color)).map(|class| class as u8)
-            })
-            .collect()
+        self.rgb().chunks_exact(3).map(|rgb| label([rgb[0], rgb[1], rgb[2]], colors)).collect()
     }
 
     /// The runs that must come out.
     pub fn runs(&self, colors: &[ColorConfig]) -> Vec<Run> {
         runs_of_labels(&self.labels(colors), self.header.width)
     }
+}
+
+/// The class of a pixel.
+pub fn label(rgb: [u8; 3], colors: &[ColorConfig]) -> Option<u8> {
+    colors.iter().position(|color| is_of_color(rgb, color)).map(|class| class as u8)
 }
 
 /// The runs of classified pixels in rows of `width`.

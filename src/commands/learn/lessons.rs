@@ -1,10 +1,10 @@
 //! The pictures that are learned from, as the classifier sees them.
 
 use super::CommandError;
-use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe, corrections};
+use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe};
 use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
-use classifier::{BayerImage, ClassTables, Picture as Frame, demosaic};
+use classifier::{BayerImage, ClassTables, Correction, Picture as Frame, demosaic};
 use common::config::Config;
 use grabber::pictures::load_bayer;
 use learning::labels::ImageLabels;
@@ -58,7 +58,7 @@ impl Lessons {
                     lesson.picture.corrected(|column, row| &tables[zones.at(column, row)])
                 }
                 None => {
-                    let tables = corrections(gains);
+                    let tables = Correction::new(gains, 0).tables();
                     lesson.picture.corrected(|_, _| &tables)
                 }
             });

@@ -1,0 +1,81 @@
+//! What the values of pixels are taken for where light is not as it was when the colours were set.
+
+use crate::lamp::{self, Gains};
+
+/// Takes white light off all channels, and multiplies each. In integers of 16 bits, so that
+/// [`kernels`](crate::kernels) can do the same with registers full of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Correction {
+    /// Grey levels of white light.
+    pub(crate) haze: u8,
+    /// Red, green, blue, in 256ths.
+    pub(crate) gains: [u16; 3],
+    /// Values above these become white.
+    pub(crate) most: [u8; 3],
+}
+
+/// One, as a gain.
+const UNITY: u16 = 256;
+
+impl Correction {
+    /// Changes nothing.
+    pub const NONE: Self = Self { haze: 0, gains: [UNITY; 3], most: [u8::MAX; 3] };
+
+    /// For these gains, and so many grey levels of white light.
+    pub fn new(gains: Gains, haze: u8) -> Self {
+        let gains = gains.map(lamp::gain_in_256ths);
+        let most = gains.map(|gain| ((u16::MAX - UNITY / 2) / gain).min(u8::MAX.into()) as u8);
+        Self { haze, gains, most }
+    }
+
+    /// What a value of a channel (0 red, 1 green, 2 blue) becomes.
+    #[inline(always)]
+    pub fn of(&self, channel: usize, value: u8) -> u8 {
+        let value = u32::from(value.saturating_sub(self.haze));
+        rounded(value * u32::from(self.gains[channel]))
+    }
+
+    /// For each channel, what each value becomes.
+    pub fn tables(&self) -> [[u8; 256]; 3] {
+        self.gains.map(|gain| {
+            let mut table = [0; 256];
+            // Value after value a gain is added, which is a third of what multiplying takes.
+            let mut product = 0;
+            for corrected in &mut table[usize::from(self.haze)..] {
+                *corrected = rounded(product);
+                product += u32::from(gain);
+            }
+            table
+        })
+    }
+}
+
+/// From a product in 256ths.
+#[inline(always)]
+fn rounded(product: u32) -> u8 {
+    ((product + u32::from(UNITY / 2)) / u32::from(UNITY)).min(u8::MAX.into()) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_what_the_gains_say() {
+        assert_eq!(Correction::new([0; 3], 0), Correction::NONE);
+        assert_eq!(Correction::NONE.tables()[0].to_vec(), (0..=255).collect::<Vec<u8>>());
+        // Those of lamps and zones together.
+        for steps in -41..=41 {
+            let gain = (f64::from(steps) / 16.0).exp2();
+            for haze in [0, 8, 144] {
+                let correction = Correction::new([0, steps, 0], haze);
+                for (value, &corrected) in correction.tables()[1].iter().enumerate() {
+                    let exact = (value.saturating_sub(haze.into()) as f64 * gain).min(255.0);
+                    let off = (f64::from(corrected) - exact).abs();
+                    assert!(off <= 1.02, "{steps} {haze}: {value}");
+                    assert_eq!(corrected, correction.of(1, value as u8));
+                }
+            }
+        }
+    }
+}

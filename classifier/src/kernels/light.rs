@@ -1,0 +1,117 @@
+//! [Corrections](Correction) of registers full of pixels, each as its zone needs it.
+
+use super::lanes::{Lanes, MAX_LANES};
+use crate::correction::Correction;
+use crate::zones::ZonedTables;
+use fearless_simd::prelude::*;
+
+/// The corrections of a row's pixels. Zones consist of tiles with even sides, so two pixels side by side share
+/// theirs, and one entry is for both.
+#[derive(Debug, Clone, Default)]
+pub struct RowLight {
+    haze: Vec<u8>,
+    gains: [Vec<u16>; 3],
+    most: [Vec<u8>; 3],
+    is_corrected: bool,
+    /// All this holds for the rows before this one.
+    end_row: usize,
+}
+
+impl RowLight {
+    /// Begins with a picture of this width.
+    pub fn begin(&mut self, width: usize) {
+        self.end_row = 0;
+        let entries = width.div_ceil(2).next_multiple_of(MAX_LANES);
+        if self.haze.len() < entries {
+            self.haze.resize(entries, 0);
+            self.gains.iter_mut().for_each(|gains| gains.resize(entries, 0));
+            self.most.iter_mut().for_each(|most| most.resize(entries, 0));
+        }
+    }
+
+    /// For a row, which is not above the one asked for before; `None` if nothing is to be corrected.
+    #[inline(always)]
+    pub fn of_row(&mut self, zoned: ZonedTables, row: usize) -> Option<&Self> {
+        if row >= self.end_row {
+            self.set(zoned, row);
+        }
+        self.is_corrected.then_some(self)
+    }
+
+    #[inline(never)]
+    fn set(&mut self, zoned: ZonedTables, row: usize) {
+        let tile = zoned.zones.tile_px();
+        self.end_row = (row / tile + 1) * tile;
+        let tiles = zoned.zones.tiles_of_row(row);
+        let correction = |zone: u8| zoned.tables[usize::from(zone)].correction();
+        self.is_corrected = tiles.iter().any(|&zone| correction(zone) != Correction::NONE);
+        if !self.is_corrected {
+            return;
+        }
+        for (index, &zone) in tiles.iter().enumerate() {
+            let Correction { haze, gains, most } = correction(zone);
+            let entries = self.haze.len();
+            let begin = (index * tile / 2).min(entries);
+            // The last tile counts for what fills the last register, too.
+            let end =
+                if index + 1 == tiles.len() { entries } else { (begin + tile / 2).min(entries) };
+            self.haze[begin..end].fill(haze);
+            for channel in 0..3 {
+                self.gains[channel][begin..end].fill(gains[channel]);
+                self.most[channel][begin..end].fill(most[channel]);
+            }
+        }
+    }
+
+    /// From an entry on, for the pixels in even or odd columns.
+    #[inline(always)]
+    pub fn load<S: Lanes>(&self, simd: S, at: usize) -> Light<S> {
+        let (lanes, half) = (S::u8s::LEN, S::u16s::LEN);
+        let bytes = |values: &[u8]| S::u8s::from_slice(simd, &values[at..at + lanes]);
+        let words = |values: &[u16]| {
+            let values = &values[at..at + lanes];
+            [S::u16s::from_slice(simd, &values[..half]), S::u16s::from_slice(simd, &values[half..])]
+        };
+        let [red, green, blue] = &self.gains;
+        let gains = [words(red), words(green), words(blue)];
+        let [red, green, blue] = &self.most;
+        Light { haze: bytes(&self.haze), gains, most: [bytes(red), bytes(green), bytes(blue)] }
+    }
+}
+
+/// The corrections of a register full of pixels.
+#[derive(Clone, Copy)]
+pub struct Light<S: Lanes> {
+    haze: S::u8s,
+    gains: [[S::u16s; 2]; 3],
+    most: [S::u8s; 3],
+}
+
+impl<S: Lanes> Light<S> {
+    /// The same for all of them.
+    #[inline(always)]
+    pub fn everywhere(simd: S, Correction { haze, gains, most }: Correction) -> Self {
+        let [red, green, blue] = gains;
+        let word = |value: u16| [S::u16s::splat(simd, value); 2];
+        let byte = |value: u8| S::u8s::splat(simd, value);
+        let most = [byte(most[0]), byte(most[1]), byte(most[2])];
+        Self { haze: byte(haze), gains: [word(red), word(green), word(blue)], most }
+    }
+
+    /// As [`Correction::of`].
+    #[inline(always)]
+    pub fn corrected(&self, simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 3] {
+        [self.channel(simd, 0, red), self.channel(simd, 1, green), self.channel(simd, 2, blue)]
+    }
+
+    #[inline(always)]
+    fn channel(&self, simd: S, channel: usize, values: S::u8s) -> S::u8s {
+        let (most, [low_gains, high_gains]) = (self.most[channel], self.gains[channel]);
+        let values = values.saturating_sub(self.haze);
+        let (low, high) = values.min(most).widen();
+        let low = (low * low_gains + 128) >> 8;
+        let high = (high * high_gains + 128) >> 8;
+        let white = S::u8s::splat(simd, u8::MAX);
+        values.simd_gt(most).select(white, low.narrow(high))
+    }
+}
