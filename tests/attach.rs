@@ -92,7 +92,7 @@ fn topics_are_listed_with_what_goes_on() {
     assert!(world["live"]["messages_per_s"].as_f64() > Some(5.0), "{world:#}");
     assert!(world["live"]["subscribers"].as_u64() >= Some(2), "{world:#}");
     let prefix = document["iceoryx2"]["prefix"].as_str().unwrap();
-    assert_eq!(prefix, group.instance.shared_memory_prefix());
+    assert_eq!(prefix, group.namespace().prefix());
     let output = output_of(&group.scratch, &["topics", "--format", "config", "--instance", "test"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains(prefix) && text.contains("root-path"), "{text}");

@@ -112,12 +112,10 @@ fn the_group_gets_every_frame_in_order_and_a_sleeper_disturbs_nobody() {
         let data = fs::symlink_metadata(path).unwrap();
         assert_eq!((data.uid(), data.gid()), (own.uid(), rustix::process::getegid().as_raw()));
     }
-    let prefix = group.instance.shared_memory_prefix();
-    for name in support::shared_memory(&prefix) {
+    for path in support::shared_memory(&group.namespace()) {
         // What is removed meanwhile is not readable either.
-        let path = Path::new("/dev/shm").join(&name);
-        let Ok(data) = fs::symlink_metadata(path) else { continue };
-        assert_eq!(data.mode() & 0o077, 0, "{name} is open to others");
+        let Ok(data) = fs::symlink_metadata(&path) else { continue };
+        assert_eq!(data.mode() & 0o077, 0, "{} is open to others", path.display());
     }
 
     let sleeper = Raw::connect(&path);

@@ -13,7 +13,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
-use support::{Group, PATIENCE, Scratch, shared_memory, touchline};
+use support::{Group, PATIENCE, Scratch, output_of, shared_memory, touchline};
 
 /// Nobody's number, on every Linux.
 const NOBODY: u32 = 65534;
@@ -182,11 +182,10 @@ fn nothing_of_a_running_group_is_for_other_users() {
         let mode = fs::symlink_metadata(path).unwrap().permissions().mode();
         assert_eq!(mode & 0o077, 0, "{} has mode {mode:o}", path.display());
     };
-    let names = shared_memory(&group.instance.shared_memory_prefix());
-    assert!(names.len() > 20, "{names:?}");
-    for name in names {
+    let paths = shared_memory(&group.namespace());
+    assert!(paths.len() > 20, "{paths:?}");
+    for path in paths {
         // It may just have gone.
-        let path = Path::new("/dev/shm").join(name);
         if path.exists() {
             is_private(&path);
         }
@@ -218,7 +217,7 @@ fn other_users_neither_look_nor_harm() {
     }
     // Another user's pieces under the group's own names.
     let planted: Vec<PathBuf> = ["planted.data", "planted.connection"]
-        .map(|name| Path::new("/dev/shm").join(group.instance.shared_memory_prefix() + name))
+        .map(|name| Path::new("/dev/shm").join(group.namespace().prefix().to_owned() + name))
         .into();
     for path in &planted {
         fs::write(path, [0xFF; 5000]).unwrap();
@@ -231,6 +230,19 @@ fn other_users_neither_look_nor_harm() {
     for stage in ["grabber", "classifier", "tracker", "filter"] {
         assert_eq!(Group::pid_of(&after, stage), Group::pid_of(&before, stage), "{after:#}");
     }
+    let output = group.touchline(&["doctor"]);
+    let said = text(&output.stdout);
+    for path in &planted {
+        let named = format!("{} has a name of this group's", path.display());
+        assert!(said.contains(&named) && said.contains("(uid 65534)"), "{said}");
+    }
+    // Neither the end of this group nor the next start minds.
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success(), "{}", group.stderr());
+    assert!(planted.iter().all(|path| path.exists()) && !group.instance.directory().exists());
+    let output =
+        output_of(&group.scratch, &["run", "--instance", "test", "--frames", "10", "--quiet"]);
+    assert!(output.status.success(), "{output:?}");
     planted.iter().for_each(|path| fs::remove_file(path).unwrap());
 }
 

@@ -289,8 +289,8 @@ fn a_fault_in_what_counts_does_not_end_what_supervises() {
     assert_nothing_lost(&status);
 
     // Shared memory that somebody truncates: touching it is a SIGBUS.
-    let name = group.instance.shared_memory_prefix() + "events.count";
-    let count = fs::OpenOptions::new().write(true).open(format!("/dev/shm/{name}")).unwrap();
+    let path = group.namespace().event_count_path("events");
+    let count = fs::OpenOptions::new().write(true).open(path).unwrap();
     count.set_len(0).unwrap();
     let tracker = Group::pid_of(&status, "tracker");
     group.signal(tracker, Signal::KILL);

@@ -15,7 +15,7 @@ pub use strangers::Stranger;
 
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
-use crate::instance::{Instance, InstanceError};
+use crate::instance::{Instance, InstanceError, Namespace};
 use crate::memory::{self, SHARED_MEMORY};
 use crate::roster::{NodeKey, Roster};
 use crate::topics::Topic;
@@ -29,8 +29,6 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
 use std::fmt::Debug;
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -81,20 +79,6 @@ pub enum BusError {
         /// iceoryx2's answer.
         reason: String,
     },
-}
-
-/// iceoryx2 makes one piece of its bookkeeping, which all nodes of a prefix share, for everybody on the
-/// machine. Ours is for nobody else.
-fn close_to_others(instance: &Instance) {
-    let prefix = instance.shared_memory_prefix();
-    for entry in std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if name.starts_with(&prefix) && name.ends_with(".global_mgmt") {
-            // Another process of ours may just have removed it, or another user have made it.
-            let _ = std::fs::set_permissions(entry.path(), Permissions::from_mode(0o600));
-        }
-    }
 }
 
 /// Nothing is made when there is hardly any shared memory left.
@@ -165,7 +149,7 @@ const PLACE_RETRY: Duration = Duration::from_millis(20);
 /// A process's membership in an instance.
 pub struct Bus {
     node: Node<ipc::Service>,
-    instance: Instance,
+    namespace: Namespace,
     roster: Rc<Roster>,
     /// How long a place on a topic is waited for.
     patience: Duration,
@@ -192,9 +176,9 @@ impl Bus {
         iceoryx2::prelude::set_log_level(LogLevel::Fatal);
         // In a directory of others nothing would come of it, and nobody would say why.
         instance.check_directory()?;
-        instance.create_ipc_directory()?;
         check_memory("node")?;
-        let config = instance.ipc_config()?;
+        let namespace = instance.create_namespace()?;
+        let config = namespace.ipc_config()?;
         let name = NodeName::new(process).map_err(failed("node", "name it"))?;
         let node = NodeBuilder::new()
             .name(&name)
@@ -202,10 +186,14 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(failed("node", "join the instance"))?;
-        close_to_others(instance);
         let roster = Roster::open(instance).map_err(failed("node", "map the roster"))?;
         let roster = Rc::new(roster);
-        Ok(Self { node, instance: instance.clone(), roster, patience: PLACE_PATIENCE })
+        Ok(Self { node, namespace, roster, patience: PLACE_PATIENCE })
+    }
+
+    /// Where the group is in shared memory.
+    pub fn namespace(&self) -> &Namespace {
+        &self.namespace
     }
 
     /// Enters this process in the group's [roster](crate::roster): what it publishes is believed. For
@@ -349,7 +337,7 @@ impl Bus {
     }
 
     fn event_count(&self, topic: &'static str) -> Result<EventCount, BusError> {
-        EventCount::open(&self.instance.event_count_path(topic))
+        EventCount::open(&self.namespace.event_count_path(topic))
             .map_err(failed(topic, "open its event count"))
     }
 

@@ -48,7 +48,7 @@ struct Connection<E: Message, H: Header> {
     // In this order, so that the membership outlives the ports.
     subscriber: Subscriber<E, H>,
     wake_up: WakeUp,
-    _bus: Bus,
+    bus: Bus,
 }
 
 impl<E: Message, H: Header> Consumer<E, H> {
@@ -99,7 +99,12 @@ impl<E: Message, H: Header> Consumer<E, H> {
             }
             if self.heard.elapsed() > SILENCE {
                 self.heard = Instant::now();
-                if !is_there(&self.instance) {
+                // Another group may be there by now, elsewhere in shared memory.
+                let is_elsewhere = self
+                    .instance
+                    .namespace()
+                    .is_ok_and(|namespace| namespace.as_ref() != Some(connection.bus.namespace()));
+                if is_elsewhere || !is_there(&self.instance) {
                     self.connection = None;
                     return Ok(Some(Event::Left));
                 }
@@ -116,7 +121,7 @@ impl<E: Message, H: Header> Consumer<E, H> {
         let bus = Bus::join(&self.instance, &self.name)?;
         let subscriber = bus.subscriber(self.topic)?;
         let wake_up = bus.wake_up(self.topic)?;
-        Ok(Connection { subscriber, wake_up, _bus: bus })
+        Ok(Connection { subscriber, wake_up, bus })
     }
 }
 
@@ -125,11 +130,9 @@ pub fn is_there(instance: &Instance) -> bool {
     if instance.is_supervised() {
         return true;
     }
-    // Looking would leave something behind where there never was a group.
-    instance.ipc_directory().is_dir()
-        && participants::living(instance).is_ok_and(|living| {
-            living.iter().any(|process| ProcessKind::ALL.iter().any(|k| k.name() == process.name))
-        })
+    participants::living(instance).is_ok_and(|living| {
+        living.iter().any(|process| ProcessKind::ALL.iter().any(|k| k.name() == process.name))
+    })
 }
 
 /// The place of a message after those before it.

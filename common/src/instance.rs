@@ -1,12 +1,12 @@
 //! A group's name, and everything that keeps two groups on one machine apart: a private runtime
-//! directory, a prefix for shared memory, and a [lock] that says whether its supervisor lives.
+//! directory, a [namespace] in shared memory, and a [lock] that says whether its supervisor lives.
 
 pub mod lock;
+pub mod namespace;
 
-use crate::memory::SHARED_MEMORY;
-use crate::messages::ProcessKind;
+pub use namespace::{ForeignFile, Namespace};
+
 use crate::private::{self, Others, PrivacyError, Problem};
-use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
 use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -206,110 +206,22 @@ impl Instance {
         [self.directory.parent().unwrap_or(Path::new("/")), &self.directory]
     }
 
-    /// Where iceoryx2 keeps its files: in memory, so that processes can join whatever has happened to a
-    /// disk or to the runtime directory.
-    pub fn ipc_directory(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(self.shared_memory_prefix() + "ipc")
-    }
-
-    /// Makes iceoryx2's directory, readable by nobody else, and checks that it is really ours.
-    pub fn create_ipc_directory(&self) -> Result<(), InstanceError> {
-        let path = self.ipc_directory();
-        let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&path);
-        match made {
-            Err(error) if fs::symlink_metadata(&path).is_err() => Err(io_error(&path)(error)),
-            _ => check_places([&path; 2]),
-        }
-    }
-
-    /// The iceoryx2 configuration of this instance. Dead processes are cleaned up by the
-    /// supervisor, off the critical path: a stage that cleans while it starts would cost tens of
-    /// milliseconds.
-    pub fn ipc_config(&self) -> Result<IpcConfig, InstanceError> {
-        let too_long = || InstanceError::Path(self.directory.clone());
-        let mut config = IpcConfig::default();
-        let root = self.ipc_directory();
-        let root = root.to_str().ok_or_else(too_long)?;
-        config.global.set_root_path(&IpcPath::new(root.as_bytes()).map_err(|_| too_long())?);
-        config.global.prefix =
-            FileName::new(self.shared_memory_prefix().as_bytes()).map_err(|_| too_long())?;
-        config.global.node.cleanup_dead_nodes_on_creation = false;
-        config.global.node.cleanup_dead_nodes_on_destruction = false;
-        config.global.service.cleanup_dead_nodes_on_open = false;
-        Ok(config)
-    }
-
-    /// How the names of this instance's shared memory begin. It stands for the directory, so that
-    /// groups of the same name in different places never meet.
-    pub fn shared_memory_prefix(&self) -> String {
-        let path = self.directory.to_string_lossy();
-        format!("tl_{:08x}_", fnv1a(path.as_bytes()) as u32)
-    }
-
-    /// The page that a stage's processes and the supervisor share.
-    pub fn stage_page_path(&self, stage: &str) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}{stage}.page", self.shared_memory_prefix()))
-    }
-
-    /// Removes what says how far the stages of an earlier group have come, so that those of a new one
-    /// begin at the beginning. Only when none of them is alive.
-    pub fn forget_progress(&self) -> Result<(), InstanceError> {
-        for stage in ProcessKind::ALL.map(ProcessKind::name) {
-            let path = self.stage_page_path(stage);
-            remove(fs::remove_file(&path), &path)?;
-        }
-        Ok(())
-    }
-
-    /// The page with the nodes of the group's own processes.
-    pub fn roster_path(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}roster.page", self.shared_memory_prefix()))
-    }
-
-    /// Where the count of a topic's messages is, on which its readers sleep.
-    pub fn event_count_path(&self, topic: &str) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}{topic}.count", self.shared_memory_prefix()))
-    }
-
-    /// Removes everything a group has left behind in shared memory, but for the lock.
-    /// Only for the holder of the lock, and only when none of the group's processes is alive:
-    /// removing one half of what iceoryx2 keeps, or removing it under a living process, is worse
-    /// than leaving it.
-    pub fn wipe(&self) -> Result<(), InstanceError> {
-        let shared_memory = Path::new(SHARED_MEMORY);
-        let prefix = self.shared_memory_prefix();
-        let lock = lock::in_memory(self);
-        let entries = fs::read_dir(shared_memory).map_err(io_error(shared_memory))?;
-        for path in entries.flatten().map(|entry| entry.path()) {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            if !name.starts_with(&prefix) || path == lock {
-                continue;
-            }
-            let is_directory = fs::symlink_metadata(&path).is_ok_and(|data| data.is_dir());
-            let removed =
-                if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-            remove(removed, &path)?;
-        }
-        Ok(())
-    }
-
     /// Whether there is or was a group in the runtime directory: where the user's own directory serves
     /// as the place of all groups, there are others in it that have nothing to do with any.
     pub fn has_files(&self) -> bool {
-        let names = [MADE, lock::NAME, "config.toml", "group.json"];
+        let names = [MADE, lock::NAME, namespace::NOTE, "config.toml", "group.json"];
         names.iter().any(|name| self.directory.join(name).exists())
     }
 
-    /// Removes the runtime directory itself, and the lock, at the end of a group's life. A directory that
-    /// was there before stays, without the files of the group.
+    /// Removes the runtime directory, the lock and the namespace, at the end of a group's life. A
+    /// directory that was there before stays, without the files of the group.
     pub fn remove_directory(&self) -> Result<(), InstanceError> {
+        self.remove_namespace()?;
         if self.directory.join(MADE).exists() {
             remove(fs::remove_dir_all(&self.directory), &self.directory)?;
         } else {
             self.remove_files()?;
         }
-        let lock = lock::in_memory(self);
-        remove(fs::remove_file(&lock), &lock)?;
         if let Some(base) = self.directory.parent() {
             remove_if_made(base);
         }
@@ -317,8 +229,9 @@ impl Instance {
     }
 
     fn remove_files(&self) -> Result<(), InstanceError> {
-        let names = [lock::NAME, "config.toml", "group.json", "group.new", "control", "step"];
-        for path in names.map(|name| self.directory.join(name)) {
+        let names = [lock::NAME, namespace::NOTE, "config.toml", "group.json", "group.new"];
+        let sockets = ["control", "step"];
+        for path in names.into_iter().chain(sockets).map(|name| self.directory.join(name)) {
             remove(fs::remove_file(&path), &path)?;
         }
         // The sockets of those who were asking for something when they died.

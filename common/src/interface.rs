@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Counts up when what the processes of a group leave each other besides messages (the pages of stages, the
 /// roster, the group's record) or the places of iceoryx2's files change.
-const FILES_VERSION: u32 = 3;
+const FILES_VERSION: u32 = 4;
 
 /// Everything one program must share with another to work in the same group.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

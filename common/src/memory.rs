@@ -208,15 +208,9 @@ mod tests {
         let _runs = bus.publisher(&topics::RUNS, MAX_RUNS).unwrap();
         let _world = bus.publisher(&topics::WORLD, 1).unwrap();
         let _status = bus.publisher(&topics::STATUS, 1000).unwrap();
-        let sizes: Vec<u64> = fs::read_dir(SHARED_MEMORY)
-            .unwrap()
-            .flatten()
-            .filter(|entry| {
-                let name = entry.file_name().to_string_lossy().into_owned();
-                name.starts_with(&instance.shared_memory_prefix())
-            })
-            .map(|entry| entry.metadata().unwrap().len())
-            .collect();
+        let (segments, _) = bus.namespace().segments().unwrap();
+        let sizes: Vec<u64> =
+            segments.iter().map(|path| fs::metadata(path).unwrap().len()).collect();
         for memory in [
             topics::FRAMES.memory(64 * 48),
             topics::RUNS.memory(MAX_RUNS),
@@ -243,16 +237,12 @@ mod tests {
         instance.create_directory().unwrap();
         let bus = Bus::join(&instance, "writer").unwrap();
         let used = || -> u64 {
-            fs::read_dir(SHARED_MEMORY)
-                .unwrap()
-                .flatten()
-                .filter(|entry| {
-                    let name = entry.file_name().to_string_lossy().into_owned();
-                    name.starts_with(&instance.shared_memory_prefix()) && name.ends_with("data")
-                })
-                .map(|entry| {
-                    std::os::unix::fs::MetadataExt::blocks(&entry.metadata().unwrap()) * 512
-                })
+            let (segments, _) = bus.namespace().segments().unwrap();
+            segments
+                .iter()
+                .filter(|path| path.to_string_lossy().ends_with("data"))
+                .map(|path| std::os::unix::fs::MetadataExt::blocks(&fs::metadata(path).unwrap()))
+                .map(|blocks| blocks * 512)
                 .sum()
         };
         assert_eq!(used(), 0);

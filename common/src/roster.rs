@@ -65,7 +65,8 @@ pub struct Roster {
 impl Roster {
     /// The roster of an instance, made if there is none.
     pub fn open(instance: &Instance) -> io::Result<Self> {
-        Ok(Self { page: SharedPage::open(&instance.roster_path())? })
+        let namespace = instance.create_namespace().map_err(io::Error::other)?;
+        Ok(Self { page: SharedPage::open(&namespace.roster_path())? })
     }
 
     /// Enters a node. Everything it publishes from now on is believed.
@@ -122,7 +123,7 @@ mod tests {
 
     impl Drop for Place {
         fn drop(&mut self) {
-            let _ = self.0.wipe();
+            let _ = self.0.remove_namespace();
             let _ = std::fs::remove_dir_all(&self.1);
         }
     }

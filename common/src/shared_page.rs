@@ -4,11 +4,11 @@
 //! that was only given its size would be taken when it is first touched, and a process that touches
 //! memory which the system cannot provide is killed by a SIGBUS.
 
-use crate::memory;
-use rustix::fd::OwnedFd;
-use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate, ftruncate};
+use crate::{memory, private};
+use rustix::fs::{FallocateFlags, fallocate, ftruncate};
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use std::fs::File;
 use std::io;
 use std::path::Path;
 use std::ptr::NonNull;
@@ -40,8 +40,8 @@ impl<T: Shareable> SharedPage<T> {
     /// Maps the page in this file, which is made, for nobody else to read, if there is none.
     #[allow(unsafe_code)]
     pub fn open(path: &Path) -> io::Result<Self> {
-        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOFOLLOW;
-        let file = rustix::fs::open(path, flags, Mode::RUSR | Mode::WUSR)?;
+        // Whoever else can open the file can truncate it under this process.
+        let file = private::open_file(path)?;
         take_memory(&file)?;
         // SAFETY: a new map of our own at a place the system chooses. It is unmapped in `drop`.
         let page = unsafe {
@@ -75,7 +75,7 @@ impl<T: Shareable> Drop for SharedPage<T> {
 
 /// Gives the file the size of the page and has the system provide its memory. Bytes that are there
 /// stay. Every process asks for the same size, so no map loses its memory.
-fn take_memory(file: &OwnedFd) -> io::Result<()> {
+fn take_memory(file: &File) -> io::Result<()> {
     loop {
         match fallocate(file, FallocateFlags::empty(), 0, MAPPED_BYTES as u64) {
             Err(Errno::INTR) => {}

@@ -38,7 +38,8 @@ pub struct StagePage {
 impl StagePage {
     /// That of a stage in an instance, made if there is none.
     pub fn open(instance: &Instance, kind: ProcessKind) -> io::Result<Self> {
-        Ok(Self { page: SharedPage::open(&instance.stage_page_path(kind.name()))? })
+        let namespace = instance.create_namespace().map_err(io::Error::other)?;
+        Ok(Self { page: SharedPage::open(&namespace.stage_page_path(kind.name()))? })
     }
 
     /// The newest output of all the stage's processes so far; `None` when there is none.

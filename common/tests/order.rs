@@ -24,7 +24,7 @@ impl Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let _ = self.instance.wipe();
+        let _ = self.instance.remove_namespace();
         let _ = std::fs::remove_dir_all(&self.base);
     }
 }

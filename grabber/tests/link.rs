@@ -135,7 +135,7 @@ impl Bench {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        let _ = self.instance.wipe();
+        let _ = self.instance.remove_namespace();
         let _ = std::fs::remove_dir_all(&self.base);
     }
 }

@@ -18,12 +18,15 @@ def directory_of(instance):
     return os.path.join(base, instance)
 
 
-def prefix_of(directory):
-    """How the names of the group's shared memory begin: FNV-1a of the directory."""
-    value = 0xCBF29CE484222325
-    for byte in os.fsencode(directory):
-        value = (value ^ byte) * 0x100000001B3 % 2**64
-    return f"tl_{value % 2**32:08x}_"
+def memory_of(directory):
+    """Where the group is in shared memory, as (root path, prefix); None while it is not there."""
+    try:
+        with open(os.path.join(directory, "memory"), encoding="utf-8") as note:
+            values = dict(line.rstrip("\n").split("=", 1) for line in note)
+        root, prefix = values["root_path"], values["prefix"]
+    except (FileNotFoundError, ValueError, KeyError):
+        return None
+    return (root, prefix) if os.path.isdir(root) else None
 
 
 class Group:
@@ -31,13 +34,12 @@ class Group:
 
     def __init__(self, instance="default", name="python", patience_s=10.0):
         directory = directory_of(instance)
-        prefix = prefix_of(directory)
-        root = f"/dev/shm/{prefix}ipc"
         ends = time.monotonic() + patience_s
-        while not os.path.isdir(root):
+        while not (memory := memory_of(directory)):
             if time.monotonic() > ends:
                 raise TimeoutError(f"no group {instance!r} is running ({directory})")
             time.sleep(0.1)
+        root, prefix = memory
         iox2.set_log_level(iox2.LogLevel.Fatal)
         config = iox2.config.default()
         config.global_cfg.root_path = iox2.Path.new(root)

@@ -69,6 +69,10 @@ impl Premises {
                 self.restored.push("the directory");
             }
         }
+        let namespace = self.lock.namespace();
+        if sys::ask(Call::RestoreNamespace, || self.instance.restore_namespace(namespace))? {
+            self.restored.push("the note of its place in shared memory");
+        }
         if sys::ask(Call::TakeLock, || self.lock.restore())? {
             self.restored.push("the lock");
         }
@@ -116,6 +120,7 @@ mod tests {
 
         for (path, what) in [
             (instance.directory().join("supervisor.lock"), "the lock"),
+            (instance.directory().join("memory"), "the note of its place in shared memory"),
             (instance.config_path(), "the configuration"),
             (instance.control_path(), "the socket for requests"),
         ] {
@@ -124,7 +129,7 @@ mod tests {
             assert!(path.exists());
         }
         fs::remove_dir_all(instance.directory()).unwrap();
-        assert_eq!(premises.restore().unwrap().len(), 4);
+        assert_eq!(premises.restore().unwrap().len(), 5);
         assert_eq!(fs::read_to_string(instance.config_path()).unwrap(), "# a comment");
         assert!(instance.lock().unwrap().is_none(), "a second supervisor");
         assert_eq!(premises.restore().unwrap(), Vec::<&str>::new());

@@ -57,6 +57,7 @@ calls! {
     ReceiveRequest = "receive a request", NOMEM;
     AnswerRequest = "answer a request", NOBUFS;
     MakeDirectory = "make the runtime directory", NOSPC;
+    RestoreNamespace = "restore the note of the place in shared memory", NOSPC;
     TakeLock = "take the lock", MFILE;
     WriteConfig = "write the snapshot of the configuration", NOSPC;
     StartThread = "start a thread", AGAIN;

@@ -106,7 +106,9 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     if others(instance)?.is_empty() {
-        instance.wipe()?;
+        for foreign in instance.wipe()? {
+            common::tell!("touchline: {foreign}; it is left alone");
+        }
     } else {
         warn(participants::remove_dead(instance));
     }

@@ -5,11 +5,11 @@
 //! other. Whatever happens in a test, dropping the [`Group`] ends every process it started.
 #![allow(dead_code)] // each test program uses its own part of this
 
-use common::instance::Instance;
+use common::instance::{Instance, Namespace};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -69,6 +69,8 @@ pub struct Group {
     arguments: Vec<String>,
     /// Stage processes seen so far, so that they can be ended even when the supervisor cannot.
     seen: Vec<u32>,
+    /// Where in shared memory it has been seen.
+    namespaces: Vec<Namespace>,
     _turn: MutexGuard<'static, ()>,
 }
 
@@ -123,7 +125,8 @@ impl Group {
         let mut supervisor = Self::command(&scratch, &arguments);
         change(&mut supervisor);
         let supervisor = supervisor.spawn().unwrap();
-        Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
+        let (seen, namespaces) = Default::default();
+        Self { scratch, instance, supervisor, arguments, seen, namespaces, _turn: turn }
     }
 
     /// Starts `touchline run` with these arguments alone.
@@ -135,7 +138,8 @@ impl Group {
         let arguments: Vec<String> =
             base.iter().chain(args).map(|argument| argument.to_string()).collect();
         let supervisor = Self::command(&scratch, &arguments).spawn().unwrap();
-        Self { scratch, instance, supervisor, arguments, seen: vec![], _turn: turn }
+        let (seen, namespaces) = Default::default();
+        Self { scratch, instance, supervisor, arguments, seen, namespaces, _turn: turn }
     }
 
     fn command(scratch: &Scratch, arguments: &[String]) -> Command {
@@ -193,6 +197,8 @@ impl Group {
     pub fn try_status(&mut self) -> Option<Value> {
         let output = output_of(&self.scratch, &["status", "--instance", "test", "--json"]);
         let status: Value = serde_json::from_slice(&output.stdout).ok()?;
+        let namespace = self.instance.namespace().unwrap();
+        self.namespaces.extend(namespace.filter(|it| !self.namespaces.contains(it)));
         for stage in status["stages"].as_object()?.values() {
             for process in stage["processes"].as_array()? {
                 let pid = process["pid"].as_u64()? as u32;
@@ -228,6 +234,11 @@ impl Group {
         self.wait_for("a working group", |status| {
             status["complete"] == true && status["frames"]["world"].as_u64() > Some(5)
         })
+    }
+
+    /// Where the running group is in shared memory.
+    pub fn namespace(&self) -> Namespace {
+        self.instance.namespace().unwrap().expect("the group runs")
     }
 
     /// The number of a stage's active process.
@@ -283,8 +294,11 @@ impl Group {
         for &pid in &self.seen {
             assert!(!is_stage(pid), "process {pid} is still there");
         }
-        let prefix = self.instance.shared_memory_prefix();
-        assert_eq!(shared_memory(&prefix), Vec::<String>::new(), "shared memory left behind");
+        assert_eq!(self.instance.namespace().unwrap(), None, "shared memory left behind");
+        for namespace in &self.namespaces {
+            let left = shared_memory(namespace);
+            assert_eq!(left, Vec::<PathBuf>::new(), "shared memory left behind");
+        }
         let directory = self.instance.directory();
         assert!(!directory.exists(), "{} is left behind", directory.display());
     }
@@ -306,9 +320,8 @@ impl Drop for Group {
         for &pid in self.seen.iter().filter(|&&pid| is_stage(pid)) {
             let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), Signal::KILL);
         }
-        for name in shared_memory(&self.instance.shared_memory_prefix()) {
-            let path = Path::new("/dev/shm").join(name);
-            // iceoryx2's own files lie in a directory.
+        let now = self.instance.namespace().ok().flatten();
+        for path in self.namespaces.iter().chain(&now).flat_map(shared_memory) {
             let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
         }
     }
@@ -321,11 +334,10 @@ pub fn is_stage(pid: u32) -> bool {
     name.starts_with("tl-") && !stat.contains(") Z ")
 }
 
-pub fn shared_memory(prefix: &str) -> Vec<String> {
-    fs::read_dir("/dev/shm")
-        .unwrap()
-        .flatten()
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| name.starts_with(prefix))
-        .collect()
+/// What is in shared memory of a group: its directory, and what lies beside it.
+pub fn shared_memory(namespace: &Namespace) -> Vec<PathBuf> {
+    let (mut paths, _) = namespace.segments().unwrap();
+    let directory = namespace.directory();
+    paths.extend(directory.exists().then(|| directory.to_path_buf()));
+    paths
 }

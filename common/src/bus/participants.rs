@@ -21,7 +21,7 @@ pub struct LivingProcess {
 /// cheaper to ask than who they are. By the wall clock, which may be set: good for noticing that
 /// something has changed, and for nothing else.
 pub fn changed_at(instance: &Instance) -> Option<SystemTime> {
-    let config = instance.ipc_config().ok()?;
+    let config = instance.namespace().ok()??.ipc_config().ok()?;
     let nodes = config.global.node_dir().to_string();
     std::fs::metadata(nodes).ok()?.modified().ok()
 }
@@ -39,8 +39,9 @@ pub fn remove_dead_named(
     instance: &Instance,
     concerns: impl Fn(&str) -> bool,
 ) -> Result<usize, BusError> {
+    let Some(namespace) = instance.namespace()? else { return Ok(0) };
     let mut dead = Vec::new();
-    Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
+    Node::<ipc::Service>::list(&namespace.ipc_config()?, |state| {
         if let NodeState::Dead(view) = state {
             let name = view.details().as_ref().map(|details| details.name().to_string());
             if concerns(&name.unwrap_or_default()) {
@@ -65,7 +66,8 @@ pub fn remove_dead_named(
 /// The living processes in the instance.
 pub fn living(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
     let mut living = Vec::new();
-    Node::<ipc::Service>::list(&instance.ipc_config()?, |state| {
+    let Some(namespace) = instance.namespace()? else { return Ok(living) };
+    Node::<ipc::Service>::list(&namespace.ipc_config()?, |state| {
         if let NodeState::Alive(view) = state
             && let Ok(pid) = view.id().pid::<ipc::Service>()
         {
@@ -87,7 +89,8 @@ pub fn name_of(instance: &Instance, key: NodeKey) -> Option<String> {
         }
         CallbackProgression::Continue
     };
-    Node::<ipc::Service>::list(&instance.ipc_config().ok()?, |state| match state {
+    let config = instance.namespace().ok()??.ipc_config().ok()?;
+    Node::<ipc::Service>::list(&config, |state| match state {
         NodeState::Alive(view) => {
             let details = view.details().as_ref().map(|details| details.name().to_string());
             named(view.id(), details, &mut name)

@@ -6,13 +6,13 @@
 //! runtime directory and one in shared memory; a supervisor lives when either is held, becomes one who
 //! gets both, and puts back what has gone.
 
-use super::{Instance, InstanceError, io_error};
-use crate::memory::SHARED_MEMORY;
+use super::{Instance, InstanceError, Namespace, io_error};
+use crate::private;
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,7 @@ pub const NAME: &str = "supervisor.lock";
 #[derive(Debug)]
 pub struct SupervisorLock {
     held: Vec<Held>,
+    namespace: Namespace,
 }
 
 #[derive(Debug)]
@@ -37,6 +38,11 @@ struct Held {
 }
 
 impl SupervisorLock {
+    /// Where the group is in shared memory.
+    pub fn namespace(&self) -> &Namespace {
+        &self.namespace
+    }
+
     /// Takes again what has been removed; returns whether there was anything. Call now and then. The
     /// runtime directory must be there.
     pub fn restore(&mut self) -> io::Result<bool> {
@@ -55,20 +61,28 @@ impl SupervisorLock {
 impl Instance {
     /// Takes the supervisor's lock; `None` when a living supervisor holds it.
     pub fn lock(&self) -> Result<Option<SupervisorLock>, InstanceError> {
-        let mut held = Vec::new();
-        for path in places(self) {
-            match take(&path, PATIENCE).map_err(io_error(&path))? {
-                Some(file) => held.push(Held { path, file }),
-                None => return Ok(None),
+        let own = self.directory().join(NAME);
+        let taken = match take(&own, PATIENCE) {
+            // A supervisor that ends removes the directory with the lock.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                self.create_directory()?;
+                take(&own, PATIENCE)
             }
-        }
-        Ok(Some(SupervisorLock { held }))
+            taken => taken,
+        };
+        let Some(file) = taken.map_err(io_error(&own))? else { return Ok(None) };
+        let mut held = vec![Held { path: own, file }];
+        let namespace = self.create_namespace()?;
+        let path = namespace.lock_path();
+        let Some(file) = take(&path, PATIENCE).map_err(io_error(&path))? else { return Ok(None) };
+        held.push(Held { path, file });
+        Ok(Some(SupervisorLock { held, namespace }))
     }
 
     /// Whether a supervisor is alive.
     pub fn is_supervised(&self) -> bool {
         places(self).iter().any(|path| {
-            open(path, false).is_ok_and(|file| {
+            private::read_file(path).is_ok_and(|file| {
                 flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
             })
         })
@@ -84,37 +98,18 @@ impl Instance {
     }
 }
 
-/// The lock's file in shared memory.
-pub(super) fn in_memory(instance: &Instance) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(instance.shared_memory_prefix() + NAME)
-}
-
-/// Both, unless another user has made the second: that one says nothing, and keeps nobody out.
+/// Both, as far as they are there.
 fn places(instance: &Instance) -> Vec<PathBuf> {
-    let in_memory = in_memory(instance);
-    let own = rustix::process::getuid().as_raw();
-    let is_foreign = fs::symlink_metadata(&in_memory).is_ok_and(|data| data.uid() != own);
-    let mut places = vec![instance.directory().join(NAME)];
-    places.extend((!is_foreign).then_some(in_memory));
-    places
-}
-
-fn open(path: &Path, for_holder: bool) -> io::Result<File> {
-    OpenOptions::new()
-        .create(for_holder)
-        .truncate(false)
-        .read(true)
-        .write(for_holder)
-        .mode(0o600)
-        .custom_flags(libc::O_NOFOLLOW)
-        .open(path)
+    let namespace = instance.namespace().ok().flatten();
+    let in_memory = namespace.map(|namespace| namespace.lock_path());
+    [instance.directory().join(NAME)].into_iter().chain(in_memory).collect()
 }
 
 /// `None` when somebody has it for longer than `patience`.
 fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
     let deadline = Instant::now() + patience;
     loop {
-        let mut file = open(path, true)?;
+        let mut file = private::open_file(path)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             // Its last holder may have removed it between the two calls.
             Ok(()) if is_at(&file, path) => {
@@ -132,7 +127,7 @@ fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
 }
 
 /// Whether an open file is the one that has this name.
-fn is_at(file: &File, path: &Path) -> bool {
+pub(super) fn is_at(file: &File, path: &Path) -> bool {
     let identity = |data: fs::Metadata| (data.dev(), data.ino());
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(file), Ok(named)) => identity(file) == identity(named),
@@ -168,7 +163,7 @@ mod tests {
         let instance = &scratch.0;
         drop(instance.lock().unwrap());
         let asking: Vec<File> =
-            places(instance).iter().map(|path| open(path, false).unwrap()).collect();
+            places(instance).iter().map(|path| private::read_file(path).unwrap()).collect();
         for file in &asking {
             flock(file, FlockOperation::NonBlockingLockShared).unwrap();
         }
@@ -203,6 +198,7 @@ mod tests {
         assert!(instance.is_supervised());
         assert!(lock.restore().is_err(), "its directory is gone");
         instance.create_directory().unwrap();
+        assert!(instance.lock().unwrap().is_none(), "a second one, without the directory");
         assert!(lock.restore().unwrap());
         drop(lock);
         assert!(!instance.is_supervised());

@@ -124,6 +124,7 @@ impl Group {
 
     /// Ends the group and looks at what it leaves behind.
     pub fn end(mut self) -> Leftovers {
+        let namespace = self.instance.namespace().ok().flatten();
         self.signal_supervisor(Signal::TERM);
         let deadline = Instant::now() + PATIENCE;
         let mut status = None;
@@ -133,7 +134,7 @@ impl Group {
         }
         Leftovers {
             ended_in_order: status.is_some_and(|status| status.success()),
-            ..leaks::leftovers(&self.instance)
+            ..leaks::leftovers(&self.instance, namespace.as_ref())
         }
     }
 
@@ -174,7 +175,7 @@ impl Drop for Group {
         while !leaks::processes(self.instance.name()).is_empty() && Instant::now() < deadline {
             std::thread::sleep(LOOK);
         }
-        let _ = self.instance.wipe();
+        let _ = self.instance.remove_namespace();
         let _ = fs::remove_dir_all(&self.place);
     }
 }

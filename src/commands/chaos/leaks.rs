@@ -1,11 +1,12 @@
 //! What a group uses of the machine, and what is left when it has ended.
 
 use super::population::belongs_to;
-use common::instance::Instance;
+use common::instance::{Instance, Namespace};
+use common::memory::SHARED_MEMORY;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Connections to dead processes that a living one may still hold: a spare that has not read yet
 /// learns of a death when it next looks. A leak grows with the number of deaths, this does not.
@@ -46,8 +47,9 @@ pub struct Leftovers {
 /// What the group uses now.
 pub fn usage(instance: &Instance) -> Usage {
     let processes = processes(instance.name());
+    let namespace = instance.namespace().ok().flatten();
     let mut usage = Usage {
-        shared_memory_entries: shared_memory(instance).len() as u64,
+        shared_memory_entries: shared_memory(namespace.as_ref()).len() as u64,
         runtime_entries: entries_below(instance.directory()),
         processes: processes.len() as u64,
         ..Usage::default()
@@ -63,12 +65,12 @@ pub fn usage(instance: &Instance) -> Usage {
     usage
 }
 
-/// What is left of the group.
-pub fn leftovers(instance: &Instance) -> Leftovers {
+/// What is left of the group, which was in this namespace.
+pub fn leftovers(instance: &Instance, namespace: Option<&Namespace>) -> Leftovers {
     Leftovers {
         ended_in_order: false,
         processes: processes(instance.name()),
-        shared_memory: shared_memory(instance),
+        shared_memory: shared_memory(namespace),
         runtime_directory: instance.directory().exists(),
     }
 }
@@ -124,11 +126,22 @@ fn kilobytes(status: &str, key: &str) -> u64 {
     value.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)
 }
 
-fn shared_memory(instance: &Instance) -> Vec<String> {
-    let Ok(entries) = fs::read_dir("/dev/shm") else { return Vec::new() };
-    let prefix = instance.shared_memory_prefix();
-    let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-    names.filter(|name| name.starts_with(&prefix)).collect()
+/// The group's names in shared memory: the segments, and everything in its directory.
+fn shared_memory(namespace: Option<&Namespace>) -> Vec<String> {
+    let Some(namespace) = namespace else { return Vec::new() };
+    let mut paths = namespace.segments().map(|(own, _)| own).unwrap_or_default();
+    let mut places = vec![namespace.directory().to_path_buf()];
+    while let Some(place) = places.pop().filter(|place| place.is_dir()) {
+        for entry in fs::read_dir(&place).into_iter().flatten().flatten() {
+            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                places.push(entry.path());
+            }
+            paths.push(entry.path());
+        }
+    }
+    let below =
+        |path: &PathBuf| path.strip_prefix(SHARED_MEMORY).unwrap_or(path).display().to_string();
+    paths.iter().map(below).collect()
 }
 
 fn entries_below(directory: &Path) -> u64 {

@@ -6,7 +6,7 @@
 
 use super::{Finding, bytes};
 use common::bus::participants;
-use common::instance::{Instance, InstanceError, lock};
+use common::instance::{Instance, InstanceError, Namespace, lock, namespace};
 use common::memory::SHARED_MEMORY;
 use rustix::process::getuid;
 use std::collections::BTreeMap;
@@ -23,37 +23,69 @@ pub struct Leftover {
     /// Its instance, while its runtime directory still exists.
     instance: Option<Instance>,
     /// Its pieces of shared memory.
-    memory: Vec<PathBuf>,
+    memory: Memory,
+}
+
+/// Pieces of shared memory that belong together.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Memory {
+    /// Directories and segments.
+    pieces: Vec<PathBuf>,
+    /// The runtime directory of the group that has made them, if they say so.
+    runtime_directory: Option<PathBuf>,
+}
+
+impl Memory {
     /// How much memory they take.
-    bytes: u64,
+    fn bytes(&self) -> u64 {
+        let data = self.pieces.iter().filter_map(|path| fs::symlink_metadata(path).ok());
+        data.map(|data| data.blocks() * 512).sum()
+    }
+
+    /// Whether any process has any of them open, the lock aside if it is held here.
+    fn is_in_use(&self, lock: Lock) -> bool {
+        self.pieces.iter().any(|path| is_in_use(path, lock))
+    }
+}
+
+/// Whether an open lock counts as use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lock {
+    /// It may be held by a supervisor.
+    Counts,
+    /// It is held by this process.
+    IsOurs,
 }
 
 impl Leftover {
     fn name(&self) -> String {
-        let memory = match self.memory.first() {
+        let memory = match self.memory.pieces.first() {
             Some(first) => {
-                let prefix = first.file_name().unwrap_or_default().to_string_lossy();
+                let count = self.memory.pieces.len();
                 format!(
-                    "{} pieces of shared memory ({}, {SHARED_MEMORY}/{}*)",
-                    self.memory.len(),
-                    bytes(self.bytes),
-                    &prefix[..PREFIX_LENGTH.min(prefix.len())]
+                    "{count} pieces of shared memory ({}, {}{})",
+                    bytes(self.memory.bytes()),
+                    first.display(),
+                    if count == 1 { "" } else { " and others" }
                 )
             }
             None => "no shared memory".into(),
         };
-        match &self.instance {
-            Some(instance) => {
+        match (&self.instance, &self.memory.runtime_directory) {
+            (Some(instance), _) => {
                 format!("dead group in {}, {memory}", instance.directory().display())
             }
-            None => format!("dead group, its directory gone or elsewhere: {memory}"),
+            (None, Some(directory)) => {
+                format!("dead group of {}, which is gone: {memory}", directory.display())
+            }
+            (None, None) => format!("dead group, its directory gone or elsewhere: {memory}"),
         }
     }
 
     /// Nobody can have come to life in it since it was found, or it stays.
     fn remove(&self) -> Result<(), String> {
         let Some(instance) = &self.instance else {
-            return self.remove_memory();
+            return self.remove_memory(Lock::Counts);
         };
         let text = |error: InstanceError| error.to_string();
         // Held until the end: nobody starts meanwhile.
@@ -63,19 +95,16 @@ impl Leftover {
         if has_processes(instance) {
             return Err("one of its processes has just been started".into());
         }
-        self.remove_memory()?;
-        instance.wipe().map_err(text)?;
+        self.remove_memory(Lock::IsOurs)?;
         instance.remove_gateway_directory().map_err(text)?;
         instance.remove_directory().map_err(text)
     }
 
-    fn remove_memory(&self) -> Result<(), String> {
-        // The lock may be held by ourselves.
-        let is_lock = |path: &Path| path.to_string_lossy().ends_with(lock::NAME);
-        if self.memory.iter().any(|path| !is_lock(path) && is_in_use(path)) {
+    fn remove_memory(&self, lock: Lock) -> Result<(), String> {
+        if self.memory.is_in_use(lock) {
             return Err("somebody has just opened it".into());
         }
-        for path in &self.memory {
+        for path in &self.memory.pieces {
             let removed =
                 if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
             removed.map_err(|error| format!("{}: {error}", path.display()))?;
@@ -84,41 +113,52 @@ impl Leftover {
     }
 }
 
-/// `tl_`, eight digits, `_`: how all shared memory of ours begins.
+/// `tl_`, eight digits, `_`: how all segments of ours begin.
 const PREFIX_LENGTH: usize = 12;
 
 /// Looks for leftovers of this user below `base` and in shared memory; in second place what cannot
-/// be decided about.
+/// be decided about, or not be removed.
 pub fn find(base: &Path) -> Result<(Vec<Leftover>, Vec<Finding>), std::io::Error> {
-    let mut memory = shared_memory()?;
-    let mut found = Vec::new();
+    let mut segments = segments()?;
+    let mut groups = Vec::new();
     let mut undecided = Vec::new();
+    for namespace in Namespace::all()? {
+        let mut pieces = vec![namespace.directory().to_path_buf()];
+        pieces.extend(segments.remove(namespace.prefix()).unwrap_or_default());
+        let runtime_directory = Some(namespace.runtime_directory().to_path_buf());
+        groups.push(Memory { pieces, runtime_directory });
+        let foreign = namespace.segments()?.1.into_iter().map(|file| {
+            let advice = "nothing uses it; its owner or root can remove it";
+            Finding::warning("other users", file.to_string(), advice)
+        });
+        undecided.extend(foreign);
+    }
+    // Whose note is not there any more, or not yet.
+    let is_known =
+        |path: &PathBuf, groups: &[Memory]| groups.iter().any(|it| it.pieces.contains(path));
+    for path in namespace::directories()?.into_iter().filter(|path| !is_known(path, &groups)) {
+        segments.entry(path.to_string_lossy().into_owned()).or_default().push(path);
+    }
+    let mut found = Vec::new();
     for instance in Instance::all_below(base) {
         if !instance.has_files() {
             continue;
         }
-        let pieces = memory.remove(&instance.shared_memory_prefix()).unwrap_or_default();
+        let is_its =
+            |group: &Memory| group.runtime_directory.as_deref() == Some(instance.directory());
+        let memory = groups.iter().position(is_its).map(|index| groups.remove(index));
+        let memory = memory.unwrap_or_default();
         if instance.check_directory().is_err() {
             let what = format!("{} is not ours alone", instance.directory().display());
             undecided.push(Finding::warning(ABOUT, what, "look who has made it, and remove it"));
-        } else if !is_alive(&instance) && !pieces.iter().any(|path| is_in_use(path)) {
-            found.push(Leftover::new(Some(instance), pieces));
+        } else if !is_alive(&instance) && !memory.is_in_use(Lock::Counts) {
+            found.push(Leftover { instance: Some(instance), memory });
         }
     }
-    for pieces in memory.into_values() {
-        if !pieces.iter().any(|path| is_in_use(path)) {
-            found.push(Leftover::new(None, pieces));
-        }
-    }
+    groups.extend(segments.into_values().map(|pieces| Memory { pieces, runtime_directory: None }));
+    let dead = groups.into_iter().filter(|memory| !memory.is_in_use(Lock::Counts));
+    found.extend(dead.map(|memory| Leftover { instance: None, memory }));
     Ok((found, undecided))
-}
-
-impl Leftover {
-    fn new(instance: Option<Instance>, memory: Vec<PathBuf>) -> Self {
-        let data = memory.iter().filter_map(|path| fs::symlink_metadata(path).ok());
-        let bytes = data.map(|data| data.blocks() * 512).sum();
-        Self { instance, memory, bytes }
-    }
 }
 
 /// Says what there is.
@@ -146,19 +186,19 @@ fn or_nothing(findings: Vec<Finding>) -> Vec<Finding> {
     if findings.is_empty() { vec![Finding::ok(ABOUT, "none")] } else { findings }
 }
 
-/// Pieces of shared memory of this user that have our names, by the group they belong to.
-fn shared_memory() -> Result<BTreeMap<String, Vec<PathBuf>>, std::io::Error> {
-    let mut groups: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+/// Segments of this user that have our names, by their prefix.
+fn segments() -> Result<BTreeMap<String, Vec<PathBuf>>, std::io::Error> {
+    let mut segments: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
         let Some(prefix) = prefix(&name) else { continue };
         let is_ours = fs::symlink_metadata(entry.path())
             .is_ok_and(|data| !data.is_symlink() && data.uid() == getuid().as_raw());
         if is_ours {
-            groups.entry(prefix.into()).or_default().push(entry.path());
+            segments.entry(prefix.into()).or_default().push(entry.path());
         }
     }
-    Ok(groups)
+    Ok(segments)
 }
 
 fn prefix(name: &str) -> Option<&str> {
@@ -180,7 +220,7 @@ fn has_processes(instance: &Instance) -> bool {
 
 /// Whether any process, of whatever container, has the file open or mapped; also when that cannot
 /// be found out. A directory, in which iceoryx2 keeps files, is when one of those is.
-fn is_in_use(path: &Path) -> bool {
+fn is_in_use(path: &Path, lock: Lock) -> bool {
     if fs::symlink_metadata(path).is_ok_and(|data| data.is_dir()) {
         let entries = fs::read_dir(path).into_iter().flatten().flatten();
         // What can be opened; sockets cannot, and do not last without the files beside them.
@@ -188,7 +228,10 @@ fn is_in_use(path: &Path) -> bool {
         return entries
             .into_iter()
             .filter(|entry| entry.file_type().is_ok_and(is_kept))
-            .any(|entry| is_in_use(&entry.path()));
+            .any(|entry| is_in_use(&entry.path(), lock));
+    }
+    if lock == Lock::IsOurs && path.file_name().is_some_and(|name| name == lock::NAME) {
+        return false;
     }
     match OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW).open(path) {
         Ok(file) => !can_lease(&file),
@@ -226,53 +269,63 @@ mod tests {
     fn a_file_is_in_use_while_somebody_has_it_open() {
         let path = std::env::temp_dir().join(format!("tl-lease-{}", std::process::id()));
         let file = File::create(&path).unwrap();
-        assert!(is_in_use(&path));
+        assert!(is_in_use(&path, Lock::Counts));
         drop(file);
-        assert!(!is_in_use(&path));
+        assert!(!is_in_use(&path, Lock::Counts));
         fs::remove_file(&path).unwrap();
-        assert!(!is_in_use(&path));
+        assert!(!is_in_use(&path, Lock::Counts));
     }
 
     #[test]
     fn the_living_are_left_alone_and_the_dead_removed() {
         let base = std::env::temp_dir().join(format!("tl-doctor-{}", std::process::id()));
-        let instance = |name| Instance::below(&base, name).unwrap();
-        let memory = |instance: &Instance| {
-            shared_memory().unwrap().remove(&instance.shared_memory_prefix()).unwrap_or_default()
+        let instance = |name| {
+            let instance = Instance::below(&base, name).unwrap();
+            instance.create_directory().unwrap();
+            instance
         };
         // A process that has joined, and shared memory of one that nobody has any more.
         let living = instance("living");
-        living.create_directory().unwrap();
         let bus = Bus::join(&living, "somebody").unwrap();
         let _world = bus.publisher(&topics::WORLD, 1).unwrap();
         let dead = instance("dead");
-        dead.create_directory().unwrap();
-        let piece = Path::new(SHARED_MEMORY).join(dead.shared_memory_prefix() + "piece");
-        fs::write(&piece, [1; 5000]).unwrap();
-        // And of a group whose directory is gone.
-        let gone = instance("gone");
-        let lost = Path::new(SHARED_MEMORY).join(gone.shared_memory_prefix() + "piece");
-        fs::write(&lost, [1; 5000]).unwrap();
+        let piece = |instance: &Instance| {
+            let namespace = instance.create_namespace().unwrap();
+            let path = Path::new(SHARED_MEMORY).join(namespace.prefix().to_owned() + "piece");
+            fs::write(&path, [1; 5000]).unwrap();
+            (path, namespace.directory().to_path_buf())
+        };
+        let (piece_of_dead, dead_place) = piece(&dead);
+        // And of groups whose directories are gone: one says whose it was, one has lost even that.
+        let [gone, lost] = ["gone", "lost"].map(instance);
+        let [(piece_of_gone, gone_place), (piece_of_lost, lost_place)] =
+            [piece(&gone), piece(&lost)];
+        fs::remove_dir_all(gone.directory()).unwrap();
+        fs::remove_dir_all(lost.directory()).unwrap();
+        fs::remove_dir_all(&lost_place).unwrap();
 
         let (left, undecided) = find(&base).unwrap();
-        assert!(undecided.is_empty());
+        assert!(undecided.is_empty(), "{undecided:?}");
         let names: Vec<String> = left.iter().map(Leftover::name).collect();
         let contains = |part: &str| names.iter().any(|name| name.contains(part));
-        assert!(contains(dead.directory().to_str().unwrap()), "{names:?}");
-        assert!(contains(&gone.shared_memory_prefix()), "{names:?}");
+        assert!(contains(&format!("dead group in {}", dead.directory().display())), "{names:?}");
+        assert!(contains(&format!("dead group of {}", gone.directory().display())), "{names:?}");
+        assert!(contains(piece_of_lost.to_str().unwrap()), "{names:?}");
         assert!(!contains(living.directory().to_str().unwrap()), "{names:?}");
-        assert!(!contains(&living.shared_memory_prefix()), "{names:?}");
+        assert!(!contains(bus.namespace().prefix()), "{names:?}");
 
         // Other tests of this machine may have leftovers too; they are none of our business here.
-        let is_mine =
-            |left: &Leftover| left.memory == [piece.clone()] || left.memory == [lost.clone()];
+        let mine = [&piece_of_dead, &piece_of_gone, &piece_of_lost];
+        let is_mine = |left: &Leftover| left.memory.pieces.iter().any(|it| mine.contains(&it));
         for left in left.into_iter().filter(is_mine) {
             left.remove().unwrap();
         }
-        assert!(!piece.exists() && !lost.exists() && !dead.directory().exists());
-        assert!(living.directory().exists() && !memory(&living).is_empty());
+        for path in [&piece_of_dead, &piece_of_gone, &piece_of_lost, &dead_place, &gone_place] {
+            assert!(!path.exists(), "{}", path.display());
+        }
+        assert!(!dead.directory().exists());
+        assert!(living.directory().exists() && living.namespace().unwrap().is_some());
         drop((_world, bus));
-        living.wipe().unwrap();
         living.remove_directory().unwrap();
     }
 
@@ -281,7 +334,7 @@ mod tests {
         let base = std::env::temp_dir().join(format!("tl-doctor-late-{}", std::process::id()));
         let late = Instance::below(&base, "late").unwrap();
         late.create_directory().unwrap();
-        let left = Leftover::new(Some(late.clone()), Vec::new());
+        let left = Leftover { instance: Some(late.clone()), memory: Memory::default() };
         let lock = late.lock().unwrap().unwrap();
         assert!(left.remove().is_err() && late.directory().exists());
         drop(lock);

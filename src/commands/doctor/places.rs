@@ -50,11 +50,13 @@ fn fits(group: &GroupMemory, free: u64) -> Finding {
 
 /// What the group itself, if it runs, has taken already.
 fn used_by(instance: &Instance) -> u64 {
-    let prefix = instance.shared_memory_prefix();
-    let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-    entries
-        .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
-        .filter_map(|entry| entry.metadata().ok())
+    let Ok(Some(namespace)) = instance.namespace() else { return 0 };
+    let segments = namespace.segments().map(|(own, _)| own).unwrap_or_default();
+    let files = fs::read_dir(namespace.directory()).into_iter().flatten().flatten();
+    segments
+        .into_iter()
+        .chain(files.map(|entry| entry.path()))
+        .filter_map(|path| fs::symlink_metadata(path).ok())
         .map(|data| data.blocks() * 512)
         .sum()
 }

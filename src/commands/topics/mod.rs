@@ -58,8 +58,8 @@ struct Live {
 struct Document {
     instance: String,
     is_running: bool,
-    /// For `iox2.config`: where the services of this group are.
-    iceoryx2: Iceoryx2,
+    /// For `iox2.config`: where the services of this group are, if it runs.
+    iceoryx2: Option<Iceoryx2>,
     topics: Vec<Row>,
 }
 
@@ -89,21 +89,28 @@ pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
 fn document(instance: &Instance, seconds: f64) -> Result<Document, CommandError> {
     let is_running = instance.is_supervised();
     let topics = if is_running { measure(instance, seconds)? } else { rows() };
-    let root_path = instance.ipc_directory().display().to_string();
-    Ok(Document {
-        instance: instance.name().into(),
-        is_running,
-        iceoryx2: Iceoryx2 { version: "0.10", root_path, prefix: instance.shared_memory_prefix() },
-        topics,
-    })
+    let iceoryx2 = instance.namespace()?.map(|namespace| Iceoryx2 {
+        version: "0.10",
+        root_path: namespace.directory().display().to_string(),
+        prefix: namespace.prefix().into(),
+    });
+    Ok(Document { instance: instance.name().into(), is_running, iceoryx2, topics })
 }
 
 /// The configuration file for other iceoryx2 programs: theirs, with the place of this group.
 fn ipc_toml(instance: &Instance) -> Result<String, CommandError> {
+    let Some(namespace) = instance.namespace()? else {
+        let name = instance.name();
+        return Err(format!(
+            "no group {name:?} is running, and where one is in shared memory is drawn when it starts; \
+             start one with `touchline run`"
+        )
+        .into());
+    };
     Ok(format!(
         "# iceoryx2 0.10 configuration to attach to the Touchline group {:?}\n{}",
         instance.name(),
-        toml::to_string(&instance.ipc_config()?)?
+        toml::to_string(&namespace.ipc_config()?)?
     ))
 }
 
@@ -248,11 +255,12 @@ fn text(document: &Document) -> String {
             if row.header == "()" { "" } else { row.header },
         );
     }
-    text += &format!(
-        "\n  iceoryx2 {}: root path {}, prefix {}\n  a configuration file for other iceoryx2 \
-         programs: touchline topics --format config --instance {instance}\n",
-        iceoryx2.version, iceoryx2.root_path, iceoryx2.prefix
-    );
+    if let Some(Iceoryx2 { version, root_path, prefix }) = iceoryx2 {
+        text += &format!(
+            "\n  iceoryx2 {version}: root path {root_path}, prefix {prefix}\n  a configuration file for \
+             other iceoryx2 programs: touchline topics --format config --instance {instance}\n"
+        );
+    }
     text
 }
 

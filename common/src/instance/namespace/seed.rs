@@ -1,0 +1,59 @@
+//! The one segment of iceoryx2's that has a fixed name after the prefix.
+//!
+//! Every process that joins a group draws a number from it. The first one makes it, readable and writable
+//! for everybody on the machine, and whoever opens it at that moment can truncate it later, under whoever
+//! joins then. So it is made under another prefix, and copied to its name for this user alone before the
+//! prefix is used.
+
+use super::{config_for, free_prefix};
+use crate::memory::SHARED_MEMORY;
+use crate::private;
+use iceoryx2::prelude::*;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path as FilePath, PathBuf};
+
+/// How its name ends.
+const SUFFIX: &str = ".global_mgmt";
+
+/// Whether this is such a segment.
+pub fn is_seed(path: &FilePath) -> bool {
+    path.to_string_lossy().ends_with(SUFFIX)
+}
+
+/// Makes it for a prefix, with the help of a directory that is empty before and after.
+pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
+    let other = free_prefix()?;
+    let place = directory.join("seed");
+    let made = make_under(&place, &other);
+    let copied = made.and_then(|()| {
+        for path in of_prefix(&other)? {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let target = FilePath::new(SHARED_MEMORY).join(name.replacen(&other, prefix, 1));
+            private::create_new_file(&target)?.write_all(&fs::read(&path)?)?;
+        }
+        Ok(())
+    });
+    for path in of_prefix(&other)? {
+        let _ = fs::remove_file(path);
+    }
+    let _ = fs::remove_dir_all(&place);
+    copied
+}
+
+/// A process that joins and leaves.
+fn make_under(place: &FilePath, prefix: &str) -> io::Result<()> {
+    set_log_level(LogLevel::Fatal);
+    let config = config_for(place, prefix).map_err(io::Error::other)?;
+    let node = NodeBuilder::new()
+        .config(&config)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>();
+    node.map(drop).map_err(|error| io::Error::other(format!("{error:?}")))
+}
+
+fn of_prefix(prefix: &str) -> io::Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(SHARED_MEMORY)?.flatten();
+    let names = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
+    Ok(names.map(|entry| entry.path()).filter(|path| is_seed(path)).collect())
+}
