@@ -90,6 +90,7 @@ enum TouchlineDropReason {
     TOUCHLINE_DROP_REASON_NOT_PUBLISHED = 5,
     TOUCHLINE_DROP_REASON_POISONOUS = 6,
     TOUCHLINE_DROP_REASON_INCOMPLETE = 7,
+    TOUCHLINE_DROP_REASON_NOT_PERMITTED = 8,
 };
 
 enum TouchlineEventKind {
@@ -605,7 +606,7 @@ typedef struct TouchlineWheelCommand {
 
 TOUCHLINE_CHECK(sizeof(TouchlineWheelCommand) == 24);
 
-/* The speeds a strategy has just sent. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms). */
+/* The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last (t_sent_ns) acts, whoever sent it. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms). */
 typedef struct TouchlineCommands {
     /* Counted by the sender. */
     uint64_t seq;
@@ -613,14 +614,14 @@ typedef struct TouchlineCommands {
     uint64_t t_sent_ns;
     /* Valid elements of wheels. */
     uint32_t wheel_count;
-    /* Reserved, 0. */
-    uint32_t reserved;
+    /* The system's number for the user that sent it, where it comes through the gateway, which fills it in; 0 from programs that publish themselves. */
+    uint32_t user;
     /* One element a robot. */
     TouchlineWheelCommand wheels[32];
 } TouchlineCommands;
 
 TOUCHLINE_CHECK(sizeof(TouchlineCommands) == 792);
-#define TOUCHLINE_COMMANDS_TYPE_NAME "touchline/Commands/1"
+#define TOUCHLINE_COMMANDS_TYPE_NAME "touchline/Commands/2"
 
 /* One robot as it really is. */
 typedef struct TouchlineTruthRobot {
@@ -737,7 +738,7 @@ typedef struct TouchlineHeartbeat {
     /* Frame numbers that never reached this process (gaps in its input); of the gateway, outputs that did not reach a client because it was too slow. */
     uint64_t frames_missed;
     /* Inputs not worked on, by DropReason; of the gateway, what clients have sent. */
-    uint64_t dropped[8];
+    uint64_t dropped[9];
     /* Of the supervisor: events in the group so far, the number of the newest. Of others 0, as are the following. */
     uint64_t events;
     /* When the newest event happened, nanoseconds since 1970. */
@@ -750,8 +751,8 @@ typedef struct TouchlineHeartbeat {
     TouchlineLightCorrection light;
 } TouchlineHeartbeat;
 
-TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 184);
-#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/4"
+TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 192);
+#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/5"
 
 /* Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same. */
 typedef struct TouchlineGroupEvent {
@@ -792,10 +793,10 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * runs         touchline/Run/1              touchline/RunsHeader/2
  * detections   touchline/DetectionFrame/3   ()
  * world        touchline/WorldFrame/4       ()
- * commands     touchline/Commands/1         ()
+ * commands     touchline/Commands/2         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
- * health       touchline/Heartbeat/4        ()
+ * health       touchline/Heartbeat/5        ()
  * events       touchline/GroupEvent/2       ()
  * status       u8                           touchline/StatusHeader/1
  */

@@ -226,6 +226,138 @@ fn clients_drive_robots_and_rubbish_is_counted() {
     assert!(before > first.frame.seq + 100);
 }
 
+/// A command for one robot.
+fn turn_on_the_spot(team: Team, robot_id: u32) -> WheelCommand {
+    WheelCommand { team: team as u32, robot_id, left_mm_s: -200.0, right_mm_s: 200.0 }
+}
+
+#[test]
+fn a_team_is_commanded_by_its_users_alone_and_it_is_shown_who_commands_whom() {
+    let own = rustix::process::getuid().as_raw();
+    let teams = format!("teams.yellow = [\"{own}\"]\nteams.blue = [\"4294967294\"]\n");
+    let mut group = Group::start("gateway-teams", &(config(8) + &teams), &[]);
+    group.wait_for("a gateway", |status| {
+        status["complete"] == true
+            && status["gateway"]["pid"].is_u64()
+            && Path::new(status["gateway"]["socket"].as_str().unwrap()).exists()
+    });
+    let mut client = Client::new(&group.instance.gateway_path());
+    world(&mut client);
+    let mut commands = Commands { seq: 1 << 40, wheel_count: 2, ..Zeroable::zeroed() };
+    commands.wheels[0] = turn_on_the_spot(Team::Blue, 1);
+    commands.wheels[1] = turn_on_the_spot(Team::Yellow, 3);
+    let stop = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+    let is_over = std::sync::Arc::clone(&stop);
+    let driver = std::thread::spawn(move || {
+        while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+            world(&mut client);
+            commands.t_sent_ns = monotonic_ns();
+            commands.seq += 1;
+            assert!(client.send(&commands));
+        }
+    });
+    let commander = |status: &Value| {
+        let all = status["commanders"].as_array().cloned().unwrap_or_default();
+        all.into_iter().find(|it| it["user"] == own)
+    };
+    let status = group.wait_for("the client as commander", |status| {
+        commander(status).is_some_and(|it| it["robots"] == serde_json::json!(["yellow 3"]))
+    });
+    assert!(status["gateway"]["not_permitted"].as_u64() > Some(0), "{status:#}");
+    // The match itself commands the others.
+    let all = status["commanders"].as_array().unwrap();
+    let grabber = all.iter().find(|it| it["name"] == "grabber").unwrap();
+    assert!(grabber["robots"].to_string().contains("blue 1"), "{status:#}");
+    let text = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
+    assert!(text.contains(&format!("user {own}: yellow 3")), "{text}");
+    stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    driver.join().unwrap();
+
+    let scratch = Scratch::new("gateway-nobody");
+    let teams = "[access]\ngroup = \"root\"\nteams.blue = [\"no-such-user\"]\n";
+    let file = scratch.write("config.toml", &teams.replace("root", &own_group()));
+    let args = ["run", "--instance", "test", "--config", file.to_str().unwrap()];
+    let output = output_of(&scratch, &args);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && said.contains("access.teams.blue"), "{said}");
+}
+
+/// What other users' programs are told in [`floods_of_two_users_do_not_starve_a_third`].
+const FLOOD_VARIABLE: &str = "TOUCHLINE_TEST_FLOOD";
+
+#[test]
+#[ignore = "a program for another test"]
+fn flood() {
+    let Some(path) = std::env::var_os(FLOOD_VARIABLE) else { return };
+    let flooders: Vec<_> = (0..15)
+        .map(|_| {
+            let raw = Raw::connect(Path::new(&path));
+            std::thread::spawn(move || {
+                raw.send(commands_type_name().as_bytes());
+                let mut commands = Commands { wheel_count: 1, ..Zeroable::zeroed() };
+                commands.wheels[0] = turn_on_the_spot(Team::Yellow, 0);
+                while raw.send(bytes_of(&commands)) {
+                    commands.t_sent_ns = monotonic_ns();
+                    commands.seq += 1;
+                }
+            })
+        })
+        .collect();
+    flooders.into_iter().for_each(|it| it.join().unwrap());
+}
+
+#[test]
+#[ignore = "needs root, to be several users"]
+fn floods_of_two_users_do_not_starve_a_third() {
+    use std::os::unix::process::CommandExt;
+    let (mut group, _) = start("gateway-users", 32);
+    let path = group.instance.gateway_path();
+    let program = group.scratch.path.join("flood");
+    fs::copy(std::env::current_exe().unwrap(), &program).unwrap();
+    let mut floods: Vec<_> = [65_533, 65_534]
+        .map(|uid| {
+            Command::new(&program)
+                .args(["--exact", "flood", "--ignored"])
+                .env(FLOOD_VARIABLE, &path)
+                .current_dir("/")
+                .uid(uid)
+                .gid(rustix::process::getegid().as_raw())
+                .stdout(std::process::Stdio::null())
+                .spawn()
+                .unwrap()
+        })
+        .into();
+    group.wait_for("the flooders", |status| status["gateway"]["clients"] == 30);
+    let mut client = Client::new(&path);
+    world(&mut client);
+    let timeout_ns = (common::config::Config::default().filter.command_timeout_ms * 1e6) as u64;
+    let begin = 1u64 << 40;
+    let mut commands = Commands { seq: begin, wheel_count: 1, ..Zeroable::zeroed() };
+    commands.wheels[0] = turn_on_the_spot(Team::Blue, 1);
+    let (mut used, mut longest_ns, mut last_ns) = (0, 0, monotonic_ns());
+    for _ in 0..400 {
+        commands.t_sent_ns = monotonic_ns();
+        commands.seq += 1;
+        assert!(client.send(&commands));
+        let (_, world) = world(&mut client);
+        let own = world.commands().iter().filter(|it| it.seq > begin).count();
+        if own > 0 {
+            used += own;
+            longest_ns = longest_ns.max(monotonic_ns() - last_ns);
+            last_ns = monotonic_ns();
+        }
+    }
+    for flood in &mut floods {
+        flood.kill().unwrap();
+        flood.wait().unwrap();
+    }
+    assert!(used >= 380, "{used} of 400 commands used");
+    assert!(longest_ns < timeout_ns, "{} ms without a command", longest_ns / 1_000_000);
+    let status = group.try_status().unwrap();
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    println!("{used} of 400 used, at most {} ms between two", longest_ns / 1_000_000);
+}
+
 #[test]
 #[ignore = "needs a Python, named by TOUCHLINE_PYTHON"]
 fn python_clients_drive_robots() {

@@ -48,6 +48,11 @@ impl NodeKey {
         let id = node.value();
         let [a, b, c, d] = [id, id >> 32, id >> 64, id >> 96].map(|part| part as u32);
         let digest = (a.rotate_left(30) ^ b ^ d.rotate_left(16)).wrapping_add(c);
+        Self::new(pid, digest)
+    }
+
+    /// The key of a node that a process has made, told from its other nodes by a digest.
+    pub fn new(pid: u32, digest: u32) -> Self {
         Self(u64::from(pid) << 32 | u64::from(digest))
     }
 

@@ -82,6 +82,7 @@ class DropReason(enum.IntEnum):
     NOT_PUBLISHED = 5
     POISONOUS = 6
     INCOMPLETE = 7
+    NOT_PERMITTED = 8
 
 
 class EventKind(enum.IntEnum):
@@ -523,19 +524,19 @@ assert ctypes.sizeof(WheelCommand) == 24
 
 
 class Commands(ctypes.Structure):
-    """The speeds a strategy has just sent. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms)."""
+    """The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last (t_sent_ns) acts, whoever sent it. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms)."""
 
     _fields_ = [
         ("seq", ctypes.c_uint64),
         ("t_sent_ns", ctypes.c_uint64),
         ("wheel_count", ctypes.c_uint32),
-        ("reserved", ctypes.c_uint32),
+        ("user", ctypes.c_uint32),
         ("wheels", WheelCommand * 32),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/Commands/1"
+        return "touchline/Commands/2"
 
 
 assert ctypes.sizeof(Commands) == 792
@@ -636,7 +637,7 @@ class Heartbeat(ctypes.Structure):
         ("frames_in", ctypes.c_uint64),
         ("frames_out", ctypes.c_uint64),
         ("frames_missed", ctypes.c_uint64),
-        ("dropped", ctypes.c_uint64 * 8),
+        ("dropped", ctypes.c_uint64 * 9),
         ("events", ctypes.c_uint64),
         ("t_event_wall_ns", ctypes.c_uint64),
         ("event_kind", ctypes.c_uint32),
@@ -646,10 +647,10 @@ class Heartbeat(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "touchline/Heartbeat/4"
+        return "touchline/Heartbeat/5"
 
 
-assert ctypes.sizeof(Heartbeat) == 184
+assert ctypes.sizeof(Heartbeat) == 192
 
 
 class GroupEvent(ctypes.Structure):

@@ -4,24 +4,17 @@
 //! the sockets; the other lets clients in and out, listens to them, and hands on what did not fit into
 //! a socket at once.
 
-use super::intake::{Allowance, Intake, Said};
+use super::intake::{Intake, Said};
+use super::ration::Rations;
+use super::seats::{Seat, seat_for};
 use common::gateway::{KEPT, MOST_BYTES};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send, sockopt};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// More than a strategy needs that sends commands for all robots together …
-const PER_CLIENT_PER_S: f64 = 500.0;
-/// … or, after a pause, all that have piled up.
-const PER_CLIENT_AT_ONCE: f64 = 64.0;
-/// The filter notes 32 messages a frame; some places are left to programs of the owner.
-const ALL_PER_S: f64 = 1500.0;
-const ALL_AT_ONCE: f64 = 128.0;
-/// Messages of one client in a row, so that others have their turn.
-const AT_A_TIME: usize = 4;
 /// Room for some messages in a socket; the system may give less.
 const SOCKET_BYTES: usize = 1 << 20;
 
@@ -32,11 +25,10 @@ pub struct Clients {
     pub wake: OwnedFd,
 }
 
-#[derive(Default)]
 struct Inner {
     clients: Vec<Client>,
     counters: Counters,
-    allowance: Option<Allowance>,
+    rations: Rations,
 }
 
 /// What has happened so far.
@@ -52,6 +44,8 @@ pub struct Counters {
     pub wrong_size: u64,
     /// Messages of clients with impossible content.
     pub impossible: u64,
+    /// Messages of clients with commands for a team that their user may not command.
+    pub not_permitted: u64,
 }
 
 struct Client {
@@ -59,7 +53,6 @@ struct Client {
     uid: u32,
     socket: Arc<OwnedFd>,
     intake: Intake,
-    allowance: Allowance,
     unsent: VecDeque<Arc<[u8]>>,
     is_gone: bool,
 }
@@ -72,6 +65,14 @@ pub struct Arrival {
     pub uid: u32,
     /// When it came.
     pub at_ns: u64,
+}
+
+/// Something a client has said that makes sense.
+pub struct Heard {
+    /// Its user.
+    pub uid: u32,
+    /// What it has said.
+    pub said: Said,
 }
 
 /// What to wait for.
@@ -87,30 +88,38 @@ pub struct Interest {
 }
 
 impl Clients {
-    /// Nobody yet.
-    pub fn new() -> Result<Self, Errno> {
+    /// Nobody yet, in a group with a camera of this rate.
+    pub fn new(fps: f64, now_ns: u64) -> Result<Self, Errno> {
         let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
-        Ok(Self { inner: Mutex::default(), wake })
+        let rations = Rations::new(fps, now_ns);
+        let inner = Inner { clients: Vec::new(), counters: Counters::default(), rations };
+        Ok(Self { inner: Mutex::new(inner), wake })
     }
 
-    /// Lets somebody in and greets them, unless all places, or half of them by the same user, are
-    /// taken.
+    /// Lets somebody in and greets them, if there is a [place](seat_for); returns the user, if one had to give
+    /// up one of its places.
     pub fn admit(
         &self,
         who: Arrival,
         socket: OwnedFd,
         most: usize,
         greeting: &[u8],
-    ) -> Result<(), (OwnedFd, String)> {
+    ) -> Result<Option<u32>, (OwnedFd, String)> {
         let Arrival { id, uid, at_ns } = who;
         let mut inner = self.lock();
-        let of_user = inner.clients.iter().filter(|client| client.uid == uid).count();
-        if inner.clients.len() >= most {
-            return Err((socket, format!("all {most} places are taken (access.clients)")));
-        }
-        if of_user >= most / 2 {
-            return Err((socket, format!("user {uid} has {of_user} of {most} places already")));
-        }
+        let is_there = |client: &&mut Client| !client.is_gone;
+        let taken = inner.clients.iter_mut().filter(is_there).map(|client| client.uid);
+        let gives_up = match seat_for(uid, taken, most) {
+            Seat::Refused(reason) => return Err((socket, reason)),
+            Seat::Free => None,
+            Seat::InsteadOf(other) => {
+                let is_others = |client: &&mut Client| !client.is_gone && client.uid == other;
+                if let Some(youngest) = inner.clients.iter_mut().rev().find(is_others) {
+                    youngest.is_gone = true;
+                }
+                Some(other)
+            }
+        };
         // Fewer bytes than asked for, where the system is set up so, only mean that we keep more.
         let _ = sockopt::set_socket_send_buffer_size(&socket, SOCKET_BYTES);
         // Under the lock: nothing comes before the greeting.
@@ -120,11 +129,11 @@ impl Clients {
             uid,
             socket: Arc::new(socket),
             intake: Intake::default(),
-            allowance: Allowance::new(PER_CLIENT_PER_S, PER_CLIENT_AT_ONCE, at_ns),
             unsent: VecDeque::new(),
             is_gone,
         });
-        Ok(())
+        inner.rations.enter(uid, id, at_ns);
+        Ok(gives_up)
     }
 
     /// Gives a message to everybody. Waits for nobody.
@@ -182,43 +191,53 @@ impl Clients {
         }
     }
 
-    /// Takes what a client says, as much as it may say now. What makes sense is returned.
-    pub fn listen_to(&self, id: u64, now_ns: u64) -> Vec<Said> {
+    /// Takes the next thing that somebody says, of those that have something to say: whose turn it is, the
+    /// [rations](super::ration) say. Those that have nothing more to say are taken out of `speakers`. `None` when
+    /// nobody is left that may say something now.
+    pub fn hear(&self, speakers: &mut BTreeSet<u64>, now_ns: u64) -> Option<Heard> {
         let mut inner = self.lock();
-        let Inner { clients, counters, allowance } = &mut *inner;
-        let all = allowance.get_or_insert_with(|| Allowance::new(ALL_PER_S, ALL_AT_ONCE, now_ns));
-        let Some(client) = clients.iter_mut().find(|client| client.id == id) else {
-            return Vec::new();
-        };
-        let may = client.allowance.left(now_ns).min(all.left(now_ns)).min(AT_A_TIME);
-        let mut said = Vec::new();
-        for _ in 0..may {
+        let Inner { clients, counters, rations } = &mut *inner;
+        while let Some(id) = rations.next(|id| speakers.contains(&id), now_ns) {
+            let Some(client) = clients.iter_mut().find(|client| client.id == id) else {
+                speakers.remove(&id);
+                continue;
+            };
             let mut buffer = [0; MOST_BYTES];
             let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
             let (bytes, length) = match recv(&*client.socket, &mut buffer[..], flags) {
-                Err(Errno::AGAIN | Errno::INTR) => break,
+                _ if client.is_gone => {
+                    speakers.remove(&id);
+                    continue;
+                }
+                Err(Errno::AGAIN | Errno::INTR) => {
+                    speakers.remove(&id);
+                    continue;
+                }
                 // An empty message looks like the end, and is as good.
                 Ok((0, _)) | Err(_) => {
                     client.is_gone = true;
-                    break;
+                    continue;
                 }
                 Ok((bytes, length)) => (&buffer[..bytes.min(MOST_BYTES)], length),
             };
-            client.allowance.take();
-            all.take();
+            rations.take(client.uid, id);
             match client.intake.take(bytes, length) {
                 Said::Rubbish(common::gateway::CommandsFault::Size(_)) => counters.wrong_size += 1,
                 Said::Rubbish(_) => counters.impossible += 1,
                 Said::Nonsense => {
                     counters.impossible += 1;
                     client.is_gone = true;
-                    break;
                 }
                 Said::WillDrive => {}
-                sense => said.push(sense),
+                said => return Some(Heard { uid: client.uid, said }),
             }
         }
-        said
+        None
+    }
+
+    /// Counts a message with commands for a team that the user may not command.
+    pub fn count_not_permitted(&self) {
+        self.lock().counters.not_permitted += 1;
     }
 
     /// A client's socket has been closed at the other end.
@@ -232,15 +251,20 @@ impl Clients {
     /// Lets go of those who have gone, and says what to wait for.
     pub fn interests(&self, now_ns: u64) -> Vec<Interest> {
         let mut inner = self.lock();
-        inner.clients.retain(|client| !client.is_gone);
-        let all = inner.allowance.as_mut().is_none_or(|all| all.left(now_ns) > 0);
+        let Inner { clients, rations, .. } = &mut *inner;
+        clients.retain(|client| {
+            if client.is_gone {
+                rations.leave(client.uid, client.id, now_ns);
+            }
+            !client.is_gone
+        });
         let interest = |client: &mut Client| Interest {
             id: client.id,
             socket: Arc::clone(&client.socket),
-            reads: all && client.allowance.left(now_ns) > 0,
+            reads: rations.may_speak(client.uid, client.id, now_ns),
             writes: !client.unsent.is_empty(),
         };
-        inner.clients.iter_mut().map(interest).collect()
+        clients.iter_mut().map(interest).collect()
     }
 
     /// What has happened so far.

@@ -1,5 +1,4 @@
-//! What a client says, and how often it may: pure, for it is the only thing in a group that other
-//! users decide.
+//! What a client says: pure, for it is the only thing in a group that other users decide.
 
 use common::gateway::{CommandsFault, MOST_BYTES, commands_type_name, parse_commands};
 use common::messages::Commands;
@@ -37,35 +36,6 @@ impl Intake {
             Ok(commands) => Said::Drive(Box::new(commands)),
             Err(fault) => Said::Rubbish(fault),
         }
-    }
-}
-
-/// So many messages a second, and a few more after a pause.
-#[derive(Debug, Clone)]
-pub struct Allowance {
-    per_s: f64,
-    most: f64,
-    left: f64,
-    at_ns: u64,
-}
-
-impl Allowance {
-    /// Begins full.
-    pub fn new(per_s: f64, most: f64, now_ns: u64) -> Self {
-        Self { per_s, most, left: most, at_ns: now_ns }
-    }
-
-    /// How many messages may be taken now.
-    pub fn left(&mut self, now_ns: u64) -> usize {
-        let seconds = now_ns.saturating_sub(self.at_ns) as f64 / 1e9;
-        self.left = (self.left + seconds * self.per_s).min(self.most);
-        self.at_ns = self.at_ns.max(now_ns);
-        self.left as usize
-    }
-
-    /// One has been taken.
-    pub fn take(&mut self) {
-        self.left = (self.left - 1.0).max(0.0);
     }
 }
 
@@ -118,22 +88,5 @@ mod tests {
                 other => panic!("{length} random bytes are {other:?}"),
             }
         }
-    }
-
-    #[test]
-    fn who_talks_too_much_has_to_wait() {
-        const S: u64 = 1_000_000_000;
-        let mut allowance = Allowance::new(100.0, 10.0, S);
-        let mut taken = 0;
-        for step in 0..1000 {
-            let now_ns = S + step * S / 1000;
-            while allowance.left(now_ns) > 0 {
-                allowance.take();
-                taken += 1;
-            }
-        }
-        assert!((105..=111).contains(&taken), "{taken}");
-        assert_eq!(allowance.left(S), 0, "a clock that goes back gives nothing");
-        assert_eq!(allowance.left(100 * S), 10, "a long pause does not make a flood");
     }
 }

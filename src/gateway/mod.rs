@@ -6,16 +6,20 @@
 //! It is a process of its own because the other ends are not trusted: what they can bring down is
 //! this, and the supervisor starts it again.
 //!
-//! [`users`] asks the system for groups, [`place`] makes the directory and the socket, [`intake`]
-//! judges what clients say, [`clients`] holds what they have not read, and this file is the process: a
-//! thread that sleeps on `world`, and one that sleeps on the sockets.
+//! [`users`] asks the system for users and groups, [`place`] makes the directory and the socket, [`seats`] says who
+//! gets a place, [`intake`] judges what clients say, [`ration`] how often they may, [`permissions`] which team they
+//! may command, [`clients`] holds what they have not read, and this file is the process: a thread that sleeps on
+//! `world`, and one that sleeps on the sockets.
 
 mod clients;
 mod intake;
+pub mod permissions;
 pub mod place;
+mod ration;
+mod seats;
 mod users;
 
-use clients::{Arrival, Clients, Interest};
+use clients::{Arrival, Clients, Heard, Interest};
 use common::bus::{Bus, BusError, Publisher};
 use common::clock::monotonic_ns;
 use common::config::Config;
@@ -26,10 +30,12 @@ use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat, 
 use common::process::{HEARTBEAT, LOOK_AROUND};
 use common::topics;
 use intake::Said;
+use permissions::Permissions;
 use place::PlaceError;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{SendFlags, SocketFlags, accept_with, send, sockopt};
+use std::collections::BTreeSet;
 use std::fs;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
@@ -42,6 +48,8 @@ pub const NAME: &str = "gateway";
 const ADMITTED_AT_A_TIME: usize = 4;
 /// When there is something to be said that may not be said yet.
 const SHORT_WAIT: Duration = Duration::from_millis(5);
+/// What clients say is taken so many messages at a time, so that the rest is done meanwhile.
+const HEARD_AT_A_TIME: usize = 64;
 /// The thread that gives `world` looks around at least twenty times a second.
 const LONGEST_ROUND_NS: u64 = 2_000_000_000;
 /// Clients that come and go all the time do not fill a disk.
@@ -86,7 +94,8 @@ pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(),
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|error| GatewayError::System("handle signals", error))?;
     }
-    let clients = Arc::new(Clients::new().map_err(system("make an event"))?);
+    let clients = Clients::new(config.camera.fps, monotonic_ns());
+    let clients = Arc::new(clients.map_err(system("make an event"))?);
     let given = Arc::new(Given::default());
     let door = Door::open(instance, config, name, Arc::clone(&clients))?;
     let thread = {
@@ -145,12 +154,13 @@ struct Door {
     socket: OwnedFd,
     clients: Arc<Clients>,
     most_clients: usize,
+    permissions: Permissions,
+    /// Users that were told in the log that they command what they may not.
+    told: BTreeSet<u32>,
     greeting: Vec<u8>,
     commands: Publisher<Commands, ()>,
     health: Publisher<Heartbeat, ()>,
     next_id: u64,
-    /// Who is served first moves on.
-    turn: usize,
     lines_left: u32,
     // Last, so that it outlives the ports.
     _bus: Bus,
@@ -174,11 +184,12 @@ impl Door {
             instance: instance.clone(),
             clients,
             most_clients: config.access.clients as usize,
+            permissions: Permissions::of(&config.access)?,
+            told: BTreeSet::new(),
             greeting: serde_json::to_vec(&Greeting::new(instance.name())).unwrap_or_default(),
             commands,
             health,
             next_id: 0,
-            turn: 0,
             lines_left: MOST_LINES,
             _bus: bus,
         })
@@ -248,13 +259,20 @@ impl Door {
         if !happened[1].is_empty() {
             let _ = rustix::io::read(&clients.wake, &mut [0; 8]);
         }
-        let mut ready: Vec<(Interest, PollFlags)> =
-            interests.drain(..).zip(happened[2..].iter().copied()).collect();
-        // Nobody is always first.
-        self.turn = (self.turn + 1) % ready.len().max(1);
-        ready.rotate_left(self.turn);
-        for (interest, happened) in ready {
-            self.serve(&interest, happened)?;
+        let mut speakers = BTreeSet::new();
+        for (Interest { id, .. }, happened) in interests.drain(..).zip(&happened[2..]) {
+            if happened.contains(PollFlags::OUT) {
+                self.clients.hand_on(id);
+            }
+            if happened.contains(PollFlags::IN) {
+                speakers.insert(id);
+            } else if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
+                self.clients.hung_up(id);
+            }
+        }
+        for _ in 0..HEARD_AT_A_TIME {
+            let Some(heard) = self.clients.hear(&mut speakers, monotonic_ns()) else { break };
+            self.obey(heard)?;
         }
         if !happened[0].is_empty() {
             self.admit();
@@ -262,20 +280,22 @@ impl Door {
         Ok(())
     }
 
-    fn serve(&mut self, interest: &Interest, happened: PollFlags) -> Result<(), GatewayError> {
-        if happened.contains(PollFlags::OUT) {
-            self.clients.hand_on(interest.id);
-        }
-        if happened.contains(PollFlags::IN) {
-            for said in self.clients.listen_to(interest.id, monotonic_ns()) {
-                if let Said::Drive(commands) = said {
-                    self.commands.publish(&commands)?;
-                }
+    /// Hands on the commands of a user, as far as it may give them.
+    fn obey(&mut self, Heard { uid, said }: Heard) -> Result<(), GatewayError> {
+        let Said::Drive(mut commands) = said else { return Ok(()) };
+        if self.permissions.restrict(uid, &mut commands) > 0 {
+            self.clients.count_not_permitted();
+            if self.told.insert(uid) {
+                self.say(format!(
+                    "user {uid} commands a team for which access.teams does not name it"
+                ));
             }
-        } else if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
-            self.clients.hung_up(interest.id);
+            if commands.wheel_count == 0 {
+                return Ok(());
+            }
         }
-        Ok(())
+        commands.user = uid;
+        Ok(self.commands.publish(&commands)?)
     }
 
     fn admit(&mut self) {
@@ -289,7 +309,14 @@ impl Door {
             self.next_id += 1;
             let arrival = Arrival { id: self.next_id, uid, at_ns: monotonic_ns() };
             match self.clients.admit(arrival, socket, self.most_clients, &self.greeting) {
-                Ok(()) => self.say(format!("user {uid} (pid {}) has attached", who.pid)),
+                Ok(gives_up) => {
+                    self.say(format!("user {uid} (pid {}) has attached", who.pid));
+                    if let Some(other) = gives_up {
+                        self.say(format!(
+                            "user {other}, which has the most places, has given one up"
+                        ));
+                    }
+                }
                 Err((socket, reason)) => {
                     self.say(format!("user {uid} (pid {}) is refused: {reason}", who.pid));
                     let refusal =
@@ -325,6 +352,7 @@ impl Door {
         }
         beat.dropped[DropReason::WrongSize as usize] = counters.wrong_size;
         beat.dropped[DropReason::BadHeader as usize] = counters.impossible;
+        beat.dropped[DropReason::NotPermitted as usize] = counters.not_permitted;
         Ok(self.health.publish(&beat)?)
     }
 }

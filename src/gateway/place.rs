@@ -23,6 +23,17 @@ pub enum PlaceError {
          leave the key empty"
     )]
     Unknown(String),
+    /// A user that may command a team is not there.
+    #[error(
+        "access.teams.{team}: there is no user {name:?} on this computer; give a name that `getent passwd` \
+         knows, or the user's number"
+    )]
+    UnknownUser {
+        /// The team.
+        team: &'static str,
+        /// The user.
+        name: String,
+    },
     /// It is not ours to let in.
     #[error(
         "access.group: this user is not in the group {0:?} and cannot give it anything; `sudo usermod \

@@ -1,37 +1,54 @@
-//! Groups of users, as the system knows them.
+//! Users and groups of users, as the system knows them.
 
-use std::ffi::{CString, c_char};
+use std::ffi::{CString, c_char, c_int};
 use std::io;
 use std::mem::MaybeUninit;
 use std::ptr;
 
-/// No group has so many members that its entry would not fit.
+/// No group has so many members, and no user so long a name, that its entry would not fit.
 const MOST_BYTES: usize = 1 << 24;
 
 /// The system's number for a group of users; `None` when there is none of that name. Asks whatever the
 /// system is set up to ask: `/etc/group`, or a directory service.
-#[allow(unsafe_code)] // there is no safe way to the system's name services
 pub fn group_number(name: &str) -> io::Result<Option<u32>> {
+    look_up(name, libc::getgrnam_r, |entry: &libc::group| entry.gr_gid)
+}
+
+/// The system's number for a user; `None` when there is none of that name.
+pub fn user_number(name: &str) -> io::Result<Option<u32>> {
+    look_up(name, libc::getpwnam_r, |entry: &libc::passwd| entry.pw_uid)
+}
+
+/// A function of the system that fills in the entry of a name, whose texts lie in a buffer of the caller's. A
+/// null pointer instead of the entry says that there is none.
+type LookUp<Entry> = unsafe extern "C" fn(
+    name: *const c_char,
+    entry: *mut Entry,
+    texts: *mut c_char,
+    texts_bytes: usize,
+    found: *mut *mut Entry,
+) -> c_int;
+
+#[allow(unsafe_code)] // there is no safe way to the system's name services
+fn look_up<Entry>(
+    name: &str,
+    ask: LookUp<Entry>,
+    number: impl Fn(&Entry) -> u32,
+) -> io::Result<Option<u32>> {
     let Ok(name) = CString::new(name) else { return Ok(None) };
     let mut texts: Vec<c_char> = vec![0; 1024];
     loop {
-        let mut entry = MaybeUninit::<libc::group>::uninit();
+        let mut entry = MaybeUninit::<Entry>::uninit();
         let mut found = ptr::null_mut();
         // SAFETY: the name ends with a zero; `entry` and `texts` are ours, as large as said, and
         // outlive the call, which writes to nothing else but `found`.
         let status = unsafe {
-            libc::getgrnam_r(
-                name.as_ptr(),
-                entry.as_mut_ptr(),
-                texts.as_mut_ptr(),
-                texts.len(),
-                &mut found,
-            )
+            ask(name.as_ptr(), entry.as_mut_ptr(), texts.as_mut_ptr(), texts.len(), &mut found)
         };
         match status {
             0 if found.is_null() => return Ok(None),
             // SAFETY: where something was found the entry was filled in. Its number is a plain field.
-            0 => return Ok(Some(unsafe { entry.assume_init() }.gr_gid)),
+            0 => return Ok(Some(number(unsafe { entry.assume_init_ref() }))),
             libc::ERANGE if texts.len() < MOST_BYTES => texts.resize(texts.len() * 4, 0),
             // What name services say of a name that they do not have.
             libc::ENOENT | libc::ESRCH | libc::EBADF | libc::EPERM => return Ok(None),
@@ -55,6 +72,8 @@ mod tests {
     #[test]
     fn the_system_is_asked() {
         assert_eq!(group_number("root").unwrap(), Some(0));
+        assert_eq!(user_number("root").unwrap(), Some(0));
+        assert_eq!(user_number("no-such-user-at-all").unwrap(), None);
         assert_eq!(group_number("no-such-group-at-all").unwrap(), None);
         assert_eq!(group_number("with\0zero").unwrap(), None);
         assert!(may_give_to(rustix::process::getegid().as_raw()));

@@ -3,6 +3,7 @@
 use super::Outlets;
 use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
+use super::commanders::CommanderWatch;
 use super::flow::{Flow, Sight};
 use super::latency::LatencyMeter;
 use super::report::{
@@ -44,6 +45,7 @@ pub struct Collector {
     health: Subscriber<Heartbeat, ()>,
     camera: CameraWatch,
     strangers: StrangerWatch,
+    commanders: CommanderWatch,
     view: Arc<GroupView>,
     base: Report,
     started_ns: u64,
@@ -136,6 +138,7 @@ impl Collector {
             truth: bus.subscriber(&topics::TRUTH)?,
             health: bus.subscriber(&topics::HEALTH)?,
             camera: CameraWatch::new(&bus)?,
+            commanders: CommanderWatch::new(instance, config, &bus)?,
             strangers: StrangerWatch::new(instance, &config.access.publishers, &bus)?,
             view,
             base,
@@ -228,6 +231,7 @@ impl Collector {
                 }
             }
         }
+        self.commanders.collect()?;
         let met = [
             (topics::FRAMES.name, self.frames.take_strangers()),
             (topics::DETECTIONS.name, self.detections.take_strangers()),
@@ -293,6 +297,7 @@ impl Collector {
             clients: own.map_or(0, |beat| beat.clients),
             given: own.map_or(0, |beat| beat.frames_out),
             lost: own.map_or(0, |beat| beat.frames_missed),
+            not_permitted: own.map_or(0, |beat| beat.dropped[DropReason::NotPermitted as usize]),
             refused: own.map_or(0, |beat| beat.dropped.iter().fold(0, |a, b| b.saturating_add(a))),
         })
     }
@@ -489,6 +494,7 @@ impl Collector {
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
             gateway: self.gateway(),
+            commanders: self.commanders.report(),
             strangers: self.strangers.report(),
             events: self.view.events(),
             ..self.base.clone()

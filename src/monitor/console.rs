@@ -2,7 +2,8 @@
 //! the end.
 
 use super::report::{
-    Breakdown, CameraDevice, Errors, Found, Gateway, Light, Percentiles, Report, Stranger,
+    Breakdown, CameraDevice, Commander, Errors, Found, Gateway, Light, Percentiles, Report,
+    Stranger,
 };
 use super::view::Event;
 use common::messages::ProcessKind;
@@ -231,6 +232,9 @@ fn body(report: &Report) -> String {
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
     }
+    for commander in &report.commanders {
+        commander_line(&mut text, commander);
+    }
     for stranger in &report.strangers {
         stranger_line(&mut text, stranger);
     }
@@ -343,13 +347,32 @@ fn light_words(light: &Light) -> String {
 
 /// Who else may attach, where, and how that goes.
 fn gateway_line(text: &mut String, gateway: &Gateway) {
-    let Gateway { group, socket, clients, given, lost, refused, restarts, .. } = gateway;
+    let Gateway { group, socket, clients, given, lost, refused, not_permitted, restarts, .. } =
+        gateway;
     let state = if gateway.pid.is_some() { "" } else { ", not running" };
     let _ = writeln!(
         text,
         "  gateway      for {group}{state}: {clients} attached, {given} messages given, {lost} lost by slow \
-         ones, {refused} refused, {restarts} restarts   {socket}"
+         ones, {refused} refused, of which {not_permitted} not permitted, {restarts} restarts   {socket}"
     );
+}
+
+/// A sender of commands, and which robots obey it.
+fn commander_line(text: &mut String, commander: &Commander) {
+    let Commander { pid, name, robots, overruled, .. } = commander;
+    let sender = match commander.user {
+        Some(user) => format!("user {user}"),
+        None => format!("{name} (process {pid})"),
+    };
+    let robots = match robots.len() {
+        0 => "nothing".into(),
+        _ => robots.join(", "),
+    };
+    let _ = write!(text, "  commands     {sender}: {robots}");
+    if !overruled.is_empty() {
+        let _ = write!(text, "; overruled at {}", overruled.join(", "));
+    }
+    text.push('\n');
 }
 
 /// A program that publishes where it is not believed.

@@ -9,6 +9,7 @@
 pub mod accuracy;
 mod camera;
 mod collector;
+mod commanders;
 mod console;
 mod containment;
 mod flow;

@@ -56,6 +56,9 @@ pub struct Report {
     /// The gateway; absent where nobody but the owner may attach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gateway: Option<Gateway>,
+    /// Senders of commands, with the robots that they command at the moment.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub commanders: Vec<Commander>,
     /// Programs that have published on topics on which only processes of the group are believed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub strangers: Vec<Stranger>,
@@ -262,8 +265,30 @@ pub struct Gateway {
     pub given: u64,
     /// Messages that one of them lost because it was too slow.
     pub lost: u64,
-    /// Messages of theirs that were no commands, or impossible ones.
+    /// Messages of theirs that were no commands, impossible ones, or not permitted.
     pub refused: u64,
+    /// Messages of theirs with commands for a team that their user may not command.
+    pub not_permitted: u64,
+}
+
+/// A sender of commands. Of several for a robot, the one whose command was sent last is obeyed.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Commander {
+    /// The system's number for the process that has published them.
+    pub pid: u32,
+    /// The name under which that has joined the group; `grabber` plays both teams of the synthetic match.
+    pub name: String,
+    /// The system's number for the user that sent them through the gateway.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub user: Option<u32>,
+    /// Robots that obey it: team and number.
+    pub robots: Vec<String>,
+    /// Robots that it commands too, but that obey a later command of another sender.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub overruled: Vec<String>,
+    /// Its messages so far.
+    pub messages: u64,
 }
 
 /// A program that is none of the group's, on a topic on which only those are believed.

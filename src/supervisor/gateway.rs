@@ -7,6 +7,7 @@ use super::log::Log;
 use super::policy::Settings;
 use super::sys::{self, Call};
 use super::{GRACE, SupervisorError};
+use crate::gateway::permissions::Permissions;
 use crate::gateway::{NAME, place};
 use crate::monitor::GatewayView;
 use common::bus::participants;
@@ -59,6 +60,8 @@ impl Gateway {
             instance.remove_gateway_directory()?;
             return Ok(None);
         };
+        // What the gateway would fail at is said before it is started.
+        Permissions::of(&config.access)?;
         if let Some(closed) = place::prepare(instance, group)? {
             common::tell!("touchline: {}", place::advice(&closed, group));
         }

@@ -238,6 +238,11 @@ pub struct Received<E: Message, H: Header> {
 }
 
 impl<E: Message, H: Header> Received<E, H> {
+    /// The node that has published it.
+    pub fn sender(&self) -> NodeKey {
+        NodeKey::of(&self.sample.header().node_id())
+    }
+
     /// The elements.
     pub fn elements(&self) -> &[E] {
         self.sample.payload()

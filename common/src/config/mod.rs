@@ -24,7 +24,7 @@ mod validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use access::AccessConfig;
+pub use access::{AccessConfig, TeamsAccess};
 pub use camera::{CameraConfig, GenicamConfig, SettingValue, V4l2Config};
 pub use complaint::{Complaint, Complaints, Place};
 pub use document::{commented_toml, schema_json};

@@ -13,8 +13,8 @@
 //!
 //! For a client that reads slowly [`KEPT`] messages are kept besides those in the socket, and then the
 //! oldest is lost, to it alone. One whose first message is not that name is cut off; commands
-//! that cannot be are dropped and counted. More than some hundred messages a second are not taken from
-//! a client: it has to wait.
+//! that cannot be, or for a team that the user may not command, are dropped and counted. More than some hundred
+//! messages a second are not taken from a user's programs together: they have to wait.
 
 mod client;
 
@@ -127,7 +127,7 @@ pub fn parse_commands(bytes: &[u8]) -> Result<Commands, CommandsFault> {
             return Err(CommandsFault::Speeds(left_mm_s, right_mm_s));
         }
     }
-    commands.reserved = 0;
+    commands.user = 0;
     commands.clear_stale();
     Ok(commands)
 }

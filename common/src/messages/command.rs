@@ -32,10 +32,11 @@ pub fn are_possible_speeds(left_mm_s: f64, right_mm_s: f64) -> bool {
     left_mm_s.abs() <= MAX_WHEEL_MM_S && right_mm_s.abs() <= MAX_WHEEL_MM_S
 }
 
-/// The speeds a strategy has just sent. A robot that is not listed keeps its last command until
+/// The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last
+/// (`t_sent_ns`) acts, whoever sent it. A robot that is not listed keeps its last command until
 /// the filter forgets it (`filter.command_timeout_ms`).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/Commands/1")]
+#[type_name("touchline/Commands/2")]
 #[repr(C)]
 pub struct Commands {
     /// Counted by the sender.
@@ -44,8 +45,9 @@ pub struct Commands {
     pub t_sent_ns: u64,
     /// Valid elements of `wheels`.
     pub wheel_count: u32,
-    /// Reserved, 0.
-    pub reserved: u32,
+    /// The system's number for the user that sent it, where it comes through the gateway, which fills it in;
+    /// 0 from programs that publish themselves.
+    pub user: u32,
     /// One element a robot.
     pub wheels: [WheelCommand; MAX_COMMANDS],
 }

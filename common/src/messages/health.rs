@@ -117,11 +117,13 @@ pub enum DropReason {
     Poisonous = 6,
     /// The camera's picture came only in part, or damaged.
     Incomplete = 7,
+    /// Of the gateway: commands for a team that the user may not command.
+    NotPermitted = 8,
 }
 
 impl DropReason {
     /// All reasons, in the order of [`Heartbeat::dropped`].
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::OutOfOrder,
         Self::BadHeader,
         Self::WrongSize,
@@ -130,6 +132,7 @@ impl DropReason {
         Self::NotPublished,
         Self::Poisonous,
         Self::Incomplete,
+        Self::NotPermitted,
     ];
 
     /// Key in reports.
@@ -143,6 +146,7 @@ impl DropReason {
             Self::NotPublished => "not_published",
             Self::Poisonous => "poisonous",
             Self::Incomplete => "incomplete",
+            Self::NotPermitted => "not_permitted",
         }
     }
 }
@@ -154,7 +158,7 @@ impl DropReason {
 /// something to be read on `events`; what it takes and gives is nothing. The gateway takes `world` and
 /// gives it to its clients: once to each of them. The classifier's tells how it corrects the light.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
-#[type_name("touchline/Heartbeat/4")]
+#[type_name("touchline/Heartbeat/5")]
 #[repr(C)]
 pub struct Heartbeat {
     /// When it was published.
@@ -194,7 +198,7 @@ pub struct Heartbeat {
     pub light: LightCorrection,
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 184);
+const _: () = assert!(size_of::<Heartbeat>() == 192);
 
 impl Heartbeat {
     /// That of a process, of this number in messages, which has done nothing yet.

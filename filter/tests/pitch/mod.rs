@@ -268,7 +268,7 @@ pub fn commands(seq: u64, t_sent_ns: u64, wheels: &[(u32, u32, f64, f64)]) -> Co
         seq,
         t_sent_ns,
         wheel_count: wheels.len() as u32,
-        reserved: 0,
+        user: 0,
         wheels: [WheelCommand::default(); MAX_COMMANDS],
     };
     for (slot, &(team, robot_id, left_mm_s, right_mm_s)) in message.wheels.iter_mut().zip(wheels) {

@@ -1,0 +1,180 @@
+//! Who commands which robot: of several senders, the one whose command was sent last.
+
+use super::report::Commander;
+use common::bus::{Bus, BusError, Subscriber, participants};
+use common::clock::monotonic_ns;
+use common::config::Config;
+use common::instance::Instance;
+use common::messages::{Commands, Team};
+use common::roster::NodeKey;
+use common::topics;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// A stamp that lies further in the future is rubbish; the filter does not obey it either.
+const MOST_AHEAD_NS: u64 = 1_000_000_000;
+/// Senders that are told apart; the one that was silent for longest is forgotten first.
+const MOST_SENDERS: usize = 32;
+
+/// A sender: a process, or a user behind the gateway.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Sender {
+    node: NodeKey,
+    user: u32,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    messages: u64,
+    heard_ns: u64,
+    name: String,
+    /// When it last commanded each robot, by team and number.
+    robots: BTreeMap<(u32, u32), u64>,
+}
+
+/// Listens to `commands`.
+pub struct CommanderWatch {
+    instance: Instance,
+    commands: Subscriber<Commands, ()>,
+    timeout_ns: u64,
+    /// The configured robots, by team and number: commands for others command nobody.
+    robots: BTreeSet<(u32, u32)>,
+    senders: HashMap<Sender, Known>,
+}
+
+impl CommanderWatch {
+    /// Connects.
+    pub fn new(instance: &Instance, config: &Config, bus: &Bus) -> Result<Self, BusError> {
+        let identities = config.robots.identities.iter();
+        Ok(Self {
+            robots: identities.map(|it| (it.team as u32, it.id)).collect(),
+            instance: instance.clone(),
+            commands: bus.subscriber(&topics::COMMANDS)?,
+            timeout_ns: (config.filter.command_timeout_ms * 1e6) as u64,
+            senders: HashMap::new(),
+        })
+    }
+
+    /// Takes in what is new.
+    pub fn collect(&mut self) -> Result<(), BusError> {
+        let now_ns = monotonic_ns();
+        while let Some(received) = self.commands.receive()? {
+            let Some(commands) = received.message() else { continue };
+            if commands.t_sent_ns > now_ns.saturating_add(MOST_AHEAD_NS) {
+                continue;
+            }
+            let sender = Sender { node: received.sender(), user: commands.user };
+            if !self.senders.contains_key(&sender) {
+                self.make_room();
+                let name = participants::name_of(&self.instance, sender.node).unwrap_or_default();
+                self.senders.insert(sender, Known { name, ..Known::default() });
+            }
+            let Some(known) = self.senders.get_mut(&sender) else { continue };
+            known.messages += 1;
+            known.heard_ns = now_ns;
+            for wheels in commands.wheels() {
+                let robot = (wheels.team, wheels.robot_id);
+                if self.robots.contains(&robot) {
+                    let sent_ns = known.robots.entry(robot).or_default();
+                    *sent_ns = (*sent_ns).max(commands.t_sent_ns);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn make_room(&mut self) {
+        if self.senders.len() < MOST_SENDERS {
+            return;
+        }
+        let oldest = self.senders.iter().min_by_key(|(_, known)| known.heard_ns);
+        if let Some(oldest) = oldest.map(|(sender, _)| *sender) {
+            self.senders.remove(&oldest);
+        }
+    }
+
+    /// Those whose commands have not timed out.
+    pub fn report(&self) -> Vec<Commander> {
+        commanders(&self.senders, monotonic_ns(), self.timeout_ns)
+    }
+}
+
+fn commanders(senders: &HashMap<Sender, Known>, now_ns: u64, timeout_ns: u64) -> Vec<Commander> {
+    let is_valid = |sent_ns: &u64| now_ns.saturating_sub(*sent_ns) <= timeout_ns;
+    let mut newest: BTreeMap<(u32, u32), u64> = BTreeMap::new();
+    for (robot, sent_ns) in senders.values().flat_map(|known| &known.robots) {
+        let newest = newest.entry(*robot).or_default();
+        *newest = (*newest).max(*sent_ns);
+    }
+    let robot_name = |(team, robot_id): (u32, u32)| {
+        let team = Team::from_number(team).map_or("unknown", Team::name);
+        format!("{team} {robot_id}")
+    };
+    let mut all: Vec<Commander> = senders
+        .iter()
+        .filter_map(|(sender, known)| {
+            let valid = known.robots.iter().filter(|(_, sent_ns)| is_valid(sent_ns));
+            let (obeyed, overruled): (Vec<_>, Vec<_>) =
+                valid.partition(|(robot, sent_ns)| newest.get(robot) == Some(sent_ns));
+            let names = |robots: Vec<(&(u32, u32), &u64)>| -> Vec<String> {
+                robots.into_iter().map(|(robot, _)| robot_name(*robot)).collect()
+            };
+            let is_gateway = known.name == crate::gateway::NAME;
+            let commander = Commander {
+                pid: sender.node.pid(),
+                name: known.name.clone(),
+                user: is_gateway.then_some(sender.user),
+                robots: names(obeyed),
+                overruled: names(overruled),
+                messages: known.messages,
+            };
+            let commands_any = !(commander.robots.is_empty() && commander.overruled.is_empty());
+            commands_any.then_some(commander)
+        })
+        .collect();
+    all.sort_by_key(|it| (it.pid, it.user));
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+    const NOW_NS: u64 = 10_000 * MS;
+
+    fn known(name: &str, robots: &[((u32, u32), u64)]) -> Known {
+        let robots = robots.iter().map(|&(robot, ms_ago)| (robot, NOW_NS - ms_ago * MS)).collect();
+        Known { name: name.into(), messages: 7, robots, ..Known::default() }
+    }
+
+    fn sender(pid: u32, user: u32) -> Sender {
+        Sender { node: NodeKey::new(pid, 0), user }
+    }
+
+    #[test]
+    fn the_command_sent_last_acts_whoever_sent_it() {
+        let (yellow, blue) = (Team::Yellow as u32, Team::Blue as u32);
+        let senders: HashMap<Sender, Known> = [
+            (
+                sender(1, 0),
+                known("drive", &[((yellow, 0), 20), ((yellow, 1), 40), ((blue, 3), 900)]),
+            ),
+            (sender(2, 1001), known("gateway", &[((yellow, 1), 10), ((blue, 2), 5)])),
+            (sender(2, 1002), known("gateway", &[((blue, 2), 100)])),
+            (sender(3, 0), known("silent", &[((blue, 4), 500)])),
+        ]
+        .into();
+        let all = commanders(&senders, NOW_NS, 250 * MS);
+        let words: Vec<_> =
+            all.iter().map(|it| (it.user, it.robots.join(", "), it.overruled.join(", "))).collect();
+        let text = |text: &str| text.to_string();
+        assert_eq!(
+            words,
+            [
+                (None, text("yellow 0"), text("yellow 1")),
+                (Some(1001), text("yellow 1, blue 2"), text("")),
+                (Some(1002), text(""), text("blue 2")),
+            ]
+        );
+    }
+}
