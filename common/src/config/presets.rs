@@ -320,6 +320,7 @@ impl Default for SyntheticConfig {
             max_speed_mm_s: 1500.0,
             max_acceleration_mm_s2: 3000.0,
             slip: 0.0,
+            floor_rgb: [26, 30, 29],
             brightness: 1.0,
             vignette: 0.25,
             gradient: 0.0,

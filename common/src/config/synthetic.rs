@@ -25,6 +25,8 @@ pub struct SyntheticConfig {
     /// `command_noise_mm_s`, `command_noise_deg_s` and `lateral_noise_mm_s`. 0: not at all.
     #[schemars(range(min = 0, max = 100))]
     pub slip: f64,
+    /// Red, green and blue of the floor.
+    pub floor_rgb: [u8; 3],
     /// Overall brightness; 1 is what the colours were set for.
     #[schemars(range(min = 0, max = 10))]
     pub brightness: f64,

@@ -6,7 +6,6 @@ use common::geometry::{FieldPoint, ImagePoint};
 
 /// Painted colours. White is kept well below the sensor's limit, as anyone does who sets up a
 /// camera to tell colours apart.
-const PITCH: [f32; 3] = [26.0, 30.0, 29.0];
 const LINE: [f32; 3] = [150.0, 152.0, 148.0];
 const WALL: [f32; 3] = [104.0, 103.0, 98.0];
 const GOAL: [f32; 3] = [44.0, 44.0, 48.0];
@@ -26,10 +25,11 @@ struct Pitch {
     circle: f64,
     /// Depth and half width of the penalty area and of the goal area.
     areas: [[f64; 2]; 2],
+    floor: [f32; 3],
 }
 
 impl Pitch {
-    fn new(field: &FieldConfig) -> Self {
+    fn new(field: &FieldConfig, floor_rgb: [u8; 3]) -> Self {
         let (length, width) = (field.length_mm, field.width_mm);
         Self {
             half_length: length / 2.0,
@@ -39,13 +39,14 @@ impl Pitch {
             circle: field.center_circle_radius_mm,
             // The proportions of the MiroSot middle league: 350×800 and 150×500 on 2200×1800.
             areas: [[0.16 * length, 0.222 * width], [0.068 * length, 0.139 * width]],
+            floor: floor_rgb.map(f32::from),
         }
     }
 
     fn color(&self, point: FieldPoint) -> [f32; 3] {
         let (x, y) = (point.x_mm.abs(), point.y_mm.abs());
         if x <= self.half_length && y <= self.half_width {
-            return if self.is_line(x, y) { LINE } else { PITCH };
+            return if self.is_line(x, y) { LINE } else { self.floor };
         }
         if y <= self.half_goal && x <= self.half_length + self.goal_depth {
             return GOAL;
@@ -74,8 +75,8 @@ impl Pitch {
 }
 
 /// Takes a picture of the empty pitch, without noise: one byte a pixel, behind the Bayer filter.
-pub fn paint(field: &FieldConfig, optics: &Optics) -> Vec<u8> {
-    let pitch = Pitch::new(field);
+pub fn paint(field: &FieldConfig, floor_rgb: [u8; 3], optics: &Optics) -> Vec<u8> {
+    let pitch = Pitch::new(field, floor_rgb);
     let (width, height) = (optics.width, optics.height);
     let looks = looks_within_spot();
     let see = |x: usize, y: usize| {
@@ -130,12 +131,12 @@ mod tests {
 
     #[test]
     fn markings_are_where_they_belong() {
-        let pitch = Pitch::new(&FieldConfig::default());
+        let pitch = Pitch::new(&FieldConfig::default(), [1, 2, 3]);
         let color = |x, y| pitch.color(FieldPoint::new(x, y));
         assert_eq!(color(0.0, 500.0), LINE);
         assert_eq!(color(200.0, 0.0), LINE);
         assert_eq!(color(-142.0, 141.0), LINE);
-        assert_eq!(color(100.0, 0.0), PITCH);
+        assert_eq!(color(100.0, 0.0), [1.0, 2.0, 3.0]);
         assert_eq!(color(1100.0 - 352.0, -399.0), LINE);
         assert_eq!(color(1110.0, 0.0), GOAL);
         assert_eq!(color(-1110.0, 700.0), WALL);

@@ -87,7 +87,7 @@ impl Renderer {
         let middle = optics.model.image_from_field(FieldPoint::default(), tallest_mm);
         let area_mm2 = optics.model.pixel_area_mm2(middle, tallest_mm);
         let spot_mm = positive("geometry.points", area_mm2.sqrt() * optics.spot_px)?;
-        let background = pitch::paint(&config.field, &optics);
+        let background = pitch::paint(&config.field, config.synthetic.floor_rgb, &optics);
         let mut tops: Vec<(Top, Arc<Shape>)> = Vec::new();
         let mut shapes = Vec::with_capacity(config.robots.identities.len());
         for identity in &config.robots.identities {

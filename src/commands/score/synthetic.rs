@@ -45,6 +45,9 @@ const SCENES: &[(&str, Change)] = &[
         config.synthetic.brightness = 0.25;
         config.synthetic.noise = 2.3;
     }),
+    ("green-floor", |config| lie_on_floor(config, [22, 58, 27])),
+    ("blue-floor", |config| lie_on_floor(config, [22, 38, 75])),
+    ("white-and-grey", wear_white_and_grey),
     ("3v3", |config| config.robots.identities.retain(|identity| identity.id < 3)),
     ("vsss", |config| *config = Preset::Vsss3v3.config()),
     ("tall-opponents", |config| config.teams.blue.height_mm = Some(150.0)),
@@ -58,6 +61,29 @@ const SCENES: &[(&str, Change)] = &[
         config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
     }),
 ];
+
+/// A floor of another colour, learned with its light.
+fn lie_on_floor(config: &mut Config, rgb: [u8; 3]) {
+    let black = config.synthetic.floor_rgb;
+    config.synthetic.floor_rgb = rgb;
+    if let Some(pitch) = &mut config.light.pitch_rgb {
+        for (channel, value) in pitch.iter_mut().enumerate() {
+            *value *= f64::from(rgb[channel]) / f64::from(black[channel]);
+        }
+    }
+}
+
+/// Two of the identification colours are none: paper as bright as lines, and as bright as walls.
+fn wear_white_and_grey(config: &mut Config) {
+    let papers = [("green", [200; 3], [112, 255]), ("pink", [100; 3], [54, 108])];
+    for (name, looks, values) in papers {
+        for color in config.colors.iter_mut().filter(|color| color.name == name) {
+            (color.red, color.green, color.blue) = (values, values, values);
+            color.saturation = Some([0.0, 0.12]);
+            color.looks = looks;
+        }
+    }
+}
 
 /// An equidistant fisheye 1500 mm above the middle, which sees the pitch's corners at 43° from its axis.
 fn look_through_fisheye(config: &mut Config) {
@@ -152,7 +178,7 @@ fn play_scene(
     let mut pixels = vec![0; width * config.camera.height as usize];
     follow_painted_light(&mut config);
     let mut game = SyntheticMatch::new(&config)?;
-    let mut pipeline = Pipeline::new(&config)?;
+    let mut pipeline = Pipeline::new(&taught(&config))?;
     let mut scorer = Scorer::new();
     for _ in 0..frames {
         for _ in 0..STRIDE {
@@ -200,6 +226,29 @@ fn play_scene(
         ball_found_ratio: errors.ball_found_ratio,
         ball_rms_mm: errors.ball_rms_mm,
     })
+}
+
+/// Light is followed down to this part of that in which the colours were set.
+const DIMMEST: f64 = 0.4;
+
+/// The configuration with colours as they are learned in the match's light, where that is dimmer than can be
+/// followed from the light of the preset's.
+fn taught(config: &Config) -> Config {
+    let mut config = config.clone();
+    let brightness = config.synthetic.brightness;
+    if brightness >= DIMMEST {
+        return config;
+    }
+    for color in &mut config.colors {
+        for [low, high] in [&mut color.red, &mut color.green, &mut color.blue] {
+            *low = (f64::from(*low) * brightness).floor() as u8;
+            *high = (f64::from(*high) * brightness).ceil() as u8;
+        }
+        color.looks = color.looks.map(|value| (f64::from(value) * brightness).round() as u8);
+    }
+    let pitch = &mut config.light.pitch_rgb;
+    *pitch = pitch.map(|rgb| rgb.map(|value| value * brightness));
+    config
 }
 
 impl SceneScore {
