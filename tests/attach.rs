@@ -290,6 +290,37 @@ mod python {
 
     #[test]
     #[ignore = "needs a Python with iceoryx2, named by TOUCHLINE_PYTHON"]
+    fn a_reader_in_python_believes_the_group_alone() {
+        let mut group = Group::start("python-believes", "", &[]);
+        group.wait_until_working();
+        let mut vandal = Program(group.start_touchline(&["bystander", "--rubbish", "20000"]));
+        group.wait_for("the vandal", |status| status["strangers"].is_array());
+        let program = "
+import touchline
+group = touchline.Group('test', 'reader')
+topics = {name: group.reader(name) for name in ('world', 'frames')}
+for name, reader in topics.items():
+    last = None
+    for _ in range(160):
+        elements, header = reader.next(10)
+        seq = (header or elements[0].frame).seq
+        assert last is None or seq == last + 1, f'{name}: {seq} after {last}'
+        last = seq
+print('believed')
+";
+        let reader = Command::new(python())
+            .args(["-B", "-c", program])
+            .env("TOUCHLINE_RUNTIME_DIR", group.scratch.path.join("run"))
+            .env("PYTHONPATH", script(""))
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&reader.stderr).into_owned();
+        assert!(reader.status.success(), "{said}");
+        assert!(matches!(vandal.0.try_wait(), Ok(None)), "the test is too weak");
+    }
+
+    #[test]
+    #[ignore = "needs a Python with iceoryx2, named by TOUCHLINE_PYTHON"]
     fn a_strategy_in_python_drives_a_robot_to_the_ball() {
         let mut group = Group::start("python", SMALL, &[]);
         group.wait_until_working();

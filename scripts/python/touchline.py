@@ -2,7 +2,9 @@
 
 import contextlib
 import ctypes
+import mmap
 import os
+import struct
 import time
 
 import iceoryx2 as iox2
@@ -27,6 +29,31 @@ def memory_of(directory):
     except (FileNotFoundError, ValueError, KeyError):
         return None
     return (root, prefix) if os.path.isdir(root) else None
+
+
+# Every program may publish on these; on all others the group's own processes are believed.
+OPEN_TOPICS = {"commands"}
+
+
+class Roster:
+    """The nodes of the group's own processes: a count and 511 keys of 64 bits (common/src/roster.rs)."""
+
+    def __init__(self, root):
+        with open(os.path.join(root, "roster.page"), "rb") as file:
+            self.page = mmap.mmap(file.fileno(), 4096, access=mmap.ACCESS_READ)
+        self.believed = None
+
+    def has(self, node):
+        """Whether a node, given by its number, is one of the group's."""
+        if node == self.believed:
+            return True
+        seconds, nanoseconds, pid, counter = (node >> shift & 0xFFFFFFFF for shift in (0, 32, 64, 96))
+        turned = [(part << by | part >> 32 - by) & 0xFFFFFFFF for part, by in ((seconds, 30), (counter, 16))]
+        digest = ((turned[0] ^ nanoseconds ^ turned[1]) + pid) & 0xFFFFFFFF
+        if pid << 32 | digest not in struct.unpack("512Q", self.page[:])[1:]:
+            return False
+        self.believed = node
+        return True
 
 
 class Group:
@@ -56,6 +83,7 @@ class Group:
             .create(iox2.ServiceType.Ipc)
         )
         self.patience_s = patience_s
+        self.roster = Roster(root)
 
     def _open(self, name):
         topic = TOPICS[name]
@@ -74,8 +102,10 @@ class Group:
                 time.sleep(0.1)
 
     def reader(self, name):
-        """Gives the messages of a topic."""
-        return Reader(self._open(name).subscriber_builder().create())
+        """Gives the messages of a topic: those of the group, and on `commands` those of everybody."""
+        roster = None if name in OPEN_TOPICS else self.roster
+        port = self._open(name).subscriber_builder().create()
+        return Reader(port, TOPICS[name].header is not None, roster)
 
     def writer(self, name):
         """Publishes on a topic whose messages have one element."""
@@ -88,8 +118,10 @@ class Group:
 class Reader:
     """Reads messages in place: they are valid until the next one is asked for."""
 
-    def __init__(self, port):
+    def __init__(self, port, has_header=False, roster=None):
         self.port = port
+        self.has_header = has_header
+        self.roster = roster
         self.sample = None
 
     def next(self, timeout_s=1.0):
@@ -97,15 +129,16 @@ class Reader:
         ends = time.monotonic() + timeout_s
         while True:
             self.sample = self.port.receive()
-            if self.sample is not None:
-                header = self.sample.user_header() if self._has_header() else None
-                return self.sample.payload(), header and header.contents
+            if self.sample is not None and self._is_believed():
+                header = self.sample.user_header().contents if self.has_header else None
+                return self.sample.payload(), header
             if time.monotonic() > ends:
                 return None
-            time.sleep(0.001)
+            if self.sample is None:
+                time.sleep(0.001)
 
-    def _has_header(self):
-        return getattr(self.sample, "_Sample__user_header_type_details", None) is not None
+    def _is_believed(self):
+        return self.roster is None or self.roster.has(self.sample.header.node_id.value)
 
     def messages(self, timeout_s=1.0):
         """The messages of a topic with one element each, until none comes in time."""
