@@ -337,6 +337,7 @@ Examples:
   touchline chaos --stages grabber --signals kill    the camera's process; its gaps are counted
   touchline chaos --signals kill,hup,emfile,enospc   besides kills, a closed terminal and shortages
   touchline chaos --signals kill,rubbish             besides kills, a program that publishes rubbish
+  touchline chaos --signals kill,outsider            as root: besides, another user who takes its names
   touchline chaos --bystanders                       besides, programs that attach and behave badly
   touchline chaos --fps 1000 --report report.json    a faster camera; all figures as JSON
   touchline chaos --source v4l2:/dev/video0          with your own camera";

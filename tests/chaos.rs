@@ -84,7 +84,19 @@ fn full_shared_memory_loses_nothing() {
     check_that_nothing_is_lost("kill,enospc");
 }
 
-fn check_that_nothing_is_lost(signals: &str) {
+#[test]
+#[ignore = "needs root, to be another user in a /dev/shm of its own"]
+fn another_user_who_takes_names_and_tries_doors_changes_nothing() {
+    let report = check_that_nothing_is_lost("kill,supervisor,outsider");
+    let deeds = &report["outsider"];
+    assert!(
+        deeds["made"].as_u64() > Some(10) && deeds["attempts"].as_u64() > Some(1000),
+        "{deeds}"
+    );
+    assert_eq!(deeds["succeeded"], 0, "{deeds}");
+}
+
+fn check_that_nothing_is_lost(signals: &str) -> Value {
     // Tests of one program run side by side.
     let scratch = Scratch::new(&format!("chaos-{}", signals.replace(',', "-")));
     let report_path = scratch.path.join("report.json");
@@ -112,6 +124,7 @@ fn check_that_nothing_is_lost(signals: &str) {
     let left = &report["left"];
     assert_eq!(left["ended_in_order"], true, "{text}\n{errors}");
     assert_eq!(left["shared_memory"], serde_json::json!([]), "{text}");
+    report
 }
 
 #[test]

@@ -3,6 +3,7 @@
 //! * [`plan`]: what is done to whom and when, repeatable by its seed.
 //! * [`group`]: the match, which is the real program in processes of its own.
 //! * [`bystanders`]: programs that attach to it and behave badly.
+//! * [`outsider`]: another user who takes names and tries doors.
 //! * [`vandal`]: a program that publishes what it should not.
 //! * [`shortage`]: leaving it without descriptors or memory for a while.
 //! * [`population`]: who is alive, and sending signals to them and nobody else.
@@ -14,6 +15,7 @@ mod bystanders;
 mod group;
 mod leaks;
 mod observer;
+mod outsider;
 mod plan;
 mod population;
 mod report;
@@ -35,6 +37,7 @@ use common::messages::ProcessKind;
 use group::{Group, LAST_WORDS, PATIENCE};
 use leaks::Usage;
 use observer::Observer;
+use outsider::{Deeds, Outsider};
 use plan::{Plan, Step};
 use population::{Population, listens_to, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
@@ -70,7 +73,11 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
     if let Some(fps) = args.fps {
         config.camera.fps = fps;
     }
-    if args.signals.contains(&Disturbance::Enospc) {
+    let has_outsider = args.signals.contains(&Disturbance::Outsider);
+    if has_outsider {
+        outsider::check()?;
+    }
+    if has_outsider || args.signals.contains(&Disturbance::Enospc) {
         shortage::enter_own_place(&config, &args.source)?;
     }
     let report_file = match &args.report {
@@ -163,6 +170,8 @@ struct Session {
     deaths: u64,
     shortages: Vec<Shortage>,
     vandals: Vec<Vandal>,
+    outsiders: Vec<Outsider>,
+    deeds: Deeds,
     line_at: Instant,
 }
 
@@ -189,6 +198,8 @@ impl Session {
             deaths: 0,
             shortages: Vec::new(),
             vandals: Vec::new(),
+            outsiders: Vec::new(),
+            deeds: Deeds::default(),
             line_at: Instant::now(),
         })
     }
@@ -274,6 +285,7 @@ impl Session {
         }
         self.shortages.clear();
         self.vandals.clear();
+        self.end_outsiders(|_| true);
         self.fate = self.bystanders.take().map(|bystanders| bystanders.fate);
         Ok(())
     }
@@ -303,6 +315,9 @@ impl Session {
                     Disturbance::Enospc => self.shortages.push(Shortage::of_shared_memory(until)?),
                     Disturbance::Rubbish => {
                         self.vandals.push(Vandal::start(&self.group.instance, step.pause)?);
+                    }
+                    Disturbance::Outsider => {
+                        self.outsiders.push(Outsider::start(&self.group.instance, until)?);
                     }
                     _ => {
                         // A new one would have to begin without.
@@ -339,7 +354,8 @@ impl Session {
                     | Disturbance::Hup
                     | Disturbance::Emfile
                     | Disturbance::Enospc
-                    | Disturbance::Rubbish => unreachable!("these have no stage"),
+                    | Disturbance::Rubbish
+                    | Disturbance::Outsider => unreachable!("these have no stage"),
                 }
             }
         }
@@ -429,6 +445,7 @@ impl Session {
             group: group_says,
             group_log,
             bystanders: self.fate,
+            outsider: self.settings.signals.contains(&Disturbance::Outsider).then_some(self.deeds),
             settings: self.settings,
         };
         report.promises = verdict::judge(&report);
@@ -460,6 +477,8 @@ impl Session {
         self.population.resume(Instant::now());
         self.shortages.retain(|shortage| !shortage.is_over(Instant::now()));
         self.vandals.retain_mut(|vandal| !vandal.has_ended());
+        let now = Instant::now();
+        self.end_outsiders(|outsider| outsider.is_over(now));
         if let Some(bystanders) = &mut self.bystanders {
             bystanders.look()?;
         }
@@ -488,6 +507,13 @@ impl Session {
             self.print_line(now_ns);
         }
         Ok(())
+    }
+
+    /// Ends those of which it holds, and adds up what they have done.
+    fn end_outsiders(&mut self, is_over: impl Fn(&mut Outsider) -> bool) {
+        for outsider in self.outsiders.extract_if(.., is_over) {
+            self.deeds = self.deeds.and(outsider.end());
+        }
     }
 
     fn print_line(&self, now_ns: u64) {

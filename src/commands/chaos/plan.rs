@@ -31,6 +31,9 @@ pub enum Disturbance {
     Enospc,
     /// A program publishes rubbish on all topics of the stages, 80 times a second for 20 ms to 2 s
     Rubbish,
+    /// Another user takes names in shared memory and tries to open, truncate and remove what is the match's,
+    /// for 20 ms to 2 s; needs root, and a /dev/shm of the match's own
+    Outsider,
 }
 
 impl Disturbance {
@@ -48,17 +51,18 @@ impl Disturbance {
             Self::Emfile => "emfile",
             Self::Enospc => "enospc",
             Self::Rubbish => "rubbish",
+            Self::Outsider => "outsider",
         }
     }
 
     /// Whether it is done to a process of a stage.
     pub fn concerns_a_stage(self) -> bool {
-        !matches!(self, Self::Supervisor | Self::Hup | Self::Emfile | Self::Enospc | Self::Rubbish)
+        !matches!(self, Self::Supervisor | Self::Hup) && !self.is_long()
     }
 
     /// Whether it lasts so long that others are to fall into it.
     fn is_long(self) -> bool {
-        matches!(self, Self::Emfile | Self::Enospc | Self::Rubbish)
+        matches!(self, Self::Emfile | Self::Enospc | Self::Rubbish | Self::Outsider)
     }
 
     /// Whether it lasts for a while.

@@ -3,6 +3,7 @@
 use super::bystanders::Fate;
 use super::leaks::{Leftovers, Usage};
 use super::observer::Sight;
+use super::outsider::Deeds;
 use super::plan::Disturbance;
 use super::tally::Missing;
 use super::verdict::Promise;
@@ -44,6 +45,9 @@ pub struct ChaosReport {
     /// What the programs that attach and behave badly have been through, if there were any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bystanders: Option<Fate>,
+    /// What another user has done, where one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outsider: Option<Deeds>,
     /// Longest time for which the observer itself was kept from looking.
     pub observer_longest_absence_ms: f64,
     /// What the group used before the first disturbance.

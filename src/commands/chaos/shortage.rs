@@ -94,8 +94,8 @@ pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), CommandEr
     command.arg(std::env::current_exe()?).args(std::env::args_os().skip(1));
     let error = command.env(OWN_PLACE_VARIABLE, "1").exec();
     Err(format!(
-        "enospc fills a /dev/shm of the match's own, which takes the programs unshare and mount: {error}; \
-         leave it out with --signals"
+        "enospc and outsider need a /dev/shm of the match's own, which takes the programs unshare and \
+         mount: {error}; leave them out with --signals"
     )
     .into())
 }

@@ -112,6 +112,16 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
             format!("{messages} messages of {} processes named", pids.len()),
         );
     }
+    if let Some(deeds) = report.outsider {
+        promise(
+            "another user can touch nothing",
+            deeds.succeeded == 0 && deeds.made > 0 && deeds.attempts > 0,
+            format!(
+                "{} of {} attempts to open, truncate, remove or address succeeded; {} names taken",
+                deeds.succeeded, deeds.attempts, deeds.made
+            ),
+        );
+    }
     // Without memory nobody attaches.
     let has_memory = report.disturbances.iter().all(|done| done.what != Disturbance::Enospc);
     if let Some(fate) = report.bystanders {
@@ -242,7 +252,9 @@ fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(Stri
         }
         Disturbance::Pause | Disturbance::Emfile | Disturbance::Enospc => None,
         // The floor is the next frame.
-        Disturbance::Hup | Disturbance::Rubbish => Some(("max ≤ 100".into(), times.max <= 100.0)),
+        Disturbance::Hup | Disturbance::Rubbish | Disturbance::Outsider => {
+            Some(("max ≤ 100".into(), times.max <= 100.0))
+        }
         Disturbance::Double => Some(("max ≤ 500".into(), times.max <= 500.0)),
         Disturbance::Supervisor => Some(("max ≤ 1000".into(), times.max <= 1000.0)),
     }
@@ -368,6 +380,7 @@ mod tests {
             ended_by_themselves: vec![],
             started_in_vain: 0,
             bystanders: Some(Fate { killed: 10, frozen: 1, failed: 0 }),
+            outsider: None,
             observer_longest_absence_ms: 1.0,
             usage_before: usage.clone(),
             usage_after: usage,
