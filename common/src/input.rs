@@ -30,13 +30,21 @@ pub const PICTURE: Limit = Limit { what: "pictures", most_bytes: 256 << 20 };
 
 /// Opens a file to read it; refuses what is no regular file, without waiting.
 pub fn open(path: &Path) -> io::Result<File> {
-    open_with(path, OpenOptions::new().read(true))
+    open_flagged(path, OpenOptions::new().read(true), 0)
 }
 
-/// As [`open`], with other options.
-pub fn open_with(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+/// Opens a file to change it in its place, and not through a link: somebody else may have put that there.
+pub fn open_to_change(path: &Path) -> io::Result<File> {
+    if std::fs::symlink_metadata(path).is_ok_and(|data| data.is_symlink()) {
+        let problem = "it is a symbolic link; name the file itself";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
+    }
+    open_flagged(path, OpenOptions::new().read(true).write(true), libc::O_NOFOLLOW)
+}
+
+fn open_flagged(path: &Path, options: &mut OpenOptions, flags: i32) -> io::Result<File> {
     // A pipe that nobody writes to would block until somebody does; for a file it means nothing.
-    let file = options.custom_flags(libc::O_NONBLOCK).open(path)?;
+    let file = options.custom_flags(libc::O_NONBLOCK | flags).open(path)?;
     let kind = file.metadata()?.file_type();
     if kind.is_file() {
         return Ok(file);
@@ -111,6 +119,19 @@ mod tests {
         assert_eq!(error, "it has 3 kB; small files have at most 2 kB");
         std::fs::write(&path, b"ab\xff").unwrap();
         assert!(read_text(&path, SMALL).unwrap_err().to_string().contains("byte 2"));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_file_is_not_changed_through_a_link() {
+        let folder = folder("link");
+        let (file, link) = (folder.join("file"), folder.join("link"));
+        std::fs::write(&file, "").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        open_to_change(&file).unwrap();
+        let error = open_to_change(&link).unwrap_err().to_string();
+        assert!(error.contains("symbolic link"), "{error}");
+        assert!(open(&link).is_ok(), "reading is another matter");
         std::fs::remove_dir_all(folder).unwrap();
     }
 

@@ -24,7 +24,7 @@ use crate::wire::{
 use common::input;
 use rustix::fs::{FlockOperation, flock};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -57,8 +57,7 @@ pub fn is_finished(path: &Path) -> Result<bool, RecordingError> {
 /// Recovers a recording in its place.
 pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
-    let file = input::open_with(path, OpenOptions::new().read(true).write(true));
-    let file = file.map_err(io("open"))?;
+    let file = input::open_to_change(path).map_err(io("open"))?;
     if !lock(&file).map_err(io("lock"))? {
         return Ok(Recovery::BeingWritten);
     }
