@@ -112,6 +112,7 @@ impl Collector {
             status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
             events: bus.publisher(&topics::EVENTS, 1)?,
             health: bus.publisher(&topics::HEALTH, 1)?,
+            requests: super::requests(&bus),
         };
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),

@@ -25,9 +25,10 @@ pub use report::Report;
 pub use view::{Event, GatewayView, GroupView, ProcessView};
 
 use collector::Collector;
-use common::bus::{BusError, Publisher};
+use common::bus::{Bus, BusError, Publisher};
 use common::clock::monotonic_ns;
 use common::config::{CameraConfig, Config};
+use common::eventcount::EventCount;
 use common::instance::Instance;
 use common::messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
 use common::process::HEARTBEAT;
@@ -45,6 +46,9 @@ const POLLS_PER_BUFFER: f64 = 4.0;
 /// How often the status is published.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 
+/// Between two answers to those who ask for the status, at least.
+const ANSWER_PAUSE: Duration = Duration::from_millis(10);
+
 /// Between two looks at whether the monitor has ended.
 const LAST_LOOK: Duration = Duration::from_millis(1);
 
@@ -53,6 +57,8 @@ struct Outlets {
     status: Publisher<u8, StatusHeader>,
     events: Publisher<GroupEvent, ()>,
     health: Publisher<Heartbeat, ()>,
+    /// Advances when somebody wants a status now; without it the next regular one has to do.
+    requests: Option<EventCount>,
 }
 
 /// The running monitor.
@@ -139,6 +145,7 @@ fn watch(
     let mut display = console::Display::new(output);
     let mut published = Instant::now();
     let mut beat = Instant::now();
+    let mut asked = Asked::default();
     loop {
         // Looked at first: what was published before the request is still collected.
         let last_round = stop.load(Ordering::Relaxed);
@@ -156,17 +163,54 @@ fn watch(
             beat = Instant::now();
             let _ = collector.heartbeat().map(|beat| outlets.health.publish(&beat));
         }
-        if published.elapsed() >= STATUS_PERIOD || last_round {
-            published = Instant::now();
+        let is_due = published.elapsed() >= STATUS_PERIOD;
+        if is_due || asked.is_to_answer(outlets.requests.as_ref()) || last_round {
             let report = collector.report(last_round);
             publish(&mut outlets.status, &report);
             if last_round {
                 display.clear();
                 return report;
             }
-            display.draw(&report);
+            // What is asked for does not make the display flicker.
+            if is_due {
+                published = Instant::now();
+                display.draw(&report);
+            }
         }
-        std::thread::sleep(poll);
+        asked.sleep(outlets.requests.as_ref(), poll);
+    }
+}
+
+/// What has become of those who ask for a status.
+#[derive(Default)]
+struct Asked {
+    seen: u32,
+    is_open: bool,
+    answered: Option<Instant>,
+}
+
+impl Asked {
+    /// Whether somebody is to be answered now. A program that asks all the time gets an answer now and
+    /// then.
+    fn is_to_answer(&mut self, requests: Option<&EventCount>) -> bool {
+        let newest = requests.map_or(self.seen, EventCount::read);
+        self.is_open |= newest != self.seen;
+        self.seen = newest;
+        let may_answer = self.answered.is_none_or(|answered| answered.elapsed() >= ANSWER_PAUSE);
+        let answers = self.is_open && may_answer;
+        if answers {
+            (self.is_open, self.answered) = (false, Some(Instant::now()));
+        }
+        answers
+    }
+
+    /// Sleeps for so long, or until somebody asks.
+    fn sleep(&self, requests: Option<&EventCount>, poll: Duration) {
+        match requests {
+            Some(requests) if !self.is_open => requests.sleep(self.seen, poll),
+            Some(_) => std::thread::sleep(ANSWER_PAUSE.min(poll)),
+            None => std::thread::sleep(poll),
+        }
     }
 }
 
@@ -191,12 +235,26 @@ fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
     let _ = message.send();
 }
 
-/// Reads the newest status of a running group, waiting for the next one to be published.
+/// Name of the count that advances when somebody asks for a status.
+const REQUESTS: &str = "status-requests";
+/// A monitor answers at once. After so long it is asked again: it may just have started.
+const ASK_AGAIN: Duration = Duration::from_millis(100);
+
+/// Has the monitor of a running group publish its status, and reads it.
 pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Report>, BusError> {
-    let bus = common::bus::Bus::join(instance, "status")?;
+    let bus = Bus::join(instance, "status")?;
     let subscriber = bus.subscriber(&topics::STATUS)?;
+    let mut arrives = bus.wake_up(&topics::STATUS)?;
+    let requests = requests(&bus);
     let deadline = Instant::now() + patience;
+    let mut asked: Option<Instant> = None;
     while Instant::now() < deadline {
+        if asked.is_none_or(|asked| asked.elapsed() >= ASK_AGAIN) {
+            asked = Some(Instant::now());
+            if let Some(requests) = &requests {
+                requests.advance();
+            }
+        }
         // Whatever else is published there: what is no report is not the group's.
         while let Some(message) = subscriber.receive()? {
             let length = (message.header().bytes as usize).min(message.elements().len());
@@ -204,7 +262,39 @@ pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Rep
                 return Ok(Some(report));
             }
         }
-        std::thread::sleep(Duration::from_millis(5));
+        arrives.wait(ASK_AGAIN);
     }
     Ok(None)
+}
+
+/// The count of those who have asked for a status; `None` where its page cannot be had.
+fn requests(bus: &Bus) -> Option<EventCount> {
+    EventCount::open(&bus.namespace().event_count_path(REQUESTS)).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_asks_is_answered_at_once_and_who_asks_all_the_time_now_and_then() {
+        let path = std::env::temp_dir().join(format!("tl-asked-{}", std::process::id()));
+        let requests = EventCount::open(&path).unwrap();
+        let mut asked = Asked::default();
+        assert!(!asked.is_to_answer(Some(&requests)), "nobody has asked");
+        requests.advance();
+        // Returns at once.
+        asked.sleep(Some(&requests), Duration::from_secs(3600));
+        assert!(asked.is_to_answer(Some(&requests)));
+        assert!(!asked.is_to_answer(Some(&requests)), "it is answered");
+        let began = Instant::now();
+        let mut answers = 0;
+        while answers < 3 {
+            requests.advance();
+            answers += u32::from(asked.is_to_answer(Some(&requests)));
+            asked.sleep(Some(&requests), Duration::from_millis(1));
+        }
+        assert!(began.elapsed() >= ANSWER_PAUSE * 2, "{:?}", began.elapsed());
+        std::fs::remove_file(&path).unwrap();
+    }
 }
