@@ -174,6 +174,91 @@ fn a_group_is_taken_over_when_not_a_byte_of_shared_memory_is_left() {
     assert!(!said.contains("SIGBUS") && said.contains("the match goes on"), "{said}");
 }
 
+/// A container that was started with a read-only root, say.
+#[test]
+#[ignore = "needs root, for a /dev/shm of its own"]
+fn a_shared_memory_that_is_read_only_is_named_at_once_by_whoever_needs_it() {
+    let scratch = Scratch::new("read-only");
+    let script = r#"
+        # Read-only in a mount namespace of its own: for this one command.
+        read_only() {
+            timeout 10 unshare -m sh -c 'mount --bind /dev/shm /dev/shm &&
+                mount -o remount,bind,ro /dev/shm || exit 98; exec "$@"' sh "$@"
+        }
+        read_only "$T" run --frames 5 --quiet; echo "run $?"
+        read_only "$T" doctor; echo "doctor $?"
+        ls "$D/run" 2>/dev/null
+        "$T" run --instance later --quiet >/dev/null 2>&1 & group=$!
+        for i in $(seq 200); do "$T" status --instance later >/dev/null 2>&1 && break; sleep 0.1; done
+        read_only "$T" status --instance later; echo "status $?"
+        kill $group; wait $group; echo "ended $?""#;
+    let output = with_shared_memory(&scratch, 256, script);
+    let said = text(&output.stdout) + &text(&output.stderr);
+    for part in ["run 1", "doctor 1", "status 1", "ended 0"] {
+        assert!(said.lines().any(|line| line == part), "{part}: {said}");
+    }
+    let named = said.matches("/dev/shm is mounted read-only").count();
+    assert_eq!(named, 3, "{said}");
+    assert!(!said.contains("leftovers          dead group"), "the run left something: {said}");
+    assert!(said.contains("mount -o remount,rw /dev/shm"), "{said}");
+}
+
+/// Whoever has another version of iceoryx2 hears of it, instead of waiting for what never comes.
+#[test]
+fn another_version_of_iceoryx2_is_named_at_once() {
+    let mut group = Group::start("version", "", &[]);
+    group.wait_until_working();
+    let namespace = group.namespace();
+    // A program that has tried to attach, and a topic that another one has made.
+    let theirs = format!("/dev/shm/{}00_node.0_9_3.global_mgmt", namespace.prefix());
+    fs::write(&theirs, "").unwrap();
+    for command in ["status", "doctor"] {
+        let said = text(&group.touchline(&[command]).stdout);
+        assert!(said.contains("a program with iceoryx2 0.9.3 has tried to attach"), "{said}");
+    }
+    let deadline = Instant::now() + PATIENCE;
+    while !group.stderr().contains("a program with iceoryx2 0.9.3 has tried to attach") {
+        assert!(Instant::now() < deadline, "{}", group.stderr());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    fs::remove_file(&theirs).unwrap();
+
+    // A group of another version.
+    let notes = [group.instance.directory(), namespace.directory()].map(|it| it.join("memory"));
+    let own = fs::read_to_string(&notes[0]).unwrap();
+    for note in &notes {
+        fs::write(note, own.replace("iceoryx2=0.10.0", "iceoryx2=0.9.3")).unwrap();
+    }
+    let mut poses =
+        common::consumer::Consumer::new(group.instance.clone(), "test", &common::topics::WORLD);
+    let refusal = poses.next(PATIENCE).err().expect("an error").to_string();
+    assert!(refusal.contains("uses iceoryx2 0.9.3, and this program 0.10.0"), "{refusal}");
+    let output = group.touchline(&["status"]);
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains("uses iceoryx2 0.9.3"), "{said}");
+    let output = group.touchline(&["doctor"]);
+    let said = text(&output.stdout);
+    assert!(said.contains("PROBLEM  iceoryx2") && said.contains("uses iceoryx2 0.9.3"), "{said}");
+    notes.iter().for_each(|note| fs::write(note, &own).unwrap());
+    group.wait_until_working();
+}
+
+/// Whoever asks gets an answer about now, and hears of a supervisor that cannot give one.
+#[test]
+fn a_supervisor_that_is_stopped_is_named_at_once() {
+    let mut group = Group::start("stopped", "", &[]);
+    group.wait_until_working();
+    group.signal_supervisor(Signal::STOP);
+    let pid = group.supervisor_pid();
+    let output = group.touchline(&["status"]);
+    group.signal_supervisor(Signal::CONT);
+    let said = text(&output.stderr);
+    assert!(!output.status.success(), "{output:?}");
+    assert!(said.contains(&format!("(pid {pid}) is stopped")), "{said}");
+    assert!(said.contains(&format!("kill -CONT {pid}")), "{said}");
+    group.wait_until_working();
+}
+
 #[test]
 fn nothing_of_a_running_group_is_for_other_users() {
     let mut group = Group::start("private", "", &[]);

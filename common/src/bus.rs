@@ -15,6 +15,7 @@ pub use strangers::Stranger;
 
 use crate::config::WakeUpStrategy;
 use crate::eventcount::EventCount;
+use crate::instance::namespace::IPC_VERSION;
 use crate::instance::{Instance, InstanceError, Namespace};
 use crate::memory::{self, SHARED_MEMORY};
 use crate::roster::{NodeKey, Roster};
@@ -68,6 +69,15 @@ pub enum BusError {
         topic: &'static str,
         /// What was tried.
         action: &'static str,
+    },
+    /// Another version of iceoryx2 has made it, or it is damaged.
+    #[error(
+        "topic {topic}: it was made by a program with another version of iceoryx2 than {IPC_VERSION}, or is \
+         damaged; `touchline doctor` names it: end that program, then stop and start the group"
+    )]
+    Strange {
+        /// Topic.
+        topic: &'static str,
     },
     /// iceoryx2 refused; the text says what was tried and its answer.
     #[error("topic {topic}: {action}: {reason}")]
@@ -176,8 +186,10 @@ impl Bus {
         iceoryx2::prelude::set_log_level(LogLevel::Fatal);
         // In a directory of others nothing would come of it, and nobody would say why.
         instance.check_directory()?;
+        memory::check_place().map_err(InstanceError::from)?;
         check_memory("node")?;
         let namespace = instance.create_namespace()?;
+        namespace.check_version()?;
         let config = namespace.ipc_config()?;
         let name = NodeName::new(process).map_err(failed("node", "name it"))?;
         let node = NodeBuilder::new()
@@ -353,6 +365,10 @@ impl Bus {
         // group's own processes know.
         match builder()?.open() {
             Err(PublishSubscribeOpenError::DoesNotExist) => {}
+            Err(
+                PublishSubscribeOpenError::VersionMismatch
+                | PublishSubscribeOpenError::ServiceInCorruptedState,
+            ) => return Err(BusError::Strange { topic: topic.name }),
             opened => {
                 let is_full = |error: &PublishSubscribeOpenError| {
                     *error == PublishSubscribeOpenError::ExceedsMaxNumberOfNodes

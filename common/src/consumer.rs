@@ -5,7 +5,8 @@
 //! is a loop over [`Consumer::next`]; see `examples/`.
 
 use crate::bus::{Bus, BusError, Header, Message, Received, Subscriber, participants};
-use crate::instance::Instance;
+use crate::instance::{Instance, InstanceError};
+use crate::memory;
 use crate::messages::ProcessKind;
 use crate::topics::Topic;
 use crate::wake_up::WakeUp;
@@ -76,6 +77,11 @@ impl<E: Message, H: Header> Consumer<E, H> {
                     self.connection = Some(self.connect()?);
                     self.heard = Instant::now();
                     return Ok(Some(Event::Joined));
+                }
+                // Waiting would not help.
+                memory::check_place().map_err(InstanceError::from)?;
+                if let Ok(Some(namespace)) = self.instance.namespace() {
+                    namespace.check_version()?;
                 }
                 let left = deadline.saturating_duration_since(Instant::now());
                 if left.is_zero() {

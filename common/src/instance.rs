@@ -6,6 +6,7 @@ pub mod namespace;
 
 pub use namespace::{ForeignFile, Namespace};
 
+use crate::memory::PlaceError;
 use crate::private::{self, Others, PrivacyError, Problem};
 use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
@@ -40,6 +41,23 @@ pub enum InstanceError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// Processes cannot share memory here.
+    #[error(transparent)]
+    Memory(#[from] PlaceError),
+    /// The group uses another version of iceoryx2.
+    #[error(
+        "the group {name:?} uses iceoryx2 {group}, and this program {own}, which do not understand each \
+         other; build this program with iceoryx2 {group}, or start the group with this version of \
+         touchline"
+    )]
+    Version {
+        /// Name of the group.
+        name: String,
+        /// The group's version.
+        group: String,
+        /// This program's version.
+        own: &'static str,
     },
     /// The resulting path is too long for iceoryx2.
     #[error(

@@ -150,6 +150,42 @@ pub fn advice(bytes: u64) -> String {
     )
 }
 
+/// Why processes cannot share memory on this machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PlaceError {
+    /// The file system is mounted so.
+    #[error(
+        "{SHARED_MEMORY} is mounted read-only, so processes cannot share memory; `mount -o remount,rw \
+         {SHARED_MEMORY}` as root, or start the container with a writable one (`--tmpfs {SHARED_MEMORY}`)"
+    )]
+    ReadOnly,
+    /// There is no such directory.
+    #[error(
+        "{SHARED_MEMORY} is missing, so processes cannot share memory; `mkdir {SHARED_MEMORY} && mount -t \
+         tmpfs -o mode=1777 tmpfs {SHARED_MEMORY}` as root"
+    )]
+    Missing,
+    /// This user may not write there.
+    #[error(
+        "this user may not make files in {SHARED_MEMORY}, so processes cannot share memory; `chmod 1777 \
+         {SHARED_MEMORY}` as root"
+    )]
+    Forbidden,
+}
+
+/// Whether files can be made in shared memory at all.
+pub fn check_place() -> Result<(), PlaceError> {
+    use rustix::fs::{Access, access};
+    use rustix::io::Errno;
+    match access(SHARED_MEMORY, Access::WRITE_OK | Access::EXEC_OK) {
+        Err(Errno::ROFS) => Err(PlaceError::ReadOnly),
+        Err(Errno::NOENT | Errno::NOTDIR) => Err(PlaceError::Missing),
+        Err(Errno::ACCESS | Errno::PERM) => Err(PlaceError::Forbidden),
+        // Anything else is told better by what fails of it.
+        _ => Ok(()),
+    }
+}
+
 /// Whether something new may be made in shared memory; if not, how many bytes are free. When it cannot
 /// be found out it may.
 pub fn check_margin() -> Result<(), u64> {

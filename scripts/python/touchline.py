@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import importlib.metadata
 import mmap
 import os
 import struct
@@ -21,14 +22,15 @@ def directory_of(instance):
 
 
 def memory_of(directory):
-    """Where the group is in shared memory, as (root path, prefix); None while it is not there."""
+    """Where the group is in shared memory, as (root path, prefix, version of iceoryx2); None while it
+    is not there."""
     try:
         with open(os.path.join(directory, "memory"), encoding="utf-8") as note:
             values = dict(line.rstrip("\n").split("=", 1) for line in note)
-        root, prefix = values["root_path"], values["prefix"]
+        root, prefix, version = values["root_path"], values["prefix"], values["iceoryx2"]
     except (FileNotFoundError, ValueError, KeyError):
         return None
-    return (root, prefix) if os.path.isdir(root) else None
+    return (root, prefix, version) if os.path.isdir(root) else None
 
 
 # Every program may publish on these; on all others the group's own processes are believed.
@@ -66,7 +68,13 @@ class Group:
             if time.monotonic() > ends:
                 raise TimeoutError(f"no group {instance!r} is running ({directory})")
             time.sleep(0.1)
-        root, prefix = memory
+        root, prefix, version = memory
+        own = importlib.metadata.version("iceoryx2")
+        if own != version:
+            raise RuntimeError(
+                f"the group {instance!r} uses iceoryx2 {version}, and this program {own}, which do not "
+                f"understand each other: pip install iceoryx2=={version}"
+            )
         iox2.set_log_level(iox2.LogLevel.Fatal)
         config = iox2.config.default()
         config.global_cfg.root_path = iox2.Path.new(root)

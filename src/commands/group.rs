@@ -17,6 +17,14 @@ const STOP_PATIENCE: Duration = Duration::from_secs(10);
 /// Prints the state of a running group.
 pub fn status(args: StatusArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
+    if let Some(pid) = instance.supervisor_pid().filter(|&pid| is_stopped(pid)) {
+        return Err(format!(
+            "the supervisor of the group {:?} (pid {pid}) is stopped; its stages play on, but nobody replaces \
+             one that fails; `kill -CONT {pid}` has it go on",
+            instance.name()
+        )
+        .into());
+    }
     let Some(report) = read_status(&instance, STATUS_PATIENCE)? else {
         return Err(format!(
             "the group {:?} has a supervisor, but it says nothing; it may be stopped or starting",
@@ -35,10 +43,19 @@ pub fn status(args: StatusArgs) -> Result<ExitCode, CommandError> {
             say_line!("               {stage} {} ({})", process.pid, process.state)?;
         }
     }
+    for version in strange_versions(&instance) {
+        say_line!("  warning      {version}")?;
+    }
     for event in &report.events {
         say_line!("  event        {} (pid {}): {}", event.stage, event.pid, event.what)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What programs with other versions of iceoryx2 have made in the group, in words.
+pub fn strange_versions(instance: &Instance) -> Vec<String> {
+    let namespace = instance.namespace().ok().flatten();
+    namespace.and_then(|namespace| namespace.strange_versions().ok()).unwrap_or_default()
 }
 
 /// Ends a running group and waits until it is gone.
@@ -62,6 +79,13 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
     }
     say_line!("the group {:?} has ended", instance.name())?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether a process was stopped, by SIGSTOP or from its terminal.
+fn is_stopped(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // Behind its name, which may contain anything.
+    stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with(['T', 't']))
 }
 
 /// The group, if it has a living supervisor.

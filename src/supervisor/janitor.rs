@@ -7,8 +7,9 @@
 
 use super::reserve;
 use super::sys::{self, Call};
-use common::bus::participants;
+use common::bus::participants::{self, HalfJoined};
 use common::instance::Instance;
+use std::collections::BTreeSet;
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
@@ -74,6 +75,8 @@ impl Janitor {
 
 fn clean_up(instance: &Instance, calls: &Receiver<()>) {
     let mut last_error = String::new();
+    let mut half_joined = HalfJoined::default();
+    let mut told = BTreeSet::new();
     let (mut known, mut quiet_rounds) = (None, 0);
     loop {
         let called = match calls.recv_timeout(ROUND) {
@@ -89,8 +92,15 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
         (known, quiet_rounds) = (changed_at, 0);
         let removed = match sys::fault(Call::ListProcesses) {
             Some(error) => Err(error.to_string()),
-            None => participants::remove_dead(instance).map_err(|error| error.to_string()),
+            None => participants::remove_dead(instance)
+                .and_then(|_| half_joined.remove(instance))
+                .map_err(|error| error.to_string()),
         };
+        for strange in strange_versions(instance) {
+            if told.insert(strange.clone()) {
+                common::tell!("touchline: {strange}");
+            }
+        }
         let error = removed.err().unwrap_or_default();
         if !error.is_empty() {
             // It may have been for want of descriptors.
@@ -105,4 +115,10 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
             known = None;
         }
     }
+}
+
+/// What programs with other versions of iceoryx2 have made in the group, in words.
+fn strange_versions(instance: &Instance) -> Vec<String> {
+    let namespace = instance.namespace().ok().flatten();
+    namespace.and_then(|namespace| namespace.strange_versions().ok()).unwrap_or_default()
 }

@@ -141,6 +141,8 @@ pub fn run(
     // First: until then a terminal that is closed ends it.
     let signals = Signals::listen()?;
     let instance = launch.instance.clone();
+    // Before anything is made that would be left behind.
+    common::memory::check_place().map_err(InstanceError::from)?;
     instance.create_directory()?;
     let Some(lock) = instance.lock()? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));

@@ -6,6 +6,11 @@ use crate::roster::NodeKey;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
+use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 /// A process that has joined an instance.
@@ -40,6 +45,7 @@ pub fn remove_dead_named(
     concerns: impl Fn(&str) -> bool,
 ) -> Result<usize, BusError> {
     let Some(namespace) = instance.namespace()? else { return Ok(0) };
+    namespace.check_version()?;
     let mut dead = Vec::new();
     Node::<ipc::Service>::list(&namespace.ipc_config()?, |state| {
         if let NodeState::Dead(view) = state {
@@ -63,10 +69,68 @@ pub fn remove_dead_named(
     outcome
 }
 
+/// Finds what processes have left that died while they joined.
+///
+/// A process that joins makes a directory, and then the files by which iceoryx2 sees that it lives. One that
+/// dies between the two, or cannot make the files because memory has run out, is on no list: iceoryx2
+/// would keep its directory for ever.
+#[derive(Debug, Default)]
+pub struct HalfJoined {
+    /// Found at the last look.
+    found: BTreeSet<u128>,
+}
+
+impl HalfJoined {
+    /// Removes what was found at the last look already and belongs to no living process, so that nobody
+    /// who is just joining is disturbed; returns how many were removed.
+    pub fn remove(&mut self, instance: &Instance) -> Result<usize, BusError> {
+        let Some(namespace) = instance.namespace()? else { return Ok(0) };
+        let nodes = PathBuf::from(namespace.ipc_config()?.global.node_dir().to_string());
+        let mut directories = BTreeSet::new();
+        let mut has_files = BTreeSet::new();
+        for entry in fs::read_dir(&nodes).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            match name.parse() {
+                Ok(id) => _ = directories.insert(id),
+                // Such a file is called PREFIX_ID.KIND.
+                Err(_) => has_files.extend(id_of_file(&name)),
+            }
+        }
+        let half: BTreeSet<u128> = directories.difference(&has_files).copied().collect();
+        let mut removed = 0;
+        for id in half.intersection(&self.found).filter(|&&id| !lives(pid_of(id))) {
+            fs::remove_dir_all(nodes.join(id.to_string()))
+                .map_err(failed("node", "remove what a process left that had only half joined"))?;
+            removed += 1;
+        }
+        self.found = half;
+        Ok(removed)
+    }
+}
+
+fn id_of_file(name: &str) -> Option<u128> {
+    let (stem, _) = name.split_once('.')?;
+    stem.rsplit('_').next()?.parse().ok()
+}
+
+/// The third of the four parts of iceoryx2's number for a process that has joined is the system's.
+fn pid_of(id: u128) -> u32 {
+    (id >> PID_SHIFT) as u32
+}
+
+const PID_SHIFT: u32 = 64;
+
+fn lives(pid: u32) -> bool {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+    // Of another user's process it may not be asked, but there is one.
+    pid.is_some_and(|pid| test_kill_process(pid) != Err(Errno::SRCH))
+}
+
 /// The living processes in the instance.
 pub fn living(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
     let mut living = Vec::new();
     let Some(namespace) = instance.namespace()? else { return Ok(living) };
+    namespace.check_version()?;
     Node::<ipc::Service>::list(&namespace.ipc_config()?, |state| {
         if let NodeState::Alive(view) = state
             && let Ok(pid) = view.id().pid::<ipc::Service>()
@@ -133,8 +197,41 @@ mod tests {
         assert!(is_noticed(&|| drop(Bus::join(&instance, "second")), &mut before));
         assert_eq!(changed_at(&instance), before, "nobody has come");
         drop(first);
-        instance.wipe().unwrap();
         instance.remove_directory().unwrap();
         let _ = std::fs::remove_dir(base);
+    }
+
+    #[test]
+    fn what_is_left_of_half_a_join_goes_and_a_living_process_stays() {
+        let base = std::env::temp_dir().join(format!("tl-half-{}", std::process::id()));
+        let instance = Instance::below(&base, "half").unwrap();
+        instance.create_directory().unwrap();
+        let bus = Bus::join(&instance, "whole").unwrap();
+        let config = bus.namespace().ipc_config().unwrap();
+        let nodes = PathBuf::from(config.global.node_dir().to_string());
+        let ids = || -> Vec<u128> {
+            let names = fs::read_dir(&nodes).unwrap().flatten().map(|entry| entry.file_name());
+            names.filter_map(|name| name.to_string_lossy().parse().ok()).collect()
+        };
+        let own = ids()[0];
+        assert_eq!(pid_of(own), std::process::id(), "iceoryx2 makes its numbers in another way");
+
+        // Of a process that is dead, and of one that lives and may be about to go on.
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        child.wait().unwrap();
+        let dead = own & !(u128::from(u32::MAX) << PID_SHIFT);
+        let dead = dead | u128::from(child.id()) << PID_SHIFT;
+        let joining = own + 1;
+        for id in [dead, joining] {
+            fs::create_dir(nodes.join(id.to_string())).unwrap();
+            fs::write(nodes.join(id.to_string()).join("details"), "").unwrap();
+        }
+        let mut half_joined = HalfJoined::default();
+        assert_eq!(half_joined.remove(&instance).unwrap(), 0, "it may be joining");
+        assert_eq!(half_joined.remove(&instance).unwrap(), 1);
+        assert_eq!(half_joined.remove(&instance).unwrap(), 0);
+        assert!(ids().contains(&own) && ids().contains(&joining) && !ids().contains(&dead));
+        drop(bus);
+        instance.remove_directory().unwrap();
     }
 }

@@ -12,6 +12,7 @@
 //! directory is found by the same note in itself.
 
 mod seed;
+mod services;
 
 use super::{Instance, InstanceError, io_error, remove};
 use crate::memory::{self, SHARED_MEMORY};
@@ -41,7 +42,11 @@ pub struct Namespace {
     directory: PathBuf,
     prefix: String,
     runtime_directory: PathBuf,
+    ipc_version: String,
 }
+
+/// The version of iceoryx2 that this program is built with. Others lay out their files in another way.
+pub const IPC_VERSION: &str = "0.10.0";
 
 /// A file in shared memory that has a name of a group's, but belongs to another user.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -104,6 +109,40 @@ impl Namespace {
         self.directory.join(super::lock::NAME)
     }
 
+    /// Whether this program understands what is there: an error says why not.
+    pub fn check_version(&self) -> Result<(), InstanceError> {
+        if self.ipc_version == IPC_VERSION {
+            return Ok(());
+        }
+        let name = self.runtime_directory.file_name().unwrap_or_default();
+        Err(InstanceError::Version {
+            name: name.to_string_lossy().into_owned(),
+            group: self.ipc_version.clone(),
+            own: IPC_VERSION,
+        })
+    }
+
+    /// What programs with other versions of iceoryx2 than the group's have made in it, in words: they and
+    /// the group do not understand each other.
+    pub fn strange_versions(&self) -> io::Result<Vec<String>> {
+        let own = &self.ipc_version;
+        let (segments, _) = self.segments()?;
+        let versions = segments.iter().filter_map(|path| seed::version(path));
+        let attached = versions.filter(|version| version != own).map(|version| {
+            format!(
+                "a program with iceoryx2 {version} has tried to attach; it needs iceoryx2 {own}, as this group"
+            )
+        });
+        let made = services::read(&self.directory).into_iter().filter(|made| made.version != *own);
+        let made = made.map(|services::Service { name, version }| {
+            format!(
+                "the topic {name:?} was made by a program with iceoryx2 {version}, or is damaged; this \
+                 group needs iceoryx2 {own}: end that program, then stop and start the group"
+            )
+        });
+        Ok(attached.chain(made).collect())
+    }
+
     /// The group's files beside the directory, and those of other users that have such names.
     pub fn segments(&self) -> io::Result<(Vec<PathBuf>, Vec<ForeignFile>)> {
         let (mut own, mut foreign) = (Vec::new(), Vec::new());
@@ -162,9 +201,10 @@ impl Namespace {
 
     fn note(&self) -> String {
         format!(
-            "root_path={}\nprefix={}\nruntime_directory={}\n",
+            "root_path={}\nprefix={}\niceoryx2={}\nruntime_directory={}\n",
             self.directory.display(),
             self.prefix,
+            self.ipc_version,
             self.runtime_directory.display()
         )
     }
@@ -178,6 +218,7 @@ impl Namespace {
             directory: value("root_path")?.into(),
             prefix: value("prefix")?.into(),
             runtime_directory: value("runtime_directory")?.into(),
+            ipc_version: value("iceoryx2")?.into(),
         })
     }
 
@@ -220,6 +261,7 @@ impl Namespace {
                 directory: directory.clone(),
                 prefix,
                 runtime_directory: runtime_directory.into(),
+                ipc_version: IPC_VERSION.into(),
             };
             write_note(&directory.join(NOTE), &namespace)?;
             Ok(namespace)
@@ -254,6 +296,7 @@ impl Instance {
         if let Some(namespace) = self.namespace()? {
             return Ok(namespace);
         }
+        memory::check_place()?;
         let made = Namespace::make(self.directory());
         let namespace = made.map_err(io_error(Path::new(SHARED_MEMORY)))?;
         let written = locked.set_len(0).and_then(|()| write_all(&locked, &namespace));

@@ -79,6 +79,7 @@ pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
     let mut findings = vec![places::shared_memory(&instance, &config, &args.source)];
     findings.extend([places::runtime_directory(&instance), places::disk(&config)]);
     findings.push(places::other_users(&instance, &config));
+    findings.extend(places::ipc_versions(&instance));
     findings.extend(machine::findings(&config));
     findings.extend(left);
     findings.extend(undecided);

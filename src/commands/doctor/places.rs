@@ -1,11 +1,13 @@
 //! Where a match puts things: shared memory, runtime directory, disk.
 
 use super::{Finding, bytes};
+use crate::commands::group::strange_versions;
 use crate::gateway::place;
 use crate::supervisor::evidence_directory;
 use common::config::Config;
 use common::instance::Instance;
-use common::memory::{GroupMemory, SHARED_MEMORY, free_bytes};
+use common::instance::namespace::IPC_VERSION;
+use common::memory::{GroupMemory, SHARED_MEMORY, check_place, free_bytes};
 use grabber::source::Source;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -16,6 +18,13 @@ const DISK_MINUTES: u64 = 10;
 
 /// Whether the configured group fits into shared memory, with frames of that source.
 pub fn shared_memory(instance: &Instance, config: &Config, source: &Source) -> Finding {
+    if let Err(error) = check_place() {
+        return Finding::problem(
+            "shared memory",
+            error.to_string(),
+            "no match can be run without it",
+        );
+    }
     let most_bytes = source.frame_capacity(&config.camera);
     match free_bytes() {
         Ok(free) => {
@@ -59,6 +68,21 @@ fn used_by(instance: &Instance) -> u64 {
         .filter_map(|path| fs::symlink_metadata(path).ok())
         .map(|data| data.blocks() * 512)
         .sum()
+}
+
+/// Whether all programs that attach have the version of iceoryx2 that the group has, if there is one.
+pub fn ipc_versions(instance: &Instance) -> Vec<Finding> {
+    const ABOUT: &str = "iceoryx2";
+    let Ok(Some(namespace)) = instance.namespace() else { return Vec::new() };
+    if let Err(error) = namespace.check_version() {
+        return vec![Finding::problem(ABOUT, error.to_string(), "see docs/attaching.md")];
+    }
+    let strange = strange_versions(instance);
+    if strange.is_empty() {
+        return vec![Finding::ok(ABOUT, IPC_VERSION)];
+    }
+    let advice = format!("for Python: pip install iceoryx2=={IPC_VERSION}; see docs/attaching.md");
+    strange.into_iter().map(|what| Finding::warning(ABOUT, what, advice.as_str())).collect()
 }
 
 /// Whether the runtime directory is, or can be made, ours alone.

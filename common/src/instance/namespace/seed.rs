@@ -21,6 +21,13 @@ pub fn is_seed(path: &FilePath) -> bool {
     path.to_string_lossy().ends_with(SUFFIX)
 }
 
+/// The version of iceoryx2 that has made it, which is in its name: `…node.0_10_0.global_mgmt`.
+pub fn version(path: &FilePath) -> Option<String> {
+    let name = path.file_name()?.to_str()?.strip_suffix(SUFFIX)?;
+    let (_, version) = name.rsplit_once('.')?;
+    Some(version.replace('_', "."))
+}
+
 /// Makes it for a prefix, with the help of a directory that is empty before and after.
 pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
     let other = free_prefix()?;

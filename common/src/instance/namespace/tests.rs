@@ -93,7 +93,9 @@ fn nothing_that_others_can_see_can_be_opened_by_them() {
     let namespace = scratch.instance.namespace().unwrap().unwrap();
     let (segments, foreign) = namespace.segments().unwrap();
     assert!(segments.len() >= 3 && foreign.is_empty(), "{segments:?} {foreign:?}");
-    assert_eq!(segments.iter().filter(|path| seed::is_seed(path)).count(), 1);
+    let versions: Vec<_> = segments.iter().filter_map(|path| seed::version(path)).collect();
+    assert_eq!(versions, [IPC_VERSION], "the constant is out of date");
+    assert_eq!(namespace.strange_versions().unwrap(), Vec::<String>::new());
     for path in &segments {
         let mode = fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode & 0o077, 0, "{}", path.display());
@@ -144,4 +146,25 @@ fn programs_in_other_languages_can_sleep_on_the_event_of_a_topic() {
     let mut events = 0;
     listener.timed_wait(|_| events += 1, Duration::from_secs(5)).unwrap();
     assert!(events > 0);
+}
+
+#[test]
+fn a_group_with_another_version_of_iceoryx2_is_refused_at_once_by_its_name() {
+    let scratch = Scratch::new("namespace-version");
+    let namespace = scratch.instance.create_namespace().unwrap();
+    let other = Namespace { ipc_version: "0.9.3".into(), ..namespace.clone() };
+    for place in [namespace.directory(), scratch.instance.directory()] {
+        write_note(&place.join(NOTE), &other).unwrap();
+    }
+    let refusal = Bus::join(&scratch.instance, "somebody").err().unwrap().to_string();
+    assert!(refusal.contains("\"test\" uses iceoryx2 0.9.3"), "{refusal}");
+    assert!(refusal.contains(&format!("this program {IPC_VERSION}")), "{refusal}");
+    // A program that does not look at the note leaves its own segment.
+    let theirs = format!("{}00_node.0_9_3.global_mgmt", namespace.prefix());
+    fs::write(Path::new(SHARED_MEMORY).join(theirs), "").unwrap();
+    let strange = namespace.strange_versions().unwrap();
+    assert!(
+        strange.len() == 1 && strange[0].contains("with iceoryx2 0.9.3 has tried"),
+        "{strange:?}"
+    );
 }

@@ -1,0 +1,98 @@
+//! Which versions of iceoryx2 have made the topics of a group, as their descriptions say.
+
+use crate::private;
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+/// Where iceoryx2 keeps the descriptions, below its root.
+const PLACE: &str = "services";
+/// Longer ones are none.
+const MOST_BYTES: u64 = 1 << 16;
+
+/// A topic that somebody has made.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Service {
+    /// Its name, or that of its file when that cannot be read.
+    pub name: String,
+    /// The version of iceoryx2 that has made it; "unknown" when that cannot be read.
+    pub version: String,
+}
+
+/// All topics that are made.
+pub fn read(root: &Path) -> Vec<Service> {
+    let entries = fs::read_dir(root.join(PLACE)).into_iter().flatten().flatten();
+    entries.filter_map(|entry| read_one(&entry.path())).collect()
+}
+
+/// `None` of one that is just being made, or has gone.
+fn read_one(path: &Path) -> Option<Service> {
+    let mut text = String::new();
+    let read = private::read_file(path).ok()?.take(MOST_BYTES).read_to_string(&mut text);
+    if read.is_ok_and(|bytes| bytes == 0) {
+        return None;
+    }
+    let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let described = describe(&text);
+    Some(described.unwrap_or(Service { name: file, version: "unknown".into() }))
+}
+
+fn describe(text: &str) -> Option<Service> {
+    let description: toml::Table = toml::from_str(text).ok()?;
+    let name = description.get("service_name")?.as_str()?.to_string();
+    let version = description.get("iceoryx2_version")?.as_table()?;
+    let part = |key: &str| version.get(key)?.as_integer();
+    let version = format!("{}.{}.{}", part("major")?, part("minor")?, part("patch")?);
+    Some(Service { name, version })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::Bus;
+    use crate::instance::{Instance, namespace::IPC_VERSION};
+    use crate::topics;
+
+    #[test]
+    fn descriptions_of_this_version_are_understood_and_damaged_ones_are_named() {
+        let base = std::env::temp_dir().join(format!("tl-services-{}", std::process::id()));
+        let instance = Instance::below(&base, "services").unwrap();
+        instance.create_directory().unwrap();
+        let bus = Bus::join(&instance, "writer").unwrap();
+        let _health = bus.publisher(&topics::HEALTH, 1).unwrap();
+        let namespace = bus.namespace().clone();
+        let own = [Service { name: "health".into(), version: IPC_VERSION.into() }];
+        assert_eq!(
+            read(namespace.directory()),
+            own,
+            "iceoryx2 describes its services in another way"
+        );
+        assert_eq!(namespace.strange_versions().unwrap(), Vec::<String>::new());
+
+        let path = fs::read_dir(namespace.directory().join(PLACE)).unwrap().next().unwrap();
+        let path = path.unwrap().path();
+        let text = fs::read_to_string(&path).unwrap();
+        let mut refusals = Vec::new();
+        for (changed, hint) in [
+            (text.replace("minor = 10", "minor = 9"), "iceoryx2 0.9.0"),
+            (text[..text.len() / 2].to_string(), "or is damaged"),
+        ] {
+            fs::remove_file(&path).unwrap();
+            fs::write(&path, changed).unwrap();
+            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o400);
+            fs::set_permissions(&path, mode).unwrap();
+            let strange = namespace.strange_versions().unwrap();
+            assert!(strange.len() == 1 && strange[0].contains(hint), "{strange:?}");
+            let other = Bus::join(&instance, "reader").unwrap();
+            refusals.push(other.subscriber(&topics::HEALTH).err().unwrap().to_string());
+        }
+        for refusal in refusals {
+            assert!(
+                refusal.contains("topic health: it was made by a program with another"),
+                "{refusal}"
+            );
+        }
+        drop((_health, bus));
+        instance.remove_directory().unwrap();
+    }
+}
