@@ -7,8 +7,7 @@
 //! Where it lies above the middle of the pitch, patches are too bright by a part of that
 //! (`light.unevenness`: all of it on a dull floor, little on a black one that mirrors lamps), and where
 //! it lies below, too dark. Tiles of the picture are put into [zones](crate::zones) by what they have to
-//! be multiplied with, in steps of 9 %, and each zone has tables of its own. A pixel still costs
-//! three look-ups.
+//! be multiplied with, in steps of 9 %, and each zone has tables of its own.
 //!
 //! There is nothing in it but integers and sums, products and quotients of floating-point numbers in
 //! a fixed order, so the same frame gives the same zones on every machine.
