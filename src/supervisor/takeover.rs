@@ -106,8 +106,13 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
 /// Removes everything dead processes have left; if none is alive, without asking what it was.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     if others(instance)?.is_empty() {
-        for foreign in instance.wipe()? {
-            common::tell!("touchline: {foreign}; it is left alone");
+        let foreign = instance.wipe()?;
+        if let Some(first) = foreign.first() {
+            let others = match foreign.len() - 1 {
+                0 => String::new(),
+                others => format!(", as were {others} others"),
+            };
+            common::tell!("touchline: {first}{others}; nothing uses them, and they are left alone");
         }
     } else {
         warn(participants::remove_dead(instance));

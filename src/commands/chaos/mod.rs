@@ -103,8 +103,14 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
         settings.fps,
         settings.seed
     ));
+    // Also while the match starts, when its names can be seen for the first time.
+    let early = match has_outsider {
+        true => Some(Outsider::start(None, Instant::now() + PATIENCE)?),
+        false => None,
+    };
     let group = Group::start(args.config.as_deref(), &args.source, settings.fps, settings.seconds)?;
     let mut session = Session::new(group, settings, stop)?;
+    session.outsiders.extend(early);
     session.warm_up()?;
     session.disturb()?;
     session.settle()?;
@@ -228,6 +234,7 @@ impl Session {
                 }
             }
         }
+        self.end_outsiders(|_| true);
         let calm_ns = monotonic_ns();
         self.watch_for(WARM_UP)?;
         self.calm = Some((calm_ns, monotonic_ns()));
@@ -317,7 +324,7 @@ impl Session {
                         self.vandals.push(Vandal::start(&self.group.instance, step.pause)?);
                     }
                     Disturbance::Outsider => {
-                        self.outsiders.push(Outsider::start(&self.group.instance, until)?);
+                        self.outsiders.push(Outsider::start(Some(&self.group.instance), until)?);
                     }
                     _ => {
                         // A new one would have to begin without.

@@ -78,13 +78,13 @@ pub struct Outsider {
 }
 
 impl Outsider {
-    /// Lets it loose on the match.
-    pub fn start(instance: &Instance, until: Instant) -> io::Result<Self> {
+    /// Lets it loose on the match, or on one that is still to start.
+    pub fn start(instance: Option<&Instance>, until: Instant) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
-        let control = instance.control_path();
+        let control = instance.map(Instance::control_path);
         let work = move || match become_nobody() {
-            Ok(()) => work(&control, &stopped),
+            Ok(()) => work(control.as_deref(), &stopped),
             Err(_) => Deeds::default(),
         };
         let thread = std::thread::Builder::new().name("outsider".into()).spawn(work)?;
@@ -120,7 +120,7 @@ fn become_nobody() -> io::Result<()> {
     Ok(set_thread_res_uid(uid, uid, uid)?)
 }
 
-fn work(control: &Path, stop: &AtomicBool) -> Deeds {
+fn work(control: Option<&Path>, stop: &AtomicBool) -> Deeds {
     let mut deeds = Deeds::default();
     let mut begins = BTreeSet::new();
     let mut own: Vec<PathBuf> = Vec::new();
@@ -140,7 +140,9 @@ fn work(control: &Path, stop: &AtomicBool) -> Deeds {
             }
             attack(&entry.path(), &mut deeds);
         }
-        count(&mut deeds, send(control));
+        if let Some(control) = control {
+            count(&mut deeds, send(control));
+        }
         for path in &own {
             let _ = set_len(path, 0).and_then(|()| set_len(path, 4096));
         }
