@@ -52,6 +52,7 @@ class RejectReason(enum.IntEnum):
     NOT_ROUND = 8
     NO_TEAM_PATCH = 9
     SEARCH_CUT = 10
+    NOT_LOOKED_AT = 11
 
 
 class ProcessKind(enum.IntEnum):

@@ -42,6 +42,8 @@ const LONGEST_STEP_MM: f64 = 6.0;
 const LONGEST_STEP_DEG: f64 = 12.0;
 /// A step shorter than this was the last.
 const SETTLED_MM: f64 = 0.2;
+/// A look without any pixels takes as long as so many pixels.
+const LOOK_WORK: u64 = 64;
 /// Most looks at the pixels.
 const MAX_LOOKS: u32 = 12;
 
@@ -78,6 +80,8 @@ pub(crate) struct Surroundings {
     cells: Vec<u32>,
     ahead_mm: Vec<f32>,
     aside_mm: Vec<f32>,
+    /// Pixels looked at so far, every look at one counted.
+    work: u64,
 }
 
 /// For each patch, the classes that agree with it, as a bit set.
@@ -139,11 +143,17 @@ impl Default for Surroundings {
             cells: Vec::new(),
             ahead_mm: Vec::new(),
             aside_mm: Vec::new(),
+            work: 0,
         }
     }
 }
 
 impl Surroundings {
+    /// Pixels looked at since the last call, every look at one counted, and what each look takes besides.
+    pub fn take_work(&mut self) -> u64 {
+        std::mem::take(&mut self.work)
+    }
+
     fn clear(&mut self) {
         self.x_mm.clear();
         self.y_mm.clear();
@@ -269,6 +279,7 @@ impl Surroundings {
         let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
         let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
         let count = self.x_mm.len();
+        self.work += LOOK_WORK + count as u64;
         let (x_mm, y_mm) = (&self.x_mm[..count], &self.y_mm[..count]);
         let (ahead_mm, aside_mm) = (&mut self.ahead_mm[..count], &mut self.aside_mm[..count]);
         let cells = &mut self.cells[..count];

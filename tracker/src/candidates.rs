@@ -10,7 +10,7 @@
 
 use crate::class_index::ClassIndex;
 use crate::footprint::{self, Footprint};
-use crate::measure::{Measure, Moments, distance_mm};
+use crate::measure::{Measure, Moments};
 use crate::pattern::{ExpectedPatch, Kind, Pattern, Top};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
@@ -118,7 +118,7 @@ pub(crate) struct CandidateFinder {
     /// For each kind of the pattern, its part of `candidates`.
     ranges: Vec<Range<usize>>,
     splitter: Splitter,
-    /// Distance and index of spots near the one being looked at.
+    /// Squared distance and index of spots near the one being looked at.
     near: Vec<(f64, usize)>,
     /// There were more candidates than are kept.
     pub is_cut: bool,
@@ -351,14 +351,17 @@ impl CandidateFinder {
         let spot = self.spots_of(top, class)[seed];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
+        let reach2 = (MERGE_REACH * patch.reach_mm).powi(2);
         // Largest first: all that follow are smaller.
         for (index, other) in self.spots_of(top, class).iter().enumerate().skip(seed + 1) {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
             }
-            let distance = distance_mm(spot.measure.position, other.measure.position);
-            if distance < MERGE_REACH * patch.reach_mm {
-                near.push((distance, index));
+            let (here, there) = (spot.measure.position, other.measure.position);
+            let (dx, dy) = (here.x_mm - there.x_mm, here.y_mm - there.y_mm);
+            let distance2 = dx * dx + dy * dy;
+            if distance2 < reach2 {
+                near.push((distance2, index));
             }
         }
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

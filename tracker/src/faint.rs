@@ -8,7 +8,9 @@
 //! stays one of which only the team is known: a wrong name is worse than none.
 //!
 //! It takes a hundred times as long as pairing patches. So it is done only where a team's colour has no
-//! robot while robots of that team are missing, and a frame has a limit.
+//! robot while robots of that team are missing, and a frame has a limit. Up to that, every place is searched
+//! once before any is searched more widely, teams take turns, and what is not searched for lack of time is
+//! said ([`FaintRobots::has_skipped`]).
 
 use crate::measure::distance_mm;
 use crate::mixture::{Blur, Colors, Match, Mixture, Samples, Unmixed, has_hue};
@@ -24,9 +26,10 @@ use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 const MIN_AREA_RATIO: f64 = 0.06;
 /// A blurred team patch may look larger than it is.
 const MAX_AREA_RATIO: f64 = 3.0;
-/// Most places looked at in a frame, for each team; and most poses that are tried.
+/// Most places looked at in a frame, for each team; and most poses that are tried, at 2 to 5 µs each. A robot
+/// takes some 120.
 const MAX_SEEDS: usize = 16;
-const MAX_TRIALS: u32 = 4000;
+const MAX_TRIALS: u32 = 1600;
 /// Headings that are tried first.
 const HEADINGS: usize = 24;
 /// From so many of them the search goes on, …
@@ -44,8 +47,13 @@ const DIRECTIONS: usize = 4;
 const FIRST_WAY_SIZES: f64 = 0.2;
 /// The longest way a robot is taken to move while the shutter is open, as a multiple of its size.
 const LONGEST_WAY_SIZES: f64 = 0.8;
-/// With so much explained of what varies around the robot, nothing else is tried.
+/// With so much explained of what varies around the robot, nothing else is tried, …
 const WELL_EXPLAINED: f64 = 0.95;
+/// … nor with so much, in noisier pictures, if all else speaks for the robot as well.
+const SUFFICIENT: f64 = 0.75;
+/// Where the best of the headings explains less than this, there is no robot: specks of a team's colour reach
+/// 0.35 to 0.6, the darkest robots that are told apart 0.62.
+const PROMISING: f64 = 0.45;
 /// Share of the variation around a robot that must be explained.
 const MIN_EXPLAINED: f64 = 0.6;
 /// Levels may be off by this part of what they should be, and by so many grey levels.
@@ -73,6 +81,8 @@ pub(crate) struct FaintRobots {
     samples: Box<Samples>,
     seeds: Vec<Seed>,
     found: Vec<Found>,
+    /// Regions that were not searched, or not as widely as they deserve.
+    skipped: Vec<u32>,
     /// Indexed by wearer.
     best: Vec<Trial>,
 }
@@ -96,9 +106,23 @@ struct Wearer {
 /// A region that may be what is left of a team patch.
 #[derive(Debug, Clone, Copy)]
 struct Seed {
+    /// Index into the groups.
+    group: usize,
+    /// Place among the seeds of the group, the largest first.
+    rank: usize,
     region: u32,
     position: FieldPoint,
-    area_mm2: f64,
+    /// A wider search may find a robot.
+    is_promising: bool,
+}
+
+/// How widely a robot is searched for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Effort {
+    /// With the blur of the robot before.
+    Once,
+    /// With other blurs, and from several headings, as well.
+    Widely,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -141,6 +165,7 @@ impl FaintRobots {
             samples: Box::default(),
             seeds: Vec::new(),
             found: Vec::new(),
+            skipped: Vec::new(),
             best: Vec::new(),
         }
     }
@@ -148,6 +173,12 @@ impl FaintRobots {
     /// Nothing was looked for.
     pub fn clear(&mut self) {
         self.found.clear();
+        self.skipped.clear();
+    }
+
+    /// Whether a region that may be what is left of a team patch was not searched for lack of time.
+    pub fn has_skipped(&self, region: u32) -> bool {
+        self.skipped.contains(&region)
     }
 
     /// Whether a place is on the top of one of them.
@@ -164,38 +195,61 @@ impl FaintRobots {
         frame: &RawFrame,
         out: &mut DetectionFrame,
     ) {
-        self.found.clear();
+        self.clear();
         if frame.channels() != CHANNELS {
             return;
         }
+        self.seeds.clear();
+        for group in 0..self.groups.len() {
+            if !self.is_complete(pairing, group) {
+                self.find_seeds(scene, pairing, group);
+            }
+        }
+        // Teams take turns.
+        self.seeds.sort_unstable_by_key(|seed| (seed.rank, seed.group));
         let mut trials = 0;
         let mut blur = Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() };
-        for group in 0..self.groups.len() {
-            let Group { wearers, .. } = &self.groups[group];
-            let is_named =
-                |wearer: &Wearer| pairing.robots().any(|robot| robot.identity == wearer.identity);
-            if wearers.iter().all(is_named) {
-                continue;
-            }
-            self.find_seeds(scene, pairing, group);
+        for effort in [Effort::Once, Effort::Widely] {
             for index in 0..self.seeds.len() {
-                if trials >= MAX_TRIALS {
-                    out.flags |= DetectionFrame::SEARCH_CUT;
-                    break;
+                let Seed { group, region, position, is_promising, .. } = self.seeds[index];
+                if !is_promising
+                    || self.covers(scene.pattern, position)
+                    || self.is_complete(pairing, group)
+                {
+                    continue;
                 }
-                trials += self.look_at(scene, pairing, frame, group, index, &mut blur);
+                if trials >= MAX_TRIALS {
+                    self.skipped.push(region);
+                    continue;
+                }
+                trials += self.look_at(scene, pairing, frame, index, effort, &mut blur);
             }
+        }
+        if !self.skipped.is_empty() {
+            out.flags |= DetectionFrame::SEARCH_CUT;
         }
         self.write(scene, out);
     }
 
-    /// Possible remains of team patches, largest first.
+    /// Whether all robots of a group were found.
+    fn is_complete(&self, pairing: &Pairing, group: usize) -> bool {
+        let wearers = &self.groups[group].wearers;
+        wearers.iter().all(|wearer| self.is_named(pairing, wearer.identity))
+    }
+
+    fn is_named(&self, pairing: &Pairing, identity: usize) -> bool {
+        pairing.robots().any(|robot| robot.identity == identity)
+            || self.found.iter().any(|found| found.identity == identity)
+    }
+
+    /// Adds what may be left of the team patches of a group.
     fn find_seeds(&mut self, scene: &Scene, pairing: &Pairing, group: usize) {
         let pattern = scene.pattern;
         let Group { team, top, .. } = self.groups[group];
         let (class, top) = (pattern.team_class(team), &pattern.tops[top]);
         let whole_mm2 = top.patches[top.team_patch].area_mm2;
-        self.seeds.clear();
+        let first = self.seeds.len();
+        // Largest first.
         for spot in pairing.finder.spots_of(top, class) {
             let ratio = spot.measure.area_mm2 / whole_mm2;
             let place = spot.measure.position;
@@ -204,34 +258,35 @@ impl FaintRobots {
                 && scene.pitch.contains(place, 0.0)
                 && !is_on_robot(pattern, pairing, place)
             {
-                let area_mm2 = spot.measure.area_mm2;
-                self.seeds.push(Seed { region: spot.region, position: place, area_mm2 });
+                self.seeds.push(Seed {
+                    group,
+                    rank: self.seeds.len() - first,
+                    region: spot.region,
+                    position: place,
+                    is_promising: true,
+                });
             }
         }
-        self.seeds.sort_unstable_by(|a, b| {
-            b.area_mm2.total_cmp(&a.area_mm2).then(a.region.cmp(&b.region))
-        });
-        self.seeds.truncate(MAX_SEEDS);
+        let end = self.seeds.len().min(first + MAX_SEEDS);
+        self.skipped.extend(self.seeds.drain(end..).map(|seed| seed.region));
     }
 
-    /// Looks for a robot of a group around a seed, blurred as the one before it or otherwise. Returns how
-    /// many poses were tried.
+    /// Looks for a robot around a seed, blurred as the one before it or otherwise. Returns how many poses were
+    /// tried.
     fn look_at(
         &mut self,
         scene: &Scene,
         pairing: &Pairing,
         frame: &RawFrame,
-        group: usize,
         index: usize,
+        effort: Effort,
         blur: &mut Blur,
     ) -> u32 {
         let pattern = scene.pattern;
         let seed = self.seeds[index];
-        let Group { top, mixture, wearers, .. } = &self.groups[group];
+        self.seeds[index].is_promising = false;
+        let Group { top, mixture, wearers, .. } = &self.groups[seed.group];
         let top = &pattern.tops[*top];
-        if self.covers(pattern, seed.position) {
-            return 0;
-        }
         let found = &self.found;
         let is_other = |place: FieldPoint| {
             is_on_robot(pattern, pairing, place)
@@ -254,12 +309,14 @@ impl FaintRobots {
             best: &mut self.best,
             trials: 0,
         };
-        let best = search.run(*blur);
+        let best = search.run(*blur, effort);
         let trials = search.trials;
         let Some((winner, trial)) = best else { return trials };
         let Some(unmixed) = mixture.unmix(&mut self.samples, &trial.pose, &trial.blur) else {
             return trials;
         };
+        self.seeds[index].is_promising =
+            effort == Effort::Once && trial.matched.explained >= PROMISING;
         let wearer = &wearers[winner];
         let is_outside = !scene.pitch.contains(trial.pose.position, 0.0);
         if is_outside || !is_believable(top, wearer, &unmixed, &trial) {
@@ -272,15 +329,16 @@ impl FaintRobots {
         let next = others.map(|(_, other)| other.matched.cost).fold(f64::INFINITY, f64::min);
         let ratio = (next - trial.matched.cost) / (2.0 * variance);
         *blur = trial.blur;
-        let is_named = |identity: usize| {
-            pairing.robots().any(|robot| robot.identity == identity)
-                || self.found.iter().any(|found| found.identity == identity)
-        };
         let own = unmixed.distance(&wearer.colors).max(LEAST_DISTANCE);
         let is_far = |other: &Wearer| {
             other.identity == wearer.identity || unmixed.distance(&other.colors) >= FARTHER * own
         };
-        if ratio < DECISIVE || !wearers.iter().all(is_far) || is_named(wearer.identity) {
+        let is_doubtful = effort == Effort::Once && trial.matched.explained < SUFFICIENT;
+        if ratio < DECISIVE
+            || is_doubtful
+            || !wearers.iter().all(is_far)
+            || self.is_named(pairing, wearer.identity)
+        {
             return trials;
         }
         self.found.push(Found {
@@ -357,6 +415,9 @@ fn typical(color: &ColorConfig) -> [f64; CHANNELS] {
     })
 }
 
+/// A heading with its best blur: cost, heading, blur.
+type Scanned = (f64, f64, Blur);
+
 /// Searches pose and blur, for all robots of a team at once.
 struct Search<'a> {
     mixture: &'a Mixture,
@@ -371,15 +432,22 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// The wearer that explains the picture best, and where; `best` has the same of all others.
-    fn run(&mut self, blur: Blur) -> Option<(usize, Trial)> {
+    fn run(&mut self, blur: Blur, effort: Effort) -> Option<(usize, Trial)> {
         let nothing = Match { cost: f64::INFINITY, explained: 0.0, brightness: 0.0 };
         self.best.clear();
         let trial = Trial { pose: Pose::default(), blur, matched: nothing };
         self.best.resize(self.wearers.len(), trial);
         // Mostly it is blurred as the robot before.
-        self.search(&[blur], 1);
+        let scanned = self.scan(&[blur]);
+        let is_promising = |trial: &Trial| trial.matched.explained >= PROMISING;
+        if effort == Effort::Once && !self.best().is_some_and(|(_, trial)| is_promising(&trial)) {
+            return self.best();
+        }
+        self.go_on(scanned, 1);
         let is_explained = |trial: &Trial| trial.matched.explained >= WELL_EXPLAINED;
-        if !self.best().is_some_and(|(_, trial)| is_explained(&trial)) {
+        let is_over =
+            effort == Effort::Once || self.best().is_some_and(|(_, trial)| is_explained(&trial));
+        if !is_over {
             // Standing still, and moving in four directions.
             let mut blurs =
                 [Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() }; 1 + DIRECTIONS];
@@ -389,7 +457,8 @@ impl Search<'_> {
                     (direction as f64 / DIRECTIONS as f64 * std::f64::consts::PI).sin_cos();
                 *blur = Blur { sigma: 1, way_mm: [way_mm * cos, way_mm * sin] };
             }
-            self.search(&blurs, BEGINNINGS);
+            let scanned = self.scan(&blurs);
+            self.go_on(scanned, BEGINNINGS);
         }
         self.best()
     }
@@ -401,8 +470,8 @@ impl Search<'_> {
         tried.min_by(|a, b| a.1.matched.cost.total_cmp(&b.1.matched.cost))
     }
 
-    /// Tries all headings with these blurs, and goes on from the best `beginnings` headings.
-    fn search(&mut self, blurs: &[Blur], beginnings: usize) {
+    /// Tries all headings with these blurs. Returns what the best blur of each costs, the least first.
+    fn scan(&mut self, blurs: &[Blur]) -> [Scanned; HEADINGS] {
         let mut scanned = [(f64::INFINITY, 0.0, Blur::default()); HEADINGS];
         for (index, scanned) in scanned.iter_mut().enumerate() {
             let heading = index as f64 / HEADINGS as f64 * std::f64::consts::TAU;
@@ -414,6 +483,11 @@ impl Search<'_> {
             }
         }
         scanned.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        scanned
+    }
+
+    /// Goes on from the best `beginnings` headings.
+    fn go_on(&mut self, scanned: [Scanned; HEADINGS], beginnings: usize) {
         let mut begun = [f64::NAN; BEGINNINGS];
         let mut count = 0;
         for (cost, heading, blur) in scanned {

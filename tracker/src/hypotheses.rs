@@ -77,6 +77,19 @@ pub(crate) struct Fate {
     pub outcome: Outcome,
     /// A limit kept some explanations from being looked at: what is said of it may be wrong.
     pub is_cut: bool,
+    /// It is doubtful, but there was no time left to ask its pixels.
+    pub is_unasked: bool,
+}
+
+impl Fate {
+    /// The better of the fates of two candidates made of the same region.
+    pub fn better(self, other: Self) -> Self {
+        Self {
+            outcome: self.outcome.max(other.outcome),
+            is_cut: self.is_cut || other.is_cut,
+            is_unasked: self.is_unasked || other.is_unasked,
+        }
+    }
 }
 
 /// How far a candidate for a team patch came.
@@ -182,7 +195,7 @@ impl Hypothesiser {
             hypotheses.truncate(first + MAX_HYPOTHESES_EACH);
             is_cut = true;
         }
-        Fate { outcome, is_cut }
+        Fate { outcome, is_cut, is_unasked: false }
     }
 }
 

@@ -63,6 +63,7 @@ const WHOLE: f32 = 255.0;
 const REACH: f64 = 2.5;
 /// Places along a motion that are looked at.
 const PLACES: i32 = 2;
+const MOST_PLACES: usize = 2 * PLACES as usize + 1;
 
 /// How light is spread.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -87,8 +88,8 @@ struct Table {
     per_cell: f32,
     middle: f32,
     columns: usize,
-    /// The share of each part, in 255ths.
-    cells: Vec<[u8; PARTS]>,
+    /// The share of each part, in 255ths; sixteen bits, so that shares can be summed as they are.
+    cells: Vec<[u16; PARTS]>,
 }
 
 /// The pixels around a robot, a few put together to one sample each.
@@ -99,9 +100,8 @@ pub(crate) struct Samples {
     x_mm: [f32; MOST_SAMPLES],
     y_mm: [f32; MOST_SAMPLES],
     levels: [[f32; MOST_SAMPLES]; CHANNELS],
-    /// At the pose that is being tried: in which cell of the table, and the sum of its parts over the way.
-    cells: [u32; MOST_SAMPLES],
-    summed: [[u16; PARTS]; MOST_SAMPLES],
+    /// Cell of the table for each place along the way, at the pose that is being tried.
+    cells: [[u32; MOST_SAMPLES]; MOST_PLACES],
     /// The shares, by part.
     shares: [[f32; MOST_SAMPLES]; PARTS],
     /// The same, weighted.
@@ -201,28 +201,30 @@ impl Mixture {
         let way = turned(blur.way_mm[0] as f32, blur.way_mm[1] as f32);
         let places = if blur.way_mm == [0.0; 2] { 0 } else { PLACES };
         let per_place = 1.0 / (2 * places + 1) as f32;
-        let Samples { x_mm, y_mm, levels, cells, summed, shares, weighted, count, .. } = samples;
+        let Samples { x_mm, y_mm, levels, cells, shares, weighted, count, .. } = samples;
         let whole = count.next_multiple_of(LANES);
-        summed[..whole].fill([0; PARTS]);
-        for place in 0..=2 * places {
+        for (place, cells) in (-places..=places).zip(cells.iter_mut()) {
             // Evenly spread over the way, the ends at half a step.
-            let part = 2.0 * (place - places) as f32 * per_place;
+            let part = 2.0 * place as f32 * per_place;
             let offset = [part * way[0] - turned_center[0], part * way[1] - turned_center[1]];
             let points = x_mm[..whole].iter().zip(&y_mm[..whole]);
             for (cell, (&x, &y)) in cells[..whole].iter_mut().zip(points) {
                 let [x, y] = turned(x, y);
                 *cell = table.cell_at(x + offset[0], y + offset[1]);
             }
-            for (sum, &cell) in summed[..*count].iter_mut().zip(&cells[..*count]) {
-                let cell = &table.cells[cell as usize];
-                for part in 0..PARTS {
-                    sum[part] += u16::from(cell[part]);
+        }
+        let cells = &cells[..2 * places as usize + 1];
+        let scale = per_place * (1.0 / WHOLE);
+        for index in 0..whole {
+            let mut sum = [0; PARTS];
+            // Samples beyond the last one have no share in anything.
+            if index < *count {
+                for cells in cells {
+                    let cell = &table.cells[cells[index] as usize];
+                    sum.iter_mut().zip(cell).for_each(|(sum, share)| *sum += share);
                 }
             }
-        }
-        let scale = per_place * (1.0 / WHOLE);
-        for (index, sum) in summed[..whole].iter().enumerate() {
-            let share = sum.map(|sum| scale * f32::from(sum));
+            let share = sum.map(|sum: u16| scale * f32::from(sum));
             // The floor tells little about the robot.
             let weight = 1.0 - (1.0 - FLOOR_WEIGHT) * share[FLOOR];
             for part in 0..PARTS {
@@ -249,39 +251,48 @@ impl Mixture {
     }
 
     fn solve(&self, samples: &Samples, sums: &Sums) -> Option<Unmixed> {
-        let mut matrix = sums.products.map(|row| row.map(f64::from));
+        // The parts that there are, side by side.
+        let patches = self.patch_count;
+        let part_of = |row: usize| if row < patches { row } else { BODY + row - patches };
+        let rows = patches + 2;
+        let mut matrix = Square::default();
+        for (row, column) in (0..rows).flat_map(|row| (0..rows).map(move |column| (row, column))) {
+            matrix[row][column] = f64::from(sums.products[part_of(row)][part_of(column)]);
+        }
         // All shares of a sample together are 1.
         let weight: f64 = matrix.iter().flatten().sum();
-        for (part, row) in matrix.iter_mut().enumerate() {
+        for (row, terms) in matrix.iter_mut().enumerate().take(rows) {
             // Body and floor may have any colour.
-            row[part] += if part < self.patch_count { LAMBDA } else { 1e-3 };
+            terms[row] += if row < patches { LAMBDA } else { 1e-3 };
         }
-        let factor = cholesky(&matrix)?;
+        let factor = Factor::new(&matrix, rows)?;
         let squares: f64 = sums.squares.iter().map(|&sum| f64::from(sum)).sum();
         let means = sums.levels.map(|sums| f64::from(sums.iter().sum::<f32>()));
         let variation = squares - means.iter().map(|sum| sum * sum / weight).sum::<f64>();
         let mut unmixed = Unmixed {
-            patch_count: self.patch_count,
+            patch_count: patches,
             levels: Colors::default(),
             inverse: [[0.0; MAX_PATCHES]; MAX_PATCHES],
             left: squares,
             variation,
             scale: samples.count as f64 / weight,
         };
-        let sums = &sums.levels;
-        for (channel, sums) in sums.iter().enumerate() {
-            let sums = sums.map(f64::from);
-            let levels = solve(&factor, sums);
-            unmixed.left -= levels.iter().zip(sums).map(|(level, sum)| level * sum).sum::<f64>();
-            for (patch, level) in levels.iter().enumerate().take(self.patch_count) {
+        for (channel, sums) in sums.levels.iter().enumerate() {
+            let mut right = [0.0; PARTS];
+            for (row, right) in right.iter_mut().enumerate().take(rows) {
+                *right = f64::from(sums[part_of(row)]);
+            }
+            let levels = factor.solve(right);
+            unmixed.left -= levels.iter().zip(right).map(|(level, sum)| level * sum).sum::<f64>();
+            for (patch, level) in levels.iter().enumerate().take(patches) {
                 unmixed.levels[patch][channel] = *level;
             }
         }
-        for patch in 0..self.patch_count {
+        for patch in 0..patches {
             let mut unit = [0.0; PARTS];
             unit[patch] = 1.0;
-            let column = solve(&factor, unit);
-            unmixed.inverse[patch].copy_from_slice(&column[..MAX_PATCHES]);
+            let column = factor.solve(unit);
+            unmixed.inverse[patch][..patches].copy_from_slice(&column[..patches]);
         }
         Some(unmixed)
     }
@@ -348,7 +359,7 @@ impl Table {
             for cell in inside {
                 sum.iter_mut().zip(&cells[cell]).for_each(|(sum, part)| *sum += part);
             }
-            sum.map(|sum| (WHOLE * sum / (step * step) as f32).round() as u8)
+            sum.map(|sum| (WHOLE * sum / (step * step) as f32).round() as u16)
         };
         Self {
             per_cell: (1.0 / (cell_mm * step as f64)) as f32,
@@ -484,8 +495,7 @@ impl Default for Samples {
             x_mm: [0.0; MOST_SAMPLES],
             y_mm: [0.0; MOST_SAMPLES],
             levels: [[0.0; MOST_SAMPLES]; CHANNELS],
-            cells: [0; MOST_SAMPLES],
-            summed: [[0; PARTS]; MOST_SAMPLES],
+            cells: [[0; MOST_SAMPLES]; MOST_PLACES],
             shares: [[0.0; MOST_SAMPLES]; PARTS],
             weighted: [[0.0; MOST_SAMPLES]; PARTS],
         }
@@ -546,35 +556,47 @@ fn blur(cells: &mut [Parts], columns: usize, variance: f64) -> f64 {
 
 type Square = [[f64; PARTS]; PARTS];
 
-/// The lower triangle whose product with its transpose is a positive definite matrix.
-fn cholesky(matrix: &Square) -> Option<Square> {
-    let mut factor = Square::default();
-    for row in 0..PARTS {
-        for column in 0..=row {
-            let known = (0..column).map(|k| factor[row][k] * factor[column][k]).sum::<f64>();
-            let left = matrix[row][column] - known;
-            if row != column {
-                factor[row][column] = left / factor[column][column];
-            } else if left > 1e-9 && left.is_finite() {
-                factor[row][row] = left.sqrt();
-            } else {
-                return None;
-            }
-        }
-    }
-    Some(factor)
+/// A positive definite matrix as the product of a lower triangle with its transpose (Cholesky).
+struct Factor {
+    rows: usize,
+    lower: Square,
+    /// One over the diagonal of the triangle.
+    inverse: [f64; PARTS],
 }
 
-/// Solves factor · factorᵀ · x = right.
-fn solve(factor: &Square, right: [f64; PARTS]) -> [f64; PARTS] {
-    let mut x = right;
-    for row in 0..PARTS {
-        let known = (0..row).map(|k| factor[row][k] * x[k]).sum::<f64>();
-        x[row] = (x[row] - known) / factor[row][row];
+impl Factor {
+    /// Factorises the first `rows` rows and columns; `None` if they are not positive definite.
+    fn new(matrix: &Square, rows: usize) -> Option<Self> {
+        let mut factor = Self { rows, lower: Square::default(), inverse: [0.0; PARTS] };
+        for row in 0..rows {
+            for column in 0..=row {
+                let (own, other) = (&factor.lower[row], &factor.lower[column]);
+                let known = own[..column].iter().zip(&other[..column]).map(|(a, b)| a * b);
+                let left = matrix[row][column] - known.sum::<f64>();
+                if row != column {
+                    factor.lower[row][column] = left * factor.inverse[column];
+                } else if left > 1e-9 && left.is_finite() {
+                    factor.lower[row][row] = left.sqrt();
+                    factor.inverse[row] = 1.0 / factor.lower[row][row];
+                } else {
+                    return None;
+                }
+            }
+        }
+        Some(factor)
     }
-    for row in (0..PARTS).rev() {
-        let known = (row + 1..PARTS).map(|k| factor[k][row] * x[k]).sum::<f64>();
-        x[row] = (x[row] - known) / factor[row][row];
+
+    /// The vector that the matrix takes to `right`.
+    fn solve(&self, right: [f64; PARTS]) -> [f64; PARTS] {
+        let mut x = right;
+        for row in 0..self.rows {
+            let known = (0..row).map(|k| self.lower[row][k] * x[k]).sum::<f64>();
+            x[row] = (x[row] - known) * self.inverse[row];
+        }
+        for row in (0..self.rows).rev() {
+            let known = (row + 1..self.rows).map(|k| self.lower[k][row] * x[k]).sum::<f64>();
+            x[row] = (x[row] - known) * self.inverse[row];
+        }
+        x
     }
-    x
 }

@@ -16,7 +16,7 @@ use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::pose::{image_pose, robot_from_field};
 use crate::prior::Prior;
-use crate::second_opinion::{AMBIGUITY, MAX_OPINIONS, Opinion, SecondOpinion};
+use crate::second_opinion::{AMBIGUITY, Opinion, SecondOpinion, WORK_PER_FRAME};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 use std::ops::Range;
@@ -50,6 +50,8 @@ pub(crate) struct Pairing {
     named: Vec<usize>,
     solver: Solver,
     second_opinion: SecondOpinion,
+    /// Indices of groups in the order in which their pixels are asked.
+    order: Vec<usize>,
     index: ClassIndex,
     paired: Vec<Pose>,
     /// The believed hypotheses, and their patches, that pieces of a region belong to, and what is
@@ -89,7 +91,7 @@ impl Pairing {
         self.believe(scene);
         self.separate_grown_together(scene, frame);
         self.write(scene, frame);
-        let is_cut = |fate: &Fate| fate.is_cut;
+        let is_cut = |fate: &Fate| fate.is_cut || fate.is_unasked;
         if self.is_cut || self.finder.is_cut || self.fates.iter().flatten().any(is_cut) {
             frame.flags |= DetectionFrame::SEARCH_CUT;
         }
@@ -113,7 +115,7 @@ impl Pairing {
 
     /// What became of a candidate for a team patch.
     pub fn fate(&self, kind: usize, candidate: usize) -> Fate {
-        let unknown = Fate { outcome: Outcome::Incomplete, is_cut: true };
+        let unknown = Fate { outcome: Outcome::Incomplete, is_cut: true, is_unasked: false };
         self.fates.get(kind).and_then(|fates| fates.get(candidate)).copied().unwrap_or(unknown)
     }
 
@@ -171,22 +173,26 @@ impl Pairing {
     /// pixels say something.
     fn ask_pixels(&mut self, scene: &Scene, frame: &DetectionFrame) {
         let pattern = scene.pattern;
-        let mut opinions_left = 0;
-        let mut team = None;
-        for index in 0..self.groups.len() {
-            // Whatever one team's colour is mistaken for, the other keeps its share.
-            if team != Some(self.groups[index].team) {
-                team = Some(self.groups[index].team);
-                opinions_left += MAX_OPINIONS / Team::ALL.len();
-            }
+        let mut work = 0;
+        // The likeliest of each kind first: whatever one team's colour is mistaken for, the other has its turn.
+        let mut order = std::mem::take(&mut self.order);
+        order.clear();
+        order.extend(0..self.groups.len());
+        order
+            .sort_unstable_by_key(|&index| (self.groups[index].candidate, self.groups[index].kind));
+        for &index in &order {
             let Group { team, kind, candidate, hypotheses, .. } = self.groups[index].clone();
-            if opinions_left == 0 || self.is_explained(team, kind, candidate) {
+            if self.is_explained(team, kind, candidate) {
+                continue;
+            }
+            if work >= WORK_PER_FRAME {
+                self.fates[kind][candidate].is_unasked = true;
                 continue;
             }
             self.paired.clear();
             let paired = self.hypotheses[hypotheses.clone()].iter().take(MAX_STARTS);
             self.paired.extend(paired.map(|hypothesis| hypothesis.pose));
-            let is_asked = self.second_opinion.ask(
+            work += self.second_opinion.ask(
                 scene,
                 frame,
                 &self.index,
@@ -194,7 +200,6 @@ impl Pairing {
                 &self.finder.of_kind(kind)[candidate].measure,
                 &self.paired,
             );
-            opinions_left -= usize::from(is_asked);
             let first = self.hypotheses.len();
             for &Opinion { identity, pose, misfit } in &self.second_opinion.opinions {
                 if !scene.pitch.contains(pose.position, 0.0) {
@@ -218,6 +223,7 @@ impl Pairing {
                 self.fates[kind][candidate].outcome = Outcome::Complete;
             }
         }
+        self.order = order;
     }
 
     /// Whether one of the hypotheses fits so well that its pixels need not be asked.

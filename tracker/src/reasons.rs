@@ -117,7 +117,12 @@ fn explain_team_patches(
             {
                 continue;
             }
-            if let Some(reason) = reason(pattern, pairing, used, team, spot) {
+            let reason = reason(pattern, pairing, used, team, spot);
+            // Whatever else is wrong with it, there may be a blurred robot.
+            let is_skipped = faint.has_skipped(spot.region);
+            let reason =
+                reason.map(|reason| if is_skipped { RejectReason::NotLookedAt } else { reason });
+            if let Some(reason) = reason {
                 rejections.add(team as u32, reason, spot.measure.image, spot.measure.area_mm2);
             }
         }
@@ -208,9 +213,7 @@ fn reason(
     let fates = candidates()
         .filter(|(_, (_, candidate))| candidate.uses_region(spot.region))
         .map(|(kind, (index, _))| pairing.fate(kind, index));
-    let best =
-        |a: Fate, b: Fate| Fate { outcome: a.outcome.max(b.outcome), is_cut: a.is_cut || b.is_cut };
-    let fate = fates.reduce(best);
+    let fate = fates.reduce(Fate::better);
     let Some(fate) = fate else {
         let team_kinds = pattern.team_kinds(team).iter().map(|&kind| &pattern.kinds[kind]);
         let expected_mm2 = team_kinds.map(|kind| pattern.patch_of_kind(kind).area_mm2);
@@ -228,6 +231,9 @@ fn reason(
     });
     if too_close {
         return Some(RejectReason::TooCloseToTeamPatch);
+    }
+    if fate.is_unasked {
+        return Some(RejectReason::NotLookedAt);
     }
     if fate.is_cut {
         return Some(RejectReason::SearchCut);

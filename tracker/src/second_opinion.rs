@@ -17,8 +17,10 @@ use crate::pattern::{Pattern, Top};
 use common::geometry::Pose;
 use common::messages::{DetectionFrame, MAX_PATCHES};
 
-/// Most team patches that get a second opinion in a frame; each takes up to a third of a millisecond.
-pub(crate) const MAX_OPINIONS: usize = 32;
+/// Looks at pixels that second opinions may take in a frame, about a millisecond of them; ten robots of 250
+/// pixels take a tenth. Patches that are not asked about for lack of it are listed with
+/// [`RejectReason::NotLookedAt`](common::messages::RejectReason::NotLookedAt).
+pub(crate) const WORK_PER_FRAME: u64 = 600_000;
 /// A robot that seems to stand so far outside the pitch may still prove to stand on it.
 const START_SLACK_MM: f64 = 15.0;
 /// Half of the team patch must agree, after what disagrees has been taken off …
@@ -58,7 +60,7 @@ pub(crate) struct SecondOpinion {
 
 impl SecondOpinion {
     /// Asks the pixels around a team patch of a kind which robot it is. `paired` are poses of robots that
-    /// were paired with it, if any. Returns whether there was reason to look.
+    /// were paired with it, if any. Returns how many looks at pixels it took.
     pub fn ask(
         &mut self,
         scene: &Scene,
@@ -67,18 +69,32 @@ impl SecondOpinion {
         team_kind: usize,
         team_patch: &Measure,
         paired: &[Pose],
-    ) -> bool {
+    ) -> u64 {
+        self.opinions.clear();
+        self.form(scene, frame, index, team_kind, team_patch, paired);
+        self.surroundings.take_work()
+    }
+
+    /// Returns early where there is nothing to be seen.
+    fn form(
+        &mut self,
+        scene: &Scene,
+        frame: &DetectionFrame,
+        index: &ClassIndex,
+        team_kind: usize,
+        team_patch: &Measure,
+        paired: &[Pose],
+    ) {
         let pattern = scene.pattern;
         let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
         let shares = &top.shares;
         let Self { surroundings, seen, opinions } = self;
-        opinions.clear();
         seen.clear();
         let by_shape = footprint::poses(&top.patches[top.team_patch], team_patch);
         // A floor beside the pitch may be full of what looks like team patches.
         let is_inside = |pose: &Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
         if !by_shape.iter().flatten().chain(paired).any(is_inside) {
-            return false;
+            return;
         }
         surroundings.look_at(top, scene.camera, frame, index, team_patch.position);
         let any = accepted_by_any(pattern, team_kind);
@@ -88,10 +104,10 @@ impl SecondOpinion {
         let starts = seen.iter().filter(|(pose, _)| is_inside(pose));
         let starts = starts.map(|(pose, cover)| (cover.total(shares, &any), pose, cover));
         let Some((_, &start, cover)) = starts.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
-            return false;
+            return;
         };
         if cover.agreement(shares, &any)[top.team_patch] < MIN_START {
-            return true;
+            return;
         }
         let near = surroundings.best_near(shares, &any, start);
         // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better: robots begin
@@ -129,7 +145,6 @@ impl SecondOpinion {
         // Whoever is ruled out may still have been the best: then nobody is sure.
         let full = top.patches.len() as f64;
         opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
-        true
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod support;
 
-use common::config::{Config, Preset};
+use common::config::{Config, PatchRole, Preset};
 use common::messages::{DetectionFrame, RejectReason, Team};
 use support::*;
 
@@ -76,4 +76,33 @@ fn a_search_that_was_cut_says_so() {
         frame.rejected()
     );
     assert!(names(&frame).contains(&(Team::Blue, 9)), "{:?}", names(&frame));
+}
+
+#[test]
+fn doubtful_patches_of_one_team_do_not_take_the_others_time() {
+    // Stripes in yellow all over the pitch, each of which might be a robot whose other patches are too dark, and
+    // a blue robot with a hole in an identification patch, which only its pixels name.
+    let config = Preset::MirosotLarge.config();
+    let mut picture = Picture::of_robots(&config, &[]);
+    let top = &config.robots.patches;
+    let yellow = picture.class("yellow");
+    let lone: Vec<Option<u8>> =
+        top.iter().map(|patch| (patch.role == PatchRole::Team).then_some(yellow)).collect();
+    let blue = robot(Team::Blue, 4, 0.0, 0.0, 30.0);
+    for index in 0..240u32 {
+        let (x, y) = (f64::from(index % 20) - 9.5, f64::from(index / 20) - 5.5);
+        let place = common::geometry::FieldPoint::new(x * 200.0, y * 220.0);
+        if place.distance(blue.pose.position) > 250.0 {
+            let pose = common::geometry::Pose { position: place, orientation: f64::from(index) };
+            picture.paint_top(&pose, &lone);
+        }
+    }
+    let classes = picture.classes_of(&blue);
+    picture.paint_top(&blue.pose, &classes);
+    let hole = blue.pose.field_from_robot([-18.5, 18.5]);
+    picture.square([hole.x_mm, hole.y_mm], 26.0, None);
+    let frame = picture.detections();
+    assert_eq!(names(&frame), [(Team::Blue, 4)]);
+    assert_ne!(frame.flags & DetectionFrame::SEARCH_CUT, 0);
+    assert!(reasons(&frame, Team::Yellow).contains(&RejectReason::NotLookedAt));
 }

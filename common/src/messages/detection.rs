@@ -177,11 +177,14 @@ pub enum RejectReason {
     NoTeamPatch = 9,
     /// There is so much of the patches' colours around it that not everything could be tried.
     SearchCut = 10,
+    /// Its patches fit no robot by themselves, and the frame's time for asking their pixels was spent on other
+    /// such patches.
+    NotLookedAt = 11,
 }
 
 impl RejectReason {
     /// All reasons.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::TooSmall,
         Self::TooLarge,
         Self::TooCloseToTeamPatch,
@@ -192,6 +195,7 @@ impl RejectReason {
         Self::NotRound,
         Self::NoTeamPatch,
         Self::SearchCut,
+        Self::NotLookedAt,
     ];
 
     /// The reason with this number in a message, if there is one.
@@ -212,6 +216,7 @@ impl RejectReason {
             Self::NotRound => "not round enough for a ball",
             Self::NoTeamPatch => "identification patch without a team patch in range",
             Self::SearchCut => "too many patches around it to try all combinations",
+            Self::NotLookedAt => "not looked at closely, too many doubtful patches in the frame",
         }
     }
 }
@@ -306,7 +311,8 @@ impl DetectionFrame {
     /// Flag: the raw frame was at hand, so that poses could be measured by edges in it.
     pub const FRAME_USED: u32 = 8;
     /// Flag: there were more explanations of the picture than there is time to compare; robots may be
-    /// missing, and the team patches concerned are listed with [`RejectReason::SearchCut`].
+    /// missing, and the team patches concerned are listed with [`RejectReason::SearchCut`] or
+    /// [`RejectReason::NotLookedAt`].
     pub const SEARCH_CUT: u32 = 16;
     /// Value of `prior_world_seq` when no `world` was used.
     pub const NO_WORLD: u64 = u64::MAX;

@@ -98,8 +98,8 @@ fn look_at(
     }
     if seen.flags & DetectionFrame::SEARCH_CUT != 0 {
         common::tell!(
-            "touchline: {name}: so many patches that not all combinations could be tried; robots may \
-             be missing; make the colours narrower, or `tracker.patch_tolerance_mm` smaller"
+            "touchline: {name}: so many patches that not all combinations could be tried, or not all \
+             of them looked at closely; robots may be missing; make the colours narrower, or `tracker.patch_tolerance_mm` smaller"
         );
     }
     tops.add(seen);
