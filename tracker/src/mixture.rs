@@ -568,11 +568,11 @@ impl Factor {
     /// Factorises the first `rows` rows and columns; `None` if they are not positive definite.
     fn new(matrix: &Square, rows: usize) -> Option<Self> {
         let mut factor = Self { rows, lower: Square::default(), inverse: [0.0; PARTS] };
-        for row in 0..rows {
+        for (row, terms) in matrix.iter().enumerate().take(rows) {
             for column in 0..=row {
                 let (own, other) = (&factor.lower[row], &factor.lower[column]);
                 let known = own[..column].iter().zip(&other[..column]).map(|(a, b)| a * b);
-                let left = matrix[row][column] - known.sum::<f64>();
+                let left = terms[column] - known.sum::<f64>();
                 if row != column {
                     factor.lower[row][column] = left * factor.inverse[column];
                 } else if left > 1e-9 && left.is_finite() {

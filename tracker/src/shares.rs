@@ -8,12 +8,8 @@ use common::messages::MAX_PATCHES;
 /// Patch rims fade over this distance (1 σ): demosaicing mixes pixels with their neighbours, and a sum that
 /// changes gradually shows the way to its maximum.
 const FADE_MM: f64 = 6.0;
-/// Side of a cell. A third of the fade, so that a pixel may take its cell's share as it is; small tables stay
-/// in the processor's nearest caches.
-const CELL_MM: f64 = 2.0;
-/// Patches are painted and faded on a grid this many times finer, then averaged.
-const FINER: usize = 2;
-const FINE_MM: f64 = CELL_MM / FINER as f64;
+/// Side of a cell: so small beside the fade that a pixel may take its cell's share as it is.
+const CELL_MM: f64 = 1.0;
 /// A cell with at least this share of a patch lies inside it, and not where a neighbour's colour begins.
 const INSIDE: f32 = 0.5;
 /// Floats in a table's row: one for each patch, and as many more as fill a register.
@@ -48,17 +44,16 @@ impl Shares {
         let reach_mm = reach_mm(patches) + 2.0 * FADE_MM + CELL_MM;
         let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(3) + 2;
         let reach_mm = columns as f64 * CELL_MM / 2.0;
-        let fine_columns = columns * FINER;
-        let place = |index: usize| (index as f64 + 0.5) * FINE_MM - reach_mm;
-        let mut fine = vec![[0.0; MAX_PATCHES]; fine_columns * fine_columns];
-        for (cell, share) in fine.iter_mut().enumerate() {
-            let point = [place(cell % fine_columns), place(cell / fine_columns)];
+        let place = |index: usize| (index as f64 + 0.5) * CELL_MM - reach_mm;
+        let mut faded = vec![[0.0; MAX_PATCHES]; columns * columns];
+        for (cell, share) in faded.iter_mut().enumerate() {
+            let point = [place(cell % columns), place(cell / columns)];
             if let Some(patch) = topmost_patch(patches, point) {
                 share[patch] = 1.0;
             }
         }
-        let curvature = curvature(fine.clone(), fine_columns, place);
-        fade(&mut fine, fine_columns, FADE_MM);
+        let curvature = curvature(faded.clone(), columns, place);
+        fade(&mut faded, columns, FADE_MM);
 
         let count = columns * columns;
         let mut cells = vec![PatchRow::default(); count];
@@ -66,20 +61,13 @@ impl Shares {
         let inner = 1..columns - 1;
         for (row, column) in inner.clone().flat_map(|row| inner.clone().map(move |c| (row, c))) {
             let cell = row * columns + column;
-            for part in 0..FINER * FINER {
-                let (y, x) = (row * FINER + part / FINER, column * FINER + part % FINER);
-                let at = y * fine_columns + x;
-                let near = [at, at - 1, at + 1, at - fine_columns, at + fine_columns];
-                for patch in 0..patches.len().min(MAX_PATCHES) {
-                    let [here, left, right, above, below] = near.map(|at| fine[at][patch]);
-                    let mean = 1.0 / (FINER * FINER) as f32;
-                    let slope = mean / (2.0 * FINE_MM as f32);
-                    cells[cell][patch] += mean * here;
-                    let sums = &mut slopes[patch * count + cell];
-                    sums[0] += mean * here;
-                    sums[1] += slope * (right - left);
-                    sums[2] += slope * (below - above);
-                }
+            let near = [cell, cell - 1, cell + 1, cell - columns, cell + columns];
+            for patch in 0..patches.len().min(MAX_PATCHES) {
+                let [here, left, right, above, below] = near.map(|near| faded[near][patch]);
+                let slope =
+                    [right - left, below - above].map(|change| change / (2.0 * CELL_MM as f32));
+                cells[cell][patch] = here;
+                slopes[patch * count + cell] = [here, slope[0], slope[1], 0.0];
             }
         }
         let cell_mm2 = (CELL_MM * CELL_MM) as f32;
@@ -150,12 +138,12 @@ fn curvature(
         // How the share of each patch changes from the cell before to the one behind.
         let between = |step: usize| {
             let pairs = shares[cell - step].iter().zip(&shares[cell + step]);
-            pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * FINE_MM))
+            pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * CELL_MM))
         };
         for (x, y) in between(1).zip(between(columns)) {
             let slope = [x, y, place(row) * x - place(column) * y];
             for (sum, (i, j)) in sums.iter_mut().zip(UPPER) {
-                *sum += slope[i] * slope[j] * FINE_MM * FINE_MM;
+                *sum += slope[i] * slope[j] * CELL_MM * CELL_MM;
             }
         }
     }
@@ -165,7 +153,7 @@ fn curvature(
 /// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
 fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
     // A box of width w has a variance of (w² − 1)/12 cells²; each takes its part of what is left.
-    let mut left = (sigma_mm / FINE_MM).powi(2);
+    let mut left = (sigma_mm / CELL_MM).powi(2);
     for boxes in [3.0, 2.0, 1.0] {
         let half = (((12.0 * left / boxes + 1.0).max(1.0).sqrt() - 1.0) / 2.0).round() as usize;
         left -= ((2 * half + 1).pow(2) - 1) as f64 / 12.0;
