@@ -191,7 +191,7 @@ pub struct RunArgs {
     /// Name of the group; groups of different names never meet
     #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE)]
     pub instance: String,
-    /// Write the report to this file (JSON) at the end
+    /// Write the report to this file (JSON) at the end; an earlier report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Show nothing while running
@@ -324,7 +324,7 @@ pub struct ChaosArgs {
     /// Configuration file [default: MiroSot middle league on a synthetic pitch]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Write everything that was done and seen to this file (JSON)
+    /// Write everything that was done and seen to this file (JSON); an earlier report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
 }

@@ -398,6 +398,13 @@ fn overlays_have_the_pictures_names_and_never_overwrite_them() {
     let outlined = config.colors.iter().find(|color| color.name == "orange").unwrap().looks;
     assert!(overlay.pixels().any(|pixel| pixel.0 == outlined), "nothing is outlined");
 
+    // A second time only when asked to.
+    let output = detect(&scratch, &args);
+    assert!(!output.status.success(), "{output:?}");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("a.png exists; --force overwrites it"), "{said}");
+    assert!(detect(&scratch, &[&args[..], &["--force"]].concat()).status.success());
+
     let output = detect(&scratch, &["--overlay", name(&first), name(&first)]);
     assert!(!output.status.success(), "{output:?}");
     assert!(String::from_utf8(output.stderr).unwrap().contains("use another folder"));

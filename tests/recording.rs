@@ -194,7 +194,7 @@ fn files_are_rotated_and_the_oldest_removed() {
     let mut group = Group::start("record-rotate", "", &[]);
     group.wait_until_working();
     let file = group.scratch.path.join("match.mcap");
-    let args = ["--quiet", "--max-size", "3M", "--keep", "2"];
+    let args = ["--quiet", "--max-size", "26M", "--keep", "2"];
     let mut recorder = Recorder::start(&group.scratch, &file, &args);
     let fourth = group.scratch.path.join("match-4.mcap");
     wait_for_bytes(&fourth, 1_000_000);
@@ -207,6 +207,112 @@ fn files_are_rotated_and_the_oldest_removed() {
             assert_eq!((&info["is_complete"], messages(&info, "setup")), (&true.into(), 1));
         }
     }
+}
+
+#[test]
+fn files_that_hold_less_than_a_second_are_refused_with_the_figure() {
+    let mut group = Group::start("record-small", "", &[]);
+    group.wait_until_working();
+    let file = group.scratch.path.join("match.mcap");
+    for size in ["500", "12K", "25M"] {
+        let args = ["record", file.to_str().unwrap(), "--instance", "test", "--max-size", size];
+        let output = output_of(&group.scratch, &args);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{said}");
+        // 640×480 pixels and what was made of them, 80 times.
+        assert!(said.contains("a second of this group's recording may take 25887 kB"), "{said}");
+        assert!(!file.exists());
+    }
+}
+
+#[test]
+#[ignore = "needs root, for a disk of its own"]
+fn a_small_disk_keeps_what_is_to_stay_free() {
+    let mut group = Group::start("record-disk", "", &[]);
+    group.wait_until_working();
+    let disk = group.scratch.path.join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    let script = r#"
+        mount -t tmpfs -o size=24m none "$D" || exit 99
+        "$T" record "$D/match.mcap" --instance test --quiet --keep-free 1M >&2; echo "code $?"
+        echo "free $(stat -f -c '%a * %S' "$D" | tr -d ' ' | tr '*' ' ')"
+        "$T" info --json "$D/match.mcap" | grep is_complete
+        # Now one that was never finished, on a disk that is full.
+        head -c 9000000 "$D/match.mcap" > "$D/cut.mcap"; rm "$D/match.mcap"
+        dd if=/dev/zero of="$D/filler" bs=64k 2>/dev/null
+        "$T" recover "$D/cut.mcap" --output "$D/../copy.mcap" 2>&1; echo "code $?"
+        "$T" recover "$D/cut.mcap" --output "$D/copy.mcap" 2>&1; echo "code $?"
+        ls "$D"; truncate -s -100000 "$D/filler"
+        "$T" recover "$D/cut.mcap" 2>&1; echo "code $?"
+        "$T" info --json "$D/cut.mcap" | grep is_complete"#;
+    let output = std::process::Command::new("unshare")
+        .args(["-m", "sh", "-c", script])
+        .env("D", &disk)
+        .env("T", env!("CARGO_BIN_EXE_touchline"))
+        .env("TOUCHLINE_RUNTIME_DIR", group.scratch.path.join("run"))
+        .output()
+        .unwrap();
+    let (said, complaints) = [&output.stdout, &output.stderr]
+        .map(|text| String::from_utf8_lossy(text).into_owned())
+        .into();
+    assert!(complaints.contains("stopped: less than 1.0 MB are free"), "{complaints}");
+    let free = said.lines().find_map(|line| line.strip_prefix("free ")).unwrap();
+    let free: u64 = free.split(' ').map(|number| number.parse::<u64>().unwrap()).product();
+    assert!((1_000_000..4_000_000).contains(&free), "{free} bytes were left free");
+    assert_eq!(said.matches("\"is_complete\": true").count(), 2, "{said} {complaints}");
+    let codes: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("code ")).collect();
+    assert_eq!(codes, ["1", "0", "1", "0"], "{said} {complaints}");
+    assert!(said.contains("No space left on device"), "{said}");
+    // What could not be written is gone, and the copy on the other disk is whole.
+    assert!(said.contains("\ncut.mcap\nfiller\n"), "{said}");
+    let copy = info(&group.scratch, &group.scratch.path.join("copy.mcap"));
+    assert_eq!(copy["is_complete"], true, "{copy:#}");
+}
+
+/// A recording of three messages that was never finished.
+fn unfinished(scratch: &Scratch, name: &str) -> std::path::PathBuf {
+    let path = scratch.path.join(name);
+    let channels = [recording::Channel::World, recording::Channel::Commands];
+    let mut writer = recording::Writer::create(&path, &channels).unwrap();
+    for t_ns in 1..=3 {
+        writer.write(recording::Channel::World, t_ns, t_ns, &[1, 2, 3]).unwrap();
+        writer.flush().unwrap();
+    }
+    let bytes = std::fs::read(&path).unwrap();
+    writer.finish().unwrap();
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn nothing_is_overwritten_unasked() {
+    let scratch = Scratch::new("record-over");
+    let path = unfinished(&scratch, "match.mcap");
+    let before = std::fs::read(&path).unwrap();
+    let file = path.to_str().unwrap();
+    let other = scratch.write("other", "mine");
+    let other_name = other.to_str().unwrap();
+    let refused = |args: &[&str], why: &str| {
+        let output = output_of(&scratch, args);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && said.contains(why), "{args:?}: {said}");
+        assert_eq!(std::fs::read(&path).unwrap(), before, "{args:?}");
+    };
+    for (option, command) in [("--output", "recover"), ("--csv", "export")] {
+        refused(&[command, file, option, other_name], "exists; --force overwrites it");
+        refused(&[command, file, option, file], "is read by this command");
+        refused(&[command, file, option, file, "--force"], "is read by this command");
+    }
+    refused(&["run", "--source", &format!("recording:{file}"), "--report", file], "");
+    assert_eq!(std::fs::read(&other).unwrap(), b"mine");
+    let output = output_of(&scratch, &["recover", file, "--output", other_name, "--force"]);
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(messages(&info(&scratch, &other), "world"), 3);
+    // In place: not a byte of it moves.
+    assert!(output_of(&scratch, &["recover", file]).status.success());
+    assert!(std::fs::read(&path).unwrap().starts_with(&before));
+    let names: Vec<_> = std::fs::read_dir(&scratch.path).unwrap().flatten().collect();
+    assert_eq!(names.len(), 2, "{names:?}");
 }
 
 #[test]

@@ -26,7 +26,7 @@ pub struct CalibrateArgs {
     /// Where to write the configuration with this geometry [default: print the geometry alone]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Overwrite an existing file
+    /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
     /// Write the picture, with pitch and points drawn over it, to this file (PNG)

@@ -18,6 +18,9 @@ pub struct DetectArgs {
     /// Write the pictures, with what was found drawn over them, to this folder
     #[arg(long, value_name = "DIR")]
     pub overlay: Option<PathBuf>,
+    /// Overwrite overlays that are there
+    #[arg(long, requires = "overlay")]
+    pub force: bool,
 }
 
 /// Arguments of `learn`.

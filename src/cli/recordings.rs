@@ -19,13 +19,14 @@ pub struct RecordArgs {
     /// End after so many seconds
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pub seconds: Option<f64>,
-    /// Begin another file when one has this size, for example 500M or 2G
+    /// Begin another file when one has this size, for example 500M or 2G; at least what a second of
+    /// recording may take, 26M for 640×480 pixels and 80 frames a second
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub max_size: Option<u64>,
     /// Keep only the newest N files of this recording
     #[arg(long, value_name = "N", requires = "max_size", value_parser = parse_files)]
     pub keep: Option<usize>,
-    /// Stop before less than this is free on the disk
+    /// Stop before less than this is free on the disk, and complete the file
     #[arg(long, value_name = "SIZE", default_value = "500M", value_parser = parse_size)]
     pub keep_free: u64,
     /// Which group.
@@ -45,6 +46,9 @@ pub struct RecoverArgs {
     /// Leave the file as it is, and write what is good in it to another one, without the damaged parts
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Overwrite an existing file with --output
+    #[arg(long, requires = "output")]
+    pub force: bool,
 }
 
 /// Arguments of `info`.
@@ -89,6 +93,9 @@ pub struct ExportArgs {
     #[arg(long, value_name = "N", default_value = "1", requires = "png",
         value_parser = clap::value_parser!(u64).range(1..))]
     pub every: u64,
+    /// Overwrite existing files
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// What is on the disk under that name; `scene` stands for all that is made for viewers.

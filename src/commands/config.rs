@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use super::learn::lessons::Lessons;
-use super::output::{self, OutputError};
+use super::output::{OutputError, Rule};
 use super::second_look::Passing;
 use crate::cli::ConfigCommand;
 use common::config::{
@@ -46,7 +46,7 @@ pub fn init(
 ) -> Result<String, ConfigCommandError> {
     let text = config::commented_toml(&preset.config());
     let Some(path) = path else { return Ok(text) };
-    output::write(path, &text, force)?;
+    Rule { inputs: &[], force }.write(path, text.as_bytes())?;
     let (path, name) = (path.display(), preset.name());
     Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
 }

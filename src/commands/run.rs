@@ -1,5 +1,6 @@
 //! `touchline run`.
 
+use super::output::Rule;
 use super::painted_light::{follow_painted_light, is_other_light};
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
@@ -31,7 +32,7 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         common::tell!("touchline: {complaint}");
     }
     // Nor does a match end with a report that cannot be written.
-    let report_file = args.report.as_deref().map(create).transpose()?;
+    let report_file = args.report.as_deref().map(|path| report(path, &args)).transpose()?;
 
     // Whoever reads what is said may stop reading; the match goes on.
     if let Err(error) = common::tell::never_block() {
@@ -133,6 +134,12 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
     })
 }
 
-fn create(path: &Path) -> Result<File, CommandError> {
-    File::create(path).map_err(|error| format!("report {}: {error}", path.display()).into())
+/// Begins the report, which is none of the files that the group reads.
+fn report(path: &Path, args: &RunArgs) -> Result<File, CommandError> {
+    let mut inputs: Vec<&Path> = args.config.iter().map(|path| &**path).collect();
+    match &args.source {
+        Source::Pictures(path) | Source::Recording(Playlist { path, .. }) => inputs.push(path),
+        _ => {}
+    }
+    Ok(Rule { inputs: &inputs, force: false }.create_report(path)?)
 }

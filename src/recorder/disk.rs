@@ -1,8 +1,10 @@
 //! The writing thread: compresses and writes, and never lets more than a fraction of a tenth of a
 //! second wait in memory. A third thread brings what was written to the disk once a second.
 
+use super::RecorderError;
 use super::files::Names;
 use super::queue::{Entrance, Exit, Job, Recorded, Totals, queue};
+use super::room::{free_bytes, index_bytes};
 use common::config::Config;
 use common::messages::WorldFrame;
 use recording::{
@@ -20,6 +22,8 @@ use std::time::{Duration, Instant};
 const CHUNK_TIME: Duration = Duration::from_millis(40);
 /// How often the system is asked to bring the file to the disk: so much is lost with the power.
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
+/// After so many bytes it is looked whether the disk has room for more.
+const LOOK_BYTES: u64 = 1 << 20;
 /// Compressing has time; the group's processes do not.
 const NICENESS: i32 = 5;
 
@@ -30,12 +34,22 @@ pub struct Limits {
     pub file_bytes: Option<u64>,
     /// Files to keep, the newest.
     pub keep_files: Option<usize>,
+    /// What is to stay free on the disk.
+    pub keep_free_bytes: u64,
+}
+
+/// What became of a recording.
+pub struct Written {
+    /// For the files to come.
+    pub names: Names,
+    /// It ended because more would not have fit onto the disk.
+    pub is_disk_full: bool,
 }
 
 /// The reading thread's side of the writing thread.
 pub struct Disk {
     entrance: Entrance,
-    thread: JoinHandle<Result<Names, RecordingError>>,
+    thread: JoinHandle<Result<Written, RecorderError>>,
 }
 
 impl Disk {
@@ -50,7 +64,16 @@ impl Disk {
         let (entrance, exit) = queue(Arc::clone(&totals));
         let (to_sync, sync_jobs) = channel();
         std::thread::spawn(move || sync(&sync_jobs));
-        let mut writing = Writing { names, channels, limits, setup, totals, to_sync, writer: None };
+        let mut writing = Writing {
+            names,
+            channels,
+            limits,
+            setup,
+            totals,
+            to_sync,
+            writer: None,
+            unseen_bytes: 0,
+        };
         // In this thread, so that whoever started the recording learns at once if it is impossible.
         writing.next_file()?;
         let thread = std::thread::spawn(move || writing.run(exit));
@@ -72,13 +95,14 @@ impl Disk {
         self.entrance.put_job(Job::NextFile(Box::new(setup)));
     }
 
-    /// Whether writing has ended because of an error, which [`finish`](Self::finish) tells.
-    pub fn has_failed(&self) -> bool {
+    /// Whether writing has ended, because of an error or of the end of the disk, which
+    /// [`finish`](Self::finish) tells.
+    pub fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
 
     /// Writes what is waiting and completes the file.
-    pub fn finish(self) -> Result<Names, RecordingError> {
+    pub fn finish(self) -> Result<Written, RecorderError> {
         drop(self.entrance);
         // A panic of the other thread ends the process.
         self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
@@ -93,17 +117,23 @@ struct Writing {
     totals: Arc<Totals>,
     to_sync: Sender<File>,
     writer: Option<Writer>,
+    /// Written since it was last looked how much room there is.
+    unseen_bytes: u64,
 }
 
 impl Writing {
-    fn run(mut self, mut exit: Exit) -> Result<Names, RecordingError> {
+    fn run(mut self, mut exit: Exit) -> Result<Written, RecorderError> {
         // Without the right to be nice it is written all the same.
         let _ = rustix::process::nice(NICENESS);
         let mut begun = Instant::now();
         loop {
             let is_pending = self.writer.as_ref().is_some_and(Writer::is_pending);
             let left = CHUNK_TIME.saturating_sub(begun.elapsed());
-            if is_pending && left.is_zero() {
+            if (is_pending && left.is_zero()) || self.unseen_bytes >= LOOK_BYTES {
+                if !self.has_room()? {
+                    return self.finish(true);
+                }
+                self.unseen_bytes = 0;
                 self.flush()?;
                 continue;
             }
@@ -118,13 +148,25 @@ impl Writing {
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {
-                    if let Some(writer) = self.writer.take() {
-                        writer.finish()?;
-                    }
-                    return Ok(self.names);
+                    let is_disk_full = !self.has_room()?;
+                    return self.finish(is_disk_full);
                 }
             }
         }
+    }
+
+    /// Whether what waits in memory and the index still leave free what is to stay free.
+    fn has_room(&self) -> Result<bool, RecorderError> {
+        let Some(writer) = &self.writer else { return Ok(true) };
+        let wanted = self.limits.keep_free_bytes.saturating_add(self.unseen_bytes);
+        Ok(free_bytes(writer.path())? >= wanted.saturating_add(index_bytes(writer.bytes())))
+    }
+
+    fn finish(mut self, is_disk_full: bool) -> Result<Written, RecorderError> {
+        if let Some(writer) = self.writer.take() {
+            writer.finish()?;
+        }
+        Ok(Written { names: self.names, is_disk_full })
     }
 
     fn carry_out(&mut self, job: Job) -> Result<Option<Vec<u8>>, RecordingError> {
@@ -133,6 +175,7 @@ impl Writing {
                 let (setup, config) = &self.setup;
                 let (t_sent_ns, t_about_ns) = (setup.wall_ns(t_sent_ns), setup.wall_ns(t_about_ns));
                 let Some(writer) = &mut self.writer else { return Ok(Some(data)) };
+                self.unseen_bytes += data.len() as u64;
                 if self.channels.contains(&channel) {
                     writer.write(channel, t_sent_ns, t_about_ns, &data)?;
                     self.totals.count_written(channel);

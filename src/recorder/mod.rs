@@ -8,6 +8,7 @@ mod disk;
 mod files;
 mod ports;
 mod queue;
+mod room;
 
 use common::bus::BusError;
 use common::config::Config;
@@ -18,9 +19,9 @@ use files::Names;
 use ports::Ports;
 use queue::Totals;
 use recording::{Channel, RecordingError};
-use rustix::fs::statvfs;
+use room::{bytes_per_second, free_bytes};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -62,6 +63,18 @@ pub enum RecorderError {
     /// The file.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Files would be begun all the time.
+    #[error(
+        "--max-size {} kB is too small: a second of this group's recording may take {} kB, and no file is \
+         begun more often",
+        file_bytes.div_ceil(1000), second_bytes.div_ceil(1000)
+    )]
+    SmallFiles {
+        /// What was asked for.
+        file_bytes: u64,
+        /// What a second takes.
+        second_bytes: u64,
+    },
     /// The system.
     #[error("{action}: {source}")]
     System {
@@ -175,8 +188,15 @@ impl Recorder<'_> {
         let mut ports = Ports::connect(&self.options.instance, &self.options.channels)?;
         let mut config = read_config(&self.options.instance);
         self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
-        let limits =
-            Limits { file_bytes: self.options.file_bytes, keep_files: self.options.keep_files };
+        self.check_file_bytes(&config)?;
+        if free_bytes(&self.options.path)? < self.options.keep_free_bytes {
+            return Ok(Some(End::DiskNearlyFull));
+        }
+        let limits = Limits {
+            file_bytes: self.options.file_bytes,
+            keep_files: self.options.keep_files,
+            keep_free_bytes: self.options.keep_free_bytes,
+        };
         let mut disk = Disk::start(
             self.names.clone(),
             self.options.channels.clone(),
@@ -192,13 +212,14 @@ impl Recorder<'_> {
                 // Numbers have begun anew: another group, another file.
                 config = read_config(&self.options.instance);
                 self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
+                self.check_file_bytes(&config)?;
                 disk.next_file(self.setup(&config));
             }
             if taken.messages > 0 {
                 heard = Instant::now();
             }
-            // What went wrong is told by `finish`.
-            if disk.has_failed() {
+            // Why is told by `finish`.
+            if disk.has_ended() {
                 break None;
             }
             if let Some(end) = self.is_over()? {
@@ -212,11 +233,7 @@ impl Recorder<'_> {
                     disk.put_setup(self.setup(&config));
                 }
                 self.missed = ports.missed();
-                let progress = self.progress()?;
-                tell(&progress);
-                if progress.free_bytes < self.options.keep_free_bytes {
-                    break Some(End::DiskNearlyFull);
-                }
+                tell(&self.progress()?);
             }
             if heard.elapsed() > SILENCE {
                 heard = Instant::now();
@@ -228,8 +245,20 @@ impl Recorder<'_> {
         };
         ports.take(|message| disk.put(message))?;
         self.missed = ports.missed();
-        self.names = disk.finish()?;
-        Ok(end)
+        let written = disk.finish()?;
+        self.names = written.names;
+        Ok(if written.is_disk_full { Some(End::DiskNearlyFull) } else { end })
+    }
+
+    /// Refuses sizes of files that less than a second goes into.
+    fn check_file_bytes(&self, config_toml: &Option<String>) -> Result<(), RecorderError> {
+        let Some(file_bytes) = self.options.file_bytes else { return Ok(()) };
+        let (_, config) = self.setup(config_toml);
+        let second_bytes = bytes_per_second(&config, &self.options.channels);
+        if file_bytes < second_bytes {
+            return Err(RecorderError::SmallFiles { file_bytes, second_bytes });
+        }
+        Ok(())
     }
 
     fn setup(&self, config_toml: &Option<String>) -> (recording::Setup, Config) {
@@ -270,14 +299,4 @@ fn wall_minus_monotonic_ns() -> i64 {
 /// The running group's configuration, as text.
 fn read_config(instance: &Instance) -> Option<String> {
     std::fs::read_to_string(instance.config_path()).ok()
-}
-
-fn free_bytes(path: &Path) -> Result<u64, RecorderError> {
-    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    let directory = directory.unwrap_or(Path::new("."));
-    let space = statvfs(directory).map_err(|error| RecorderError::System {
-        action: format!("look for free space in {}", directory.display()),
-        source: error.into(),
-    })?;
-    Ok(space.f_bavail * space.f_frsize)
 }

@@ -15,11 +15,11 @@
 use crate::RecordingError;
 use crate::damage::{Damages, Fault};
 use crate::reader::open;
-use crate::scan::{Kind, MOST_HEADER_BYTES, Piece, Scanner};
+use crate::scan::{Kind, MOST_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
 use crate::summary::{ChunkPlace, Summary, widened};
 use crate::wire::{
-    ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, channel, message, message_index, op,
-    schema,
+    ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
+    message_index, op, schema, zstd_window, zstd_window_for,
 };
 use common::input;
 use rustix::fs::{FlockOperation, flock};
@@ -127,6 +127,10 @@ impl Plan {
             match piece.kind {
                 Kind::Chunk { header, is_framed } => {
                     plan.take_chunk(piece, header, is_framed, scanner.records());
+                    let is_kept = plan.summary.chunks.last().is_some_and(|c| c.at == piece.at);
+                    if is_kept && !is_framed {
+                        plan.mend_window(piece, header, &mut scanner)?;
+                    }
                 }
                 Kind::Loose => plan.take_loose(piece, scanner.records()),
                 Kind::MessageIndex => plan.take_index(piece, scanner.records()),
@@ -147,7 +151,29 @@ impl Plan {
             }
             plan.before = Some(piece).filter(|_| plan.fences.len() == fences);
         }
+        plan.check_summary(&mut scanner)?;
         Ok(plan)
+    }
+
+    /// Compares the chunks that are there with those of the summary that is there.
+    fn check_summary(&mut self, scanner: &mut Scanner) -> io::Result<()> {
+        if !scanner.has_summary() {
+            return Ok(());
+        }
+        let mut number = 0;
+        let mut is_right = true;
+        let chunks = &self.summary.chunks;
+        scanner.read_summary(&[op::CHUNK_INDEX], |_, body| {
+            let there = chunks.get(number).map(|chunk| (chunk.at, &chunk.indexes));
+            let told = chunk_index(body);
+            is_right &= there == told.as_ref().map(|(at, indexes)| (*at, indexes));
+            number += 1;
+        })?;
+        // Not every program writes an index.
+        if !is_right || (number > 0 && number != chunks.len()) {
+            self.damages.add(Fault::Index, scanner.limit(), scanner.length() - scanner.limit());
+        }
+        Ok(())
     }
 
     fn describe(&mut self, opcode: u8, body: &[u8]) {
@@ -257,6 +283,25 @@ impl Plan {
         let indexes_end = piece.at + piece.length;
         let (at, length, indexes) = (piece.at, piece.length, BTreeMap::new());
         self.summary.chunks.push(ChunkPlace { at, length, header, indexes, indexes_end });
+    }
+
+    /// Shortens a window that is longer than the content.
+    fn mend_window(
+        &mut self,
+        piece: Piece,
+        header: ChunkHeader,
+        scanner: &mut Scanner,
+    ) -> io::Result<()> {
+        let place = piece.at + HEAD_BYTES + header.length;
+        let window = match header.packing {
+            Some(Packing::Zstd) => zstd_window(scanner.bytes().at(place, ZSTD_PEEK_BYTES)?),
+            _ => None,
+        };
+        let shortest = zstd_window_for(header.unpacked_bytes);
+        if let Some((offset, _)) = window.filter(|&(_, bytes)| bytes > header.unpacked_bytes) {
+            self.patches.push((place + offset as u64, vec![shortest]));
+        }
+        Ok(())
     }
 
     fn take_loose(&mut self, piece: Piece, record: &[u8]) {

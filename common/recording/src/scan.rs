@@ -14,7 +14,7 @@ use crate::bytes::Bytes;
 use crate::damage::Fault;
 use crate::wire::{
     CHUNK_PEEK_BYTES, ChunkHeader, Cursor, FOOTER_BYTES, HEAD_BYTES, Head, MAGIC, Packing, channel,
-    message, message_index, op, schema,
+    message, message_index, op, schema, zstd_window,
 };
 use std::fs::File;
 use std::io::{self, Read};
@@ -25,8 +25,12 @@ const DIRECT_BYTES: u64 = 16 << 20;
 const MOST_CHUNK_BYTES: u64 = 1 << 30;
 /// Largest window (log2) of a large chunk's compression.
 const WINDOW_LOG: u32 = 24;
+/// Other readers refuse longer windows.
+const MOST_WINDOW_BYTES: u64 = 1 << 27;
+/// Bytes that hold the window of a zstd frame.
+pub(crate) const ZSTD_PEEK_BYTES: usize = 8;
 /// Schemas and channels of a summary, all together.
-const MOST_DESCRIPTION_BYTES: u64 = 16 << 20;
+const MOST_DESCRIPTION_BYTES: usize = 16 << 20;
 /// The first record is no longer than this; it says which library has written the file.
 pub(crate) const MOST_HEADER_BYTES: u64 = 128;
 /// Length of the record that ends the data.
@@ -129,25 +133,36 @@ impl Scanner {
 
     /// Schemas and channels, as the summary describes them.
     pub fn descriptions(&mut self) -> io::Result<Vec<(u8, Vec<u8>)>> {
-        let Some(summary) = self.summary else { return Ok(Vec::new()) };
-        let (mut place, mut total, mut found) = (summary.start, 0, Vec::new());
+        let (mut room, mut found) = (MOST_DESCRIPTION_BYTES, Vec::new());
+        self.read_summary(&[op::SCHEMA, op::CHANNEL], |opcode, body| {
+            if body.len() <= room {
+                room -= body.len();
+                found.push((opcode, body.to_vec()));
+            }
+        })?;
+        Ok(found)
+    }
+
+    /// The records of these kinds in the summary: operation codes and bodies.
+    pub fn read_summary(
+        &mut self,
+        kinds: &[u8],
+        mut take: impl FnMut(u8, &[u8]),
+    ) -> io::Result<()> {
+        let Some(summary) = self.summary else { return Ok(()) };
+        let mut place = summary.start;
         while let Some(head) = Head::parse(self.bytes.at(place, HEAD_BYTES as usize)?) {
             let rest = summary.footer.saturating_sub(place + HEAD_BYTES);
-            let is_description = matches!(head.opcode, op::SCHEMA | op::CHANNEL);
             if place >= summary.footer || head.length > rest {
                 break;
             }
-            if is_description {
-                total += head.length;
-                if total > MOST_DESCRIPTION_BYTES {
-                    break;
-                }
+            if kinds.contains(&head.opcode) {
                 let body = self.bytes.at(place + HEAD_BYTES, head.length as usize)?;
-                found.push((head.opcode, body.to_vec()));
+                take(head.opcode, body);
             }
             place += HEAD_BYTES + head.length;
         }
-        Ok(found)
+        Ok(())
     }
 
     /// The next piece; `None` after the end.
@@ -304,7 +319,10 @@ impl Scanner {
                 // Bytes behind the compressed ones are allowed.
                 let claimed = HEAD_BYTES + head.length;
                 let mut length = data_at + packed - at;
-                let mut is_framed = is_framed && packed == header.packed_bytes;
+                let frame = self.bytes.at(data_at, (packed as usize).min(ZSTD_PEEK_BYTES))?;
+                let is_far = packing == Packing::Zstd
+                    && zstd_window(frame).is_some_and(|(_, window)| window > MOST_WINDOW_BYTES);
+                let mut is_framed = is_framed && packed == header.packed_bytes && !is_far;
                 if claimed != length {
                     is_framed &= self.is_plausible_at(at + claimed)?;
                     length = if is_framed { claimed } else { length };

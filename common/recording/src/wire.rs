@@ -1,6 +1,8 @@
 //! The records of an MCAP file as bytes. Every length is checked against the bytes that are there before
 //! it is used; nothing is allocated by what a length claims.
 
+use std::collections::BTreeMap;
+
 /// What a file begins and ends with.
 pub(crate) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 /// Operation code and length, in front of every record.
@@ -160,6 +162,24 @@ impl ChunkHeader {
     }
 }
 
+/// Where the byte is that says how far a zstd frame refers back, and how far that is. It is not needed to
+/// unpack a frame at once, but a reader that unpacks it in steps takes that much memory, or refuses to.
+pub(crate) fn zstd_window(frame: &[u8]) -> Option<(usize, u64)> {
+    const DESCRIPTOR: usize = 4;
+    const WINDOW: usize = 5;
+    let (descriptor, window) = (*frame.get(DESCRIPTOR)?, *frame.get(WINDOW)?);
+    // A frame of a single segment has none.
+    let has_window = descriptor & 0x20 == 0;
+    let base = 1u64 << (10 + (window >> 3));
+    has_window.then_some((WINDOW, base + base / 8 * u64::from(window & 7)))
+}
+
+/// The shortest window of a zstd frame that is as long as its content, as it is written.
+pub(crate) fn zstd_window_for(unpacked_bytes: u64) -> u8 {
+    let log = unpacked_bytes.max(1 << 10).next_power_of_two().trailing_zeros();
+    ((log - 10) << 3) as u8
+}
+
 /// The header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct MessageHeader {
@@ -202,6 +222,16 @@ pub(crate) fn message_index(body: &[u8]) -> Option<(u16, Vec<(u64, u64)>)> {
         (cursor.u64().unwrap_or(0), cursor.u64().unwrap_or(0))
     });
     Some((channel_id, entries.collect()))
+}
+
+/// Place of a chunk, and of the indexes of its messages, as a summary has them.
+pub(crate) fn chunk_index(body: &[u8]) -> Option<(u64, BTreeMap<u16, u64>)> {
+    let mut cursor = Cursor(body);
+    let (_start_ns, _end_ns) = (cursor.u64()?, cursor.u64()?);
+    let (at, _length) = (cursor.u64()?, cursor.u64()?);
+    let mut entries = Cursor(cursor.prefixed()?);
+    let indexes = std::iter::from_fn(|| Some((entries.u16()?, entries.u64()?))).collect();
+    Some((at, indexes))
 }
 
 /// Writes values one behind the other.

@@ -4,7 +4,8 @@ mod lines;
 mod overlay;
 mod points;
 
-use super::{CommandError, load_config, output};
+use super::output::Rule;
+use super::{CommandError, load_config};
 use crate::cli::CalibrateArgs;
 use common::calibration::{
     Calibration, CalibrationError, KnownLens, LensSource, Mark, calibrate as calibrate_by_points,
@@ -25,7 +26,15 @@ use std::process::ExitCode;
 /// go together are an error, and nothing is written.
 pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
-    output::check_free(args.output.as_deref(), args.force)?;
+    let inputs: Vec<&Path> = [&args.config, &args.points, &args.picture]
+        .into_iter()
+        .flatten()
+        .map(|path| &**path)
+        .collect();
+    let rule = Rule { inputs: &inputs, force: args.force };
+    for path in [&args.output, &args.overlay].into_iter().flatten() {
+        rule.check(path)?;
+    }
     let mut file = args.points.as_deref().map_or(Ok(PointsFile::default()), PointsFile::load)?;
     for argument in &args.at {
         file.add_argument(argument)?;
@@ -53,9 +62,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         return Err(format!("{problem}\n{}nothing was written", listing(&points)).into());
     }
     if let Some((path, picture)) = args.overlay.as_deref().zip(picture.as_ref()) {
-        overlay::draw(picture, &config.field, &points, &calibration)
-            .save(path)
-            .map_err(|error| format!("overlay {}: {error}", path.display()))?;
+        rule.write_picture(path, &overlay::draw(picture, &config.field, &points, &calibration))?;
     }
     let report = report(&points, &calibration, refinement.as_deref(), &config.warnings());
     match &args.output {
@@ -64,7 +71,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
             say!("{}", section(&calibration.geometry))?;
         }
         Some(path) => {
-            output::write(path, &commented_toml(&config), args.force)?;
+            rule.write(path, commented_toml(&config).as_bytes())?;
             let path = path.display();
             say!("{report}")?;
             say_line!("{path}: written; `touchline config check {path}` checks it")?;

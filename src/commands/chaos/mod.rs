@@ -28,6 +28,7 @@ pub use bystanders::attach;
 pub use plan::Disturbance;
 
 use super::CommandError;
+use super::output::Rule;
 use crate::cli::ChaosArgs;
 use crate::monitor::Report;
 use bystanders::Bystanders;
@@ -44,7 +45,7 @@ use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
 use rustix::process::Signal;
 use shortage::Shortage;
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -82,9 +83,10 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
     }
     let report_file = match &args.report {
         None => None,
-        Some(path) => Some(
-            File::create(path).map_err(|error| format!("report {}: {error}", path.display()))?,
-        ),
+        Some(path) => {
+            let inputs: Vec<&Path> = args.config.iter().map(|path| &**path).collect();
+            Some(Rule { inputs: &inputs, force: false }.create_report(path)?)
+        }
     };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in

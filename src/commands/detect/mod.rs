@@ -8,7 +8,7 @@ mod answer;
 mod doubts;
 mod overlay;
 
-use super::output::Reader;
+use super::output::{Reader, Rule};
 use super::pipeline::Pipeline;
 use super::{CommandError, load_config};
 use crate::cli::DetectArgs;
@@ -33,7 +33,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     let mut tops = TopScale::new(&config)?;
     let (pictures, mut all_good) = list(&args.images);
     let mut painter = match &args.overlay {
-        Some(folder) => Some(Painter::new(folder, &config, &pictures)?),
+        Some(folder) => Some(Painter::new(folder, &config, &pictures, args.force)?),
         None => None,
     };
     let mut doubts = Doubts::default();
@@ -119,12 +119,18 @@ struct Painter<'a> {
     /// File names given away.
     used: HashSet<String>,
     rgb: Vec<u8>,
+    rule: Rule<'static>,
 }
 
 impl<'a> Painter<'a> {
     /// Makes sure that there is a folder, and that it is not one the pictures come from: overlays
     /// have their names.
-    fn new(folder: &Path, config: &'a Config, pictures: &[PathBuf]) -> Result<Self, CommandError> {
+    fn new(
+        folder: &Path,
+        config: &'a Config,
+        pictures: &[PathBuf],
+        force: bool,
+    ) -> Result<Self, CommandError> {
         let problem = |error: io::Error| format!("overlay folder {}: {error}", folder.display());
         std::fs::create_dir_all(folder).map_err(problem)?;
         let place = folder.canonicalize().map_err(problem)?;
@@ -140,13 +146,22 @@ impl<'a> Painter<'a> {
                 .into());
             }
         }
-        Ok(Self {
+        let rule = Rule { inputs: &[], force };
+        let mut painter = Self {
             folder: folder.to_owned(),
             camera: &config.camera,
             overlay: Overlay::new(config)?,
             used: HashSet::new(),
             rgb: Vec::new(),
-        })
+            rule,
+        };
+        // Before any of them is written.
+        for picture in pictures {
+            let name = painter.unused_name(picture);
+            rule.check(&folder.join(name))?;
+        }
+        painter.used.clear();
+        Ok(painter)
     }
 
     fn paint(
@@ -161,10 +176,7 @@ impl<'a> Painter<'a> {
         demosaic(&image, &mut self.rgb);
         let name = self.unused_name(picture);
         let path = self.folder.join(name);
-        self.overlay
-            .draw(&self.rgb, seen)
-            .save(&path)
-            .map_err(|error| format!("overlay {}: {error}", path.display()).into())
+        Ok(self.rule.write_picture(&path, &self.overlay.draw(&self.rgb, seen))?)
     }
 
     /// The picture's own name, as a PNG's; with a number behind it when another picture of this

@@ -8,7 +8,8 @@ mod summary;
 mod tests;
 mod unevenness;
 
-use super::{CommandError, load_config, output};
+use super::output::Rule;
+use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
 use common::config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::list_pictures;
@@ -22,7 +23,10 @@ use std::process::ExitCode;
 /// Learns, prints how well colours can be told apart, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     let configured = load_config(args.config.as_deref())?;
-    output::check_free(args.output.as_deref(), args.force)?;
+    let inputs: Vec<&Path> =
+        [&args.config, &args.samples].into_iter().flatten().map(|path| &**path).collect();
+    let rule = Rule { inputs: &inputs, force: args.force };
+    args.output.as_deref().map_or(Ok(()), |path| rule.check(path))?;
     let labels = match &args.samples {
         Some(samples) => labelled(&Labels::load(samples)?, &args.pictures)?,
         None => unlabelled(&args.pictures)?,
@@ -36,7 +40,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     match &args.output {
         None => _ = say!("{}", fragment(&learned))?,
         Some(path) => {
-            output::write(path, &commented_toml(&learned), args.force)?;
+            rule.write(path, commented_toml(&learned).as_bytes())?;
             say_line!("{path}: written", path = path.display())?;
         }
     }

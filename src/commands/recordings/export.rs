@@ -3,10 +3,11 @@
 use super::tell_damages;
 use crate::cli::ExportArgs;
 use crate::commands::CommandError;
+use crate::commands::output::{Output, Rule};
 use common::messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
-use image::{ExtendedColorType, save_buffer};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
 use recording::{Channel, Entry, Frame, Reader, decode_frame, decode_message};
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -20,7 +21,8 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
         return Err("say what to export: --csv FILE, --png DIR, or both".into());
     }
     let mut reader = Reader::open(&args.file)?;
-    let mut table = args.csv.as_deref().map(Table::create).transpose()?;
+    let rule = Rule { inputs: &[&args.file], force: args.force };
+    let mut table = args.csv.as_deref().map(|path| Table::create(path, rule)).transpose()?;
     if let Some(directory) = &args.png {
         std::fs::create_dir_all(directory)
             .map_err(|error| format!("{}: {error}", directory.display()))?;
@@ -35,7 +37,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
             frames += 1;
             let Some(frame) = decode_frame(&entry.data) else { continue };
             if (frames - 1) % args.every == 0 {
-                let written = save(&frame, directory)?;
+                let written = save(&frame, directory, rule)?;
                 pictures += u64::from(written);
                 unknown += u64::from(!written);
             }
@@ -56,7 +58,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
 
 /// Saves a frame as it is: Bayer data as a grey picture, which `touchline detect` takes for what it
 /// is. `false` for formats that no PNG can hold.
-fn save(frame: &Frame, directory: &Path) -> Result<bool, CommandError> {
+fn save(frame: &Frame, directory: &Path, rule: Rule) -> Result<bool, CommandError> {
     let header = &frame.header;
     let (bytes, color) = match PixelFormat::from_number(header.pixel_format) {
         Some(PixelFormat::Bayer8) => (1, ExtendedColorType::L8),
@@ -70,14 +72,17 @@ fn save(frame: &Frame, directory: &Path) -> Result<bool, CommandError> {
     let rows = frame.pixels.chunks(header.stride as usize).take(header.height as usize);
     let pixels: Vec<u8> = rows.flat_map(|bytes| &bytes[..row]).copied().collect();
     let path = directory.join(format!("frame-{:08}.png", header.seq));
-    save_buffer(&path, &pixels, header.width, header.height, color)
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
+        .write_image(&pixels, header.width, header.height, color)
         .map_err(|error| format!("{}: {error}", path.display()))?;
+    rule.write(&path, &png)?;
     Ok(true)
 }
 
 /// One row for each robot and ball of each message.
 struct Table {
-    file: BufWriter<File>,
+    file: BufWriter<Output>,
     rows: u64,
 }
 
@@ -97,15 +102,15 @@ struct Row {
 }
 
 impl Table {
-    fn create(path: &Path) -> Result<Self, CommandError> {
-        let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
-        let mut file = BufWriter::new(file);
+    fn create(path: &Path, rule: Rule) -> Result<Self, CommandError> {
+        let mut file = BufWriter::new(rule.create(path)?);
         writeln!(file, "{COLUMNS}")?;
         Ok(Self { file, rows: 0 })
     }
 
-    fn finish(mut self) -> std::io::Result<u64> {
-        self.file.flush()?;
+    fn finish(self) -> Result<u64, CommandError> {
+        let file = self.file.into_inner().map_err(|error| error.into_error())?;
+        file.finish()?;
         Ok(self.rows)
     }
 

@@ -24,6 +24,9 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
     let _ = common::memory_rank::set(MemoryRank::Recorder);
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
+        // The first one ends the recording in order, for which a slow disk may take long; the second one at
+        // once. What is left then is completed by `recover`.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     for said in recorder::recover_family(&args.file) {

@@ -3,8 +3,8 @@
 use super::{size_text, tell_damages};
 use crate::cli::RecoverArgs;
 use crate::commands::CommandError;
+use crate::commands::output::Rule;
 use recording::recover::{Recovery, recover as recover_in_place, recover_to};
-use std::fs::OpenOptions;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -21,8 +21,16 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     let mut code = ExitCode::SUCCESS;
     for path in &args.files {
         let shown = path.display();
-        let outcome = with_progress(path, |tell| match &args.output {
-            Some(output) => copy(path, output, tell),
+        let outcome: Result<_, CommandError> = with_progress(path, |tell| match &args.output {
+            Some(output) => {
+                let rule = Rule { inputs: &[path], force: args.force };
+                let output = rule.create(output)?;
+                let outcome = recover_to(path, output.file(), tell)?;
+                if matches!(outcome, Recovery::Recovered { .. }) {
+                    output.finish()?;
+                }
+                Ok(outcome)
+            }
             None => Ok(recover_in_place(path, tell)?),
         });
         match outcome {
@@ -44,21 +52,6 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
         }
     }
     Ok(code)
-}
-
-/// Writes what is good to another file, which is removed if that fails.
-fn copy(
-    path: &Path,
-    output: &Path,
-    tell: &mut dyn FnMut(u64, u64),
-) -> Result<Recovery, CommandError> {
-    let file = OpenOptions::new().read(true).write(true).create_new(true).open(output);
-    let file = file.map_err(|error| format!("cannot write {}: {error}", output.display()))?;
-    let outcome = recover_to(path, &file, tell);
-    if !matches!(outcome, Ok(Recovery::Recovered { .. })) {
-        let _ = std::fs::remove_file(output);
-    }
-    Ok(outcome?)
 }
 
 /// Shows how far the work has come, if it takes long and somebody looks on.
