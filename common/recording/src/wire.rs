@@ -76,6 +76,10 @@ impl<'a> Cursor<'a> {
         self.bytes(length as usize)
     }
 
+    pub fn text(&mut self) -> Option<&'a str> {
+        std::str::from_utf8(self.prefixed()?).ok()
+    }
+
     /// A record with its head in front: operation code and body.
     pub fn record(&mut self) -> Option<(u8, &'a [u8])> {
         let mut ahead = Cursor(self.0);
@@ -196,16 +200,25 @@ pub(crate) fn message(body: &[u8]) -> Option<(MessageHeader, &[u8])> {
     Some((MessageHeader { channel_id, log_ns: cursor.u64()? }, data))
 }
 
-/// Number and topic of a channel.
+/// Number and topic of a channel; `None` when the record does not make sense as a whole.
 pub(crate) fn channel(body: &[u8]) -> Option<(u16, &str)> {
     let mut cursor = Cursor(body);
     let (id, _schema) = (cursor.u16()?, cursor.u16()?);
-    Some((id, std::str::from_utf8(cursor.prefixed()?).ok()?))
+    let (topic, _encoding) = (cursor.text()?, cursor.text()?);
+    let mut metadata = Cursor(cursor.prefixed()?);
+    while !metadata.0.is_empty() {
+        let (_key, _value) = (metadata.text()?, metadata.text()?);
+    }
+    cursor.0.is_empty().then_some((id, topic))
 }
 
-/// Number of a schema.
+/// Number of a schema; `None` when the record does not make sense as a whole.
 pub(crate) fn schema(body: &[u8]) -> Option<u16> {
-    Cursor(body).u16()
+    let mut cursor = Cursor(body);
+    let id = cursor.u16()?;
+    let (_name, _encoding) = (cursor.text()?, cursor.text()?);
+    cursor.prefixed()?;
+    (id != 0 && cursor.0.is_empty()).then_some(id)
 }
 
 /// Channel and entries (log time, place in the chunk) of a message index; `None` when its lengths do not
