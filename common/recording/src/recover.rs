@@ -25,9 +25,13 @@ use common::input;
 use rustix::fs::{FlockOperation, flock};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
+
+/// Length of a new header where there is room, and the least of any.
+const HEADER_BYTES: u64 = 64;
+const LEAST_HEADER_BYTES: u64 = HEAD_BYTES + 8;
 
 /// What a recovery has found and done.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,6 +114,8 @@ struct Plan {
     expected: BTreeMap<u16, Vec<(u64, u64)>>,
     /// Whether the piece before was a chunk or belongs to one.
     is_in_chunk: bool,
+    /// There is no room for the record that a file begins with.
+    lacks_header: bool,
     /// The last piece that was good, and is not fenced off.
     before: Option<Piece>,
 }
@@ -360,7 +366,13 @@ impl Plan {
             _ if piece.at == MAGIC.len() as u64 => {
                 // Every file begins with a header; what is left of the damage is fenced off behind it.
                 self.damages.add(fault, piece.at, piece.length);
-                let length = if piece.length > MOST_HEADER_BYTES { 64 } else { piece.length };
+                if piece.length < LEAST_HEADER_BYTES {
+                    self.lacks_header = true;
+                    self.fences.push((piece.at, piece.length));
+                    return;
+                }
+                let is_long = piece.length > MOST_HEADER_BYTES;
+                let length = if is_long { HEADER_BYTES } else { piece.length };
                 self.patches.push((piece.at, header_record(length)));
                 if piece.length > length {
                     let (at, length) = (piece.at + length, piece.length - length);
@@ -377,7 +389,7 @@ impl Plan {
 
     /// Mends the file itself.
     fn carry_out(&self, file: &File) -> io::Result<()> {
-        if self.fences.iter().any(|&(_, length)| length < HEAD_BYTES) {
+        if self.lacks_header || self.fences.iter().any(|&(_, length)| length < HEAD_BYTES) {
             let problem = "a damaged part is too short to be mended in place; use --output";
             return Err(io::Error::other(problem));
         }
@@ -407,22 +419,29 @@ impl Plan {
     /// Writes what is good to another file.
     fn copy(&mut self, mut from: &File, mut to: &File) -> io::Result<()> {
         let mut place = 0;
+        let header = if self.lacks_header { header_record(HEADER_BYTES) } else { Vec::new() };
+        if self.lacks_header {
+            to.write_all(MAGIC)?;
+            to.write_all(&header)?;
+            place = MAGIC.len() as u64;
+        }
+        let moved = |place: u64| moved(&self.fences, place) + header.len() as u64;
         for &(at, length) in self.fences.iter().chain([&(self.data_end, 0)]) {
             from.seek(SeekFrom::Start(place))?;
             io::copy(&mut from.take(at.saturating_sub(place)), &mut to)?;
             place = at + length;
         }
         for (at, bytes) in &self.patches {
-            to.write_all_at(bytes, moved(&self.fences, *at))?;
+            to.write_all_at(bytes, moved(*at))?;
         }
         for chunk in &mut self.summary.chunks {
-            chunk.at = moved(&self.fences, chunk.at);
-            chunk.indexes_end = moved(&self.fences, chunk.indexes_end);
+            chunk.at = moved(chunk.at);
+            chunk.indexes_end = moved(chunk.indexes_end);
             for place in chunk.indexes.values_mut() {
-                *place = moved(&self.fences, *place);
+                *place = moved(*place);
             }
         }
-        let data_end = moved(&self.fences, self.data_end);
+        let data_end = moved(self.data_end);
         to.write_all_at(&self.summary.encode(data_end), data_end)?;
         to.sync_all()
     }
