@@ -26,7 +26,7 @@ pub const POINTS: Limit = Limit { what: "files of points", most_bytes: 256 << 10
 /// Labels of pictures (JSON).
 pub const LABELS: Limit = Limit { what: "files of labels", most_bytes: 16 << 20 };
 /// Pictures (PNG, JPEG).
-pub const PICTURE: Limit = Limit { what: "pictures", most_bytes: 256 << 20 };
+pub const PICTURE: Limit = Limit { what: "pictures", most_bytes: 128 << 20 };
 
 /// Opens a file to read it; refuses what is no regular file, without waiting.
 pub fn open(path: &Path) -> io::Result<File> {

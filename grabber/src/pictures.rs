@@ -1,41 +1,14 @@
-//! Pictures from files as a source of frames: one PNG or JPEG, or a folder of them in the order of
-//! their names, shown round and round.
+//! Pictures in files: PNG and JPEG, read within limits (`docs/limits.md`).
 
-use crate::camera::{CameraError, Exposure, Painter, Timeline};
-use crate::jpeg;
+use crate::camera::CameraError;
 use crate::mosaic::mosaic;
+use crate::{jpeg, png};
 use common::config::CameraConfig;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
-use std::io::Cursor;
+use common::input;
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
-
-/// Plays pictures along a timeline.
-pub struct PictureCamera {
-    frames: Vec<Vec<u8>>,
-    timeline: Timeline,
-}
-
-impl PictureCamera {
-    /// A camera that shows these frames, of which there must be at least one.
-    pub fn new(frames: Vec<Vec<u8>>, timeline: Timeline) -> Self {
-        assert!(!frames.is_empty(), "a picture camera needs pictures");
-        Self { frames, timeline }
-    }
-}
-
-/// Loads the pictures a path stands for as Bayer frames.
-pub fn load_frames(path: &Path, camera: &CameraConfig) -> Result<Vec<Vec<u8>>, CameraError> {
-    list_pictures(path)?.iter().map(|path| load_bayer(path, camera)).collect()
-}
-
-impl Painter for PictureCamera {
-    fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
-        let skipped = self.timeline.skip_late();
-        let index = (self.timeline.next_seq() % self.frames.len() as u64) as usize;
-        pixels.copy_from_slice(&self.frames[index]);
-        Ok(self.timeline.wait(skipped))
-    }
-}
 
 /// The picture files a path stands for: itself, or those in the folder, by name.
 pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
@@ -60,24 +33,128 @@ pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
     Ok(pictures)
 }
 
+/// The longest side of a picture.
+const MOST_SIDE: u32 = 16_384;
+/// Pixels of a picture whose size nothing else says.
+const MOST_PIXELS: u64 = 160_000_000;
+/// The size of a picture is looked for in so many bytes.
+const HEAD_BYTES: u64 = 256 << 10;
+/// Memory for decoding a picture, besides its pixels.
+const DECODER_BYTES: u64 = 64 << 20;
+
+/// A picture's file.
+struct PictureFile {
+    bytes: Vec<u8>,
+    format: ImageFormat,
+}
+
+impl PictureFile {
+    fn read(path: &Path) -> Result<Self, CameraError> {
+        let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
+        let bytes = input::read(path, input::PICTURE).map_err(|e| problem(e.to_string()))?;
+        Self::new(path, bytes)
+    }
+
+    /// Its beginning, in which its size is.
+    fn read_head(path: &Path) -> Result<Self, CameraError> {
+        let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
+        let mut bytes = Vec::new();
+        let file = input::open(path).map_err(|error| problem(error.to_string()))?;
+        let read = file.take(HEAD_BYTES).read_to_end(&mut bytes);
+        read.map_err(|error| problem(error.to_string()))?;
+        Self::new(path, bytes)
+    }
+
+    fn new(path: &Path, bytes: Vec<u8>) -> Result<Self, CameraError> {
+        let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
+        // A folder can hold files of the wrong extension; the content decides.
+        let format = image::guess_format(&bytes).map_err(|error| problem(unreadable(&error)))?;
+        let bytes = if format == ImageFormat::Png { png::without_remarks(&bytes) } else { bytes };
+        Ok(Self { bytes, format })
+    }
+
+    /// A decoder that knows the size, and takes memory for no more than `most_pixels`.
+    fn decoder(&self, most_pixels: u64) -> image::ImageResult<impl ImageDecoder + '_> {
+        let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), self.format);
+        let mut limits = Limits::default();
+        (limits.max_image_width, limits.max_image_height) = (Some(MOST_SIDE), Some(MOST_SIDE));
+        // Four channels of two bytes.
+        limits.max_alloc = Some(8 * most_pixels + DECODER_BYTES);
+        reader.limits(limits);
+        reader.into_decoder()
+    }
+}
+
+fn unreadable(error: &image::ImageError) -> String {
+    format!("not a readable PNG or JPEG ({error})")
+}
+
 /// Reads a PNG or JPEG, upright: turned as its EXIF orientation says, like every viewer shows it. A JPEG of
 /// which a part is missing is an error.
 pub fn read_picture(path: &Path) -> Result<DynamicImage, CameraError> {
+    read_checked(path, |width, height| {
+        let pixels = u64::from(width) * u64::from(height);
+        let most = MOST_PIXELS / 1_000_000;
+        (pixels > MOST_PIXELS)
+            .then(|| format!("it has {width}×{height} pixels; at most {most} million are read"))
+    })
+}
+
+/// Reads a picture, unless something is to be said against its size, before it is decoded.
+fn read_checked(
+    path: &Path,
+    complaint: impl Fn(u32, u32) -> Option<String>,
+) -> Result<DynamicImage, CameraError> {
     let problem =
         |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
-    let unreadable = |error| problem(format!("not a readable PNG or JPEG ({error})"));
-    let bytes = std::fs::read(path).map_err(|error| problem(error.to_string()))?;
-    // A folder can hold files of the wrong extension; the content decides.
-    let format = image::guess_format(&bytes).map_err(unreadable)?;
-    if format == ImageFormat::Jpeg {
-        jpeg::check_whole(&bytes).map_err(|fault| problem(fault.to_string()))?;
+    let unreadable = |error: image::ImageError| problem(unreadable(&error));
+    let file = PictureFile::read(path)?;
+    if file.format == ImageFormat::Jpeg {
+        jpeg::check_whole(&file.bytes).map_err(|fault| problem(fault.to_string()))?;
     }
-    let reader = ImageReader::with_format(Cursor::new(&bytes), format);
-    let mut decoder = reader.into_decoder().map_err(unreadable)?;
+    let most_pixels = u64::from(MOST_SIDE) * u64::from(MOST_SIDE);
+    let mut decoder = file.decoder(most_pixels).map_err(unreadable)?;
     let orientation = decoder.orientation().map_err(unreadable)?;
+    let (width, height) = upright(decoder.dimensions(), orientation);
+    if let Some(complaint) = complaint(width, height) {
+        return Err(problem(complaint));
+    }
     let mut picture = DynamicImage::from_decoder(decoder).map_err(unreadable)?;
     picture.apply_orientation(orientation);
     Ok(picture)
+}
+
+fn upright((width, height): (u32, u32), orientation: Orientation) -> (u32, u32) {
+    match orientation {
+        Orientation::Rotate90
+        | Orientation::Rotate270
+        | Orientation::Rotate90FlipH
+        | Orientation::Rotate270FlipH => (height, width),
+        _ => (width, height),
+    }
+}
+
+/// What is to be said against a picture of another size than the camera's.
+fn size_complaint(width: u32, height: u32, camera: &CameraConfig) -> Option<String> {
+    ((width, height) != (camera.width, camera.height)).then(|| {
+        format!(
+            "the picture is {width}×{height}, the configuration says {}×{}; set camera.width and \
+             camera.height (the geometry's points belong to that size)",
+            camera.width, camera.height
+        )
+    })
+}
+
+/// Checks that a file is a picture of the camera's size, without decoding it.
+pub fn check_picture(path: &Path, camera: &CameraConfig) -> Result<(), CameraError> {
+    let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
+    let head = PictureFile::read_head(path)?;
+    // Remarks may come first, and be long.
+    let file = if head.decoder(0).is_ok() { head } else { PictureFile::read(path)? };
+    let mut decoder = file.decoder(0).map_err(|error| problem(unreadable(&error)))?;
+    let orientation = decoder.orientation().map_err(|error| problem(unreadable(&error)))?;
+    let (width, height) = upright(decoder.dimensions(), orientation);
+    size_complaint(width, height, camera).map_or(Ok(()), |complaint| Err(problem(complaint)))
 }
 
 /// Loads one picture as a Bayer frame of the configured size, rows without padding. A colour
@@ -97,16 +174,8 @@ pub struct Picture {
 
 /// The same, and how it was taken.
 pub fn load_picture(path: &Path, camera: &CameraConfig) -> Result<Picture, CameraError> {
-    let picture = read_picture(path)?;
+    let picture = read_checked(path, |width, height| size_complaint(width, height, camera))?;
     let (width, height) = (picture.width(), picture.height());
-    if (width, height) != (camera.width, camera.height) {
-        let problem = format!(
-            "the picture is {width}×{height}, the configuration says {}×{}; set camera.width and \
-             camera.height (the geometry's points belong to that size)",
-            camera.width, camera.height
-        );
-        return Err(CameraError::Picture { path: path.display().to_string(), problem });
-    }
     match picture {
         DynamicImage::ImageLuma8(raw) => Ok(Picture { bayer: raw.into_raw(), is_raw: true }),
         other => {

@@ -3,7 +3,7 @@
 use crate::camera::{Camera, CameraError, Exposure, LastFrame, Link, Painted, Painter, Timeline};
 use crate::genicam::GenicamDevice;
 use crate::injector::Injector;
-use crate::pictures::{PictureCamera, load_frames};
+use crate::picture_camera::Pictures;
 use crate::playback::{Playback, Playlist, recorded_config};
 use crate::synthetic::SyntheticMatch;
 use crate::v4l2::V4l2Device;
@@ -145,10 +145,10 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             Ok(Box::new(move |last| Ok(Box::new(Link::new(device, camera.fps, last)))))
         }
         Source::Pictures(path) => {
-            let frames = load_frames(path, &camera)?;
+            let pictures = Pictures::open(path, &camera)?;
             Ok(Box::new(move |last| {
                 let timeline = Timeline::new(camera.fps, last);
-                Ok(Box::new(Painted::new(PictureCamera::new(frames, timeline), &camera)))
+                Ok(Box::new(Painted::new(pictures.start(timeline), &camera)))
             }))
         }
         Source::Recording(playlist) => {

@@ -3,6 +3,7 @@
 #[macro_use]
 mod output;
 
+mod ask_program;
 mod bench;
 mod calibrate;
 mod cameras;

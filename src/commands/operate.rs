@@ -1,7 +1,7 @@
 //! `touchline restart` and `touchline upgrade`: planned changes in the middle of a match.
 
-use super::CommandError;
 use super::group::{STATUS_PATIENCE, running};
+use super::{CommandError, ask_program};
 use crate::cli::{RestartArgs, UpgradeArgs};
 use crate::monitor::{Report, read_status};
 use crate::supervisor::{self, Request, is_same_program, program_of};
@@ -10,7 +10,7 @@ use common::interface::Interface;
 use common::messages::ProcessKind;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::{Command, ExitCode, Output};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// A supervisor answers within its next round, a few milliseconds.
@@ -129,7 +129,8 @@ fn check(program: &Path, instance: &Instance, supervisor: u32) -> Result<(), Com
         .into());
     }
     let snapshot = instance.config_path();
-    let output = run(program, &["config".as_ref(), "check".as_ref(), snapshot.as_os_str()])?;
+    let output =
+        ask_program::ask(program, &["config".as_ref(), "check".as_ref(), snapshot.as_os_str()])?;
     if !output.status.success() {
         return Err(format!(
             "{} does not accept the running group's configuration, so nothing was changed:\n{}",
@@ -142,7 +143,7 @@ fn check(program: &Path, instance: &Instance, supervisor: u32) -> Result<(), Com
 }
 
 fn interface_of(program: &Path) -> Result<Interface, CommandError> {
-    let output = run(program, &["interface".as_ref()])?;
+    let output = ask_program::ask(program, &["interface".as_ref()])?;
     serde_json::from_slice(&output.stdout).map_err(|_| {
         format!(
             "{} does not say which messages it understands, so nothing was changed: {}",
@@ -151,13 +152,6 @@ fn interface_of(program: &Path) -> Result<Interface, CommandError> {
         )
         .into()
     })
-}
-
-fn run(program: &Path, args: &[&std::ffi::OsStr]) -> Result<Output, CommandError> {
-    Command::new(program)
-        .args(args)
-        .output()
-        .map_err(|error| format!("{}: {error}", program.display()).into())
 }
 
 fn ask(instance: &Instance, request: &Request) -> Result<(), CommandError> {

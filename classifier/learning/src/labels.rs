@@ -3,6 +3,7 @@
 //! One JSON file for any number of pictures; `docs/labels.md` describes it for people. Keys that are
 //! not known are left alone, so a file may carry notes for other programs.
 
+use common::input;
 use common::messages::Team;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -164,7 +165,7 @@ fn present<'de, D: serde::Deserializer<'de>>(
 impl Labels {
     /// Reads a file; its pictures' names are completed by its folder.
     pub fn load(path: &Path) -> Result<Self, LabelsError> {
-        let text = std::fs::read_to_string(path)
+        let text = input::read_text(path, input::LABELS)
             .map_err(|source| LabelsError::Read { path: path.into(), source })?;
         let mut labels = Self::parse(&text, path)?;
         if let Some(folder) = path.parent() {

@@ -40,6 +40,9 @@ pub enum Suspicion {
 
 /// Points that are tried as culprits: those furthest off.
 const MOST_TRIED: usize = 16;
+/// Work for taking points away, in fits times points: all that can be tried with 22 points, some seconds with
+/// any number. Of many points those furthest off are to blame, if any few are.
+const MOST_WORK: usize = 2000;
 /// A look without distortion and with a guessed lens finds points this many times too far off at
 /// most, if they belong together.
 const ROUGHLY: f64 = 15.0;
@@ -257,10 +260,13 @@ impl Judge {
         let mut left: Vec<usize> = (0..task.marks.len()).collect();
         let rms_px = fitted.rms_px(left.len());
         let mut model = fitted.model.clone();
+        let mut work_left = MOST_WORK;
+        let tried = (MOST_TRIED * 22 / task.marks.len().max(1)).clamp(1, MOST_TRIED);
         while left.len() > (3 * task.marks.len()).div_ceil(4).max(4) {
             let marks: Vec<Mark> = left.iter().map(|&point| task.marks[point]).collect();
             let mut without = Vec::new();
-            for place in furthest_off(&model, &marks) {
+            work_left = work_left.checked_sub(tried * marks.len())?;
+            for place in furthest_off(&model, &marks).into_iter().take(tried) {
                 let mut others = marks.clone();
                 others.remove(place);
                 let fitted = Task { marks: &others, ..*task }.best_fit();

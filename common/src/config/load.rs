@@ -7,6 +7,7 @@ use super::complaint::{Complaint, Complaints, Place};
 use super::problem::{Problem, element_path, key_path};
 use super::schema::Schema;
 use super::{ColorConfig, Config, GeometryConfig, Preset};
+use crate::input;
 use serde::Deserialize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -47,7 +48,8 @@ pub fn check_file(path: &Path) -> Result<(Config, Complaints), ConfigError> {
 }
 
 fn read(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })
+    input::read_text(path, input::CONFIG)
+        .map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
 /// As [`Config::parse`], and tells what is possible but hardly meant.
@@ -68,6 +70,14 @@ struct Document<'a> {
 
 impl<'a> Document<'a> {
     fn parse(text: &'a str, origin: &'a str) -> Result<Self, Complaints> {
+        // Not every text comes from a file of its own: recordings have one in them.
+        input::check(text.len() as u64, input::CONFIG).map_err(|error| Complaints {
+            list: vec![Complaint {
+                origin: origin.to_string(),
+                problem: Problem::new("", error.to_string()),
+                place: None,
+            }],
+        })?;
         let syntax = |error: toml::de::Error| Complaints {
             list: vec![Complaint {
                 origin: origin.to_string(),

@@ -2,6 +2,7 @@
 
 use common::calibration::{LandmarkError, Mark, resolve_landmark};
 use common::config::{FieldConfig, Pair};
+use common::input;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -78,7 +79,7 @@ pub enum PointsError {
 impl PointsFile {
     /// Reads a file.
     pub fn load(path: &Path) -> Result<Self, PointsError> {
-        let text = std::fs::read_to_string(path)
+        let text = input::read_text(path, input::POINTS)
             .map_err(|source| PointsError::Read { path: path.into(), source })?;
         toml::from_str(&text).map_err(|problem| PointsError::Format { path: path.into(), problem })
     }

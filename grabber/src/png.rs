@@ -1,0 +1,55 @@
+//! PNG files, reduced to what makes the picture.
+
+/// What a file begins with.
+const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// Kinds of chunks that are kept: the picture, its palette and transparency, and how it was held.
+const KEPT: [&[u8; 4]; 6] = [b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"eXIf"];
+/// Length and kind in front of a chunk, and the check sum behind it.
+const AROUND: usize = 12;
+
+/// A PNG without its texts, profiles and other remarks. A few kilobytes of those can become gigabytes when
+/// they are unpacked, and here they mean nothing. What is no chunk is left as it is, for the decoder to
+/// complain about.
+pub fn without_remarks(png: &[u8]) -> Vec<u8> {
+    let Some(mut rest) = png.strip_prefix(SIGNATURE) else { return png.to_vec() };
+    let mut kept = Vec::with_capacity(png.len());
+    kept.extend_from_slice(SIGNATURE);
+    while let Some((head, _)) = rest.split_at_checked(8) {
+        let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
+        let Some((chunk, after)) = rest.split_at_checked(length.saturating_add(AROUND)) else {
+            break;
+        };
+        if KEPT.iter().any(|kind| head[4..8] == **kind) {
+            kept.extend_from_slice(chunk);
+        }
+        rest = after;
+    }
+    kept.extend_from_slice(rest);
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(kind: &[u8; 4], content: &[u8]) -> Vec<u8> {
+        let mut chunk = (content.len() as u32).to_be_bytes().to_vec();
+        chunk.extend(kind);
+        chunk.extend(content);
+        chunk.extend([0; 4]);
+        chunk
+    }
+
+    #[test]
+    fn remarks_are_left_out_and_everything_else_stays() {
+        let [ihdr, text, idat, iend] = [(b"IHDR", 13), (b"zTXt", 500), (b"IDAT", 40), (b"IEND", 0)]
+            .map(|(kind, length)| chunk(kind, &vec![7; length]));
+        let whole = [SIGNATURE, &ihdr, &text, &idat, &iend].concat();
+        assert_eq!(without_remarks(&whole), [SIGNATURE, &ihdr, &idat, &iend].concat());
+        for cut in 0..whole.len() {
+            let kept = without_remarks(&whole[..cut]);
+            assert!(kept.len() <= cut && whole.starts_with(&kept[..kept.len().min(33)]));
+        }
+        assert_eq!(without_remarks(b"GIF89a"), b"GIF89a");
+    }
+}
