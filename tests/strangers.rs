@@ -83,7 +83,7 @@ fn copies_with_wrong_numbers_cost_no_frame_and_their_sender_is_named() {
     let (seen, missed) = witness.finish();
     assert!(seen.len() > 100 && missed == 0, "{missed} of {} missed", seen.len());
     assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
-    assert_eq!(pids(&after), pids(&before), "somebody was replaced: {after:#}");
+    assert_eq!(pids(&after), pids(&before), "a process was replaced: {after:#}");
     for nothing in ["missing_in_world", "duplicates_in_world", "never_captured"] {
         assert_eq!(after["frames"][nothing], 0, "{nothing}: {after:#}");
     }
@@ -234,7 +234,7 @@ fn results_of_frames_that_do_not_exist_are_no_progress_even_from_the_group_itsel
     let after = group.wait_for("further frames", |status| {
         status["frames"]["world"].as_u64() > Some(captured + 160)
     });
-    assert_eq!(pids(&after), pids(&before), "somebody was replaced: {after:#}");
+    assert_eq!(pids(&after), pids(&before), "a process was replaced: {after:#}");
     assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
     assert_eq!(after["stages"]["filter"]["dropped"]["bad_header"], 1, "{after:#}");
 }

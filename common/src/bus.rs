@@ -1,8 +1,8 @@
 //! Publishing and subscribing: iceoryx2 with this project's rules built in.
 //!
 //! * Writers never wait: safe overflow is on, back-pressure discards.
-//! * A reader believes the group's own processes: on topics that are not open to everybody, messages of
-//!   other programs are counted and dropped ([`Stranger`]).
+//! * A reader believes the group's own processes: on topics that are not open to every program, messages of
+//!   others are counted and dropped ([`Stranger`]).
 //! * A reader that wants to sleep until there is something asks for wake-ups; one that polls, or
 //!   only stands by, costs the writer nothing.
 

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_entered_is_known_to_everybody_and_nobody_else_is() {
+    fn every_process_sees_a_node_that_was_entered_and_no_other() {
         let place = Place::new("roster-known");
         let (one, other) = (Roster::open(&place.0).unwrap(), Roster::open(&place.0).unwrap());
         let key = NodeKey(u64::from(std::process::id()) << 32 | 7);

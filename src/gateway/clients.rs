@@ -88,7 +88,7 @@ pub struct Interest {
 }
 
 impl Clients {
-    /// Nobody yet, in a group with a camera of this rate.
+    /// No clients yet, in a group with a camera of this rate.
     pub fn new(fps: f64, now_ns: u64) -> Result<Self, Errno> {
         let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
         let rations = Rations::new(fps, now_ns);
@@ -96,7 +96,7 @@ impl Clients {
         Ok(Self { inner: Mutex::new(inner), wake })
     }
 
-    /// Lets somebody in and greets them, if there is a [place](seat_for); returns the user, if one had to give
+    /// Lets a client in and greets it, if there is a [place](seat_for); returns the user, if one had to give
     /// up one of its places.
     pub fn admit(
         &self,
@@ -191,9 +191,8 @@ impl Clients {
         }
     }
 
-    /// Takes the next thing that somebody says, of those that have something to say: whose turn it is, the
-    /// [rations](super::ration) say. Those that have nothing more to say are taken out of `speakers`. `None` when
-    /// nobody is left that may say something now.
+    /// Takes the next message of the clients in `speakers`, in the order of the [rations](super::ration). A client
+    /// whose socket is empty is taken out of `speakers`. `None` when no client may say anything now.
     pub fn hear(&self, speakers: &mut BTreeSet<u64>, now_ns: u64) -> Option<Heard> {
         let mut inner = self.lock();
         let Inner { clients, counters, rations } = &mut *inner;

@@ -6,8 +6,8 @@
 //! It is a process of its own because the other ends are not trusted: what they can bring down is
 //! this, and the supervisor starts it again.
 //!
-//! [`users`] asks the system for users and groups, [`place`] makes the directory and the socket, [`seats`] says who
-//! gets a place, [`intake`] judges what clients say, [`ration`] how often they may, [`permissions`] which team they
+//! [`users`] asks the system for users and groups, [`place`] makes the directory and the socket, [`seats`] shares
+//! out the places, [`intake`] judges what clients say, [`ration`] how often they may, [`permissions`] which team they
 //! may command, [`clients`] holds what they have not read, and this file is the process: a thread that sleeps on
 //! `world`, and one that sleeps on the sockets.
 

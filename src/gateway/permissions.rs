@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_user_commands_the_teams_that_name_it_and_those_that_name_nobody() {
+    fn a_user_commands_the_teams_that_name_it_and_those_without_names() {
         let by_all = permissions(&[], &[]).unwrap();
         assert!(by_all.may_command(7, Team::Yellow) && by_all.may_command(8, Team::Blue));
         let divided = permissions(&["1001", "root"], &["1002"]).unwrap();
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!(message, commands(&robots));
         assert_eq!(divided.restrict(1002, &mut message), 2);
         assert_eq!(message, commands(&[(Team::Blue, 4), (Team::Blue, 5)]));
-        let nobodys = permissions(&["1"], &["1"]).unwrap();
-        assert_eq!((nobodys.restrict(1002, &mut message), message.wheels().len()), (2, 0));
+        let closed = permissions(&["1"], &["1"]).unwrap();
+        assert_eq!((closed.restrict(1002, &mut message), message.wheels().len()), (2, 0));
     }
 }

@@ -67,7 +67,7 @@ struct User {
     last_client: u64,
 }
 
-/// What everybody may say.
+/// The token buckets of all users and connections, and whose turn it is.
 #[derive(Debug)]
 pub struct Rations {
     all: Allowance,
@@ -78,7 +78,7 @@ pub struct Rations {
 }
 
 impl Rations {
-    /// Rations for a group with a camera of this rate. Nobody is there yet.
+    /// Rations for a group with a camera of this rate. There are no users yet.
     pub fn new(fps: f64, now_ns: u64) -> Self {
         let per_frame = MAX_USED_COMMANDS as f64 * PART_OF_FILTER;
         let per_s = (per_frame * fps).clamp(1.0, ALL_PER_S);
@@ -166,7 +166,7 @@ mod tests {
     const S: u64 = 1_000_000_000;
     const MS: u64 = 1_000_000;
 
-    /// Connections with what they have said and nobody has taken yet, in steps of a millisecond.
+    /// Connections and their unread messages, in steps of a millisecond.
     struct Play {
         rations: Rations,
         clients: Vec<Speaker>,

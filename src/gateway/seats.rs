@@ -1,4 +1,4 @@
-//! Who gets a place when there are not enough for everybody: pure, with users given by their numbers.
+//! Places for connections when there are fewer than connections: pure, with users given by their numbers.
 
 use std::collections::BTreeMap;
 
@@ -79,6 +79,6 @@ mod tests {
         assert_eq!(seats, [1, 2, 2, 3]);
         assert_eq!(seat_for(4, seats.iter().copied(), 4), Seat::InsteadOf(2));
         let refused = |uid| matches!(seat_for(uid, [1, 2, 3, 4], 4), Seat::Refused(_));
-        assert!(refused(1) && refused(5), "everybody has one");
+        assert!(refused(1) && refused(5), "every user has one");
     }
 }

@@ -1,4 +1,4 @@
-//! Who commands which robot: of several senders, the one whose command was sent last.
+//! Senders of commands, and the robots that obey them: of several senders, the one whose command was sent last.
 
 use super::report::Commander;
 use common::bus::{Bus, BusError, Subscriber, participants};
@@ -36,7 +36,7 @@ pub struct CommanderWatch {
     instance: Instance,
     commands: Subscriber<Commands, ()>,
     timeout_ns: u64,
-    /// The configured robots, by team and number: commands for others command nobody.
+    /// The configured robots, by team and number: commands for other numbers have no effect.
     robots: BTreeSet<(u32, u32)>,
     senders: HashMap<Sender, Known>,
 }

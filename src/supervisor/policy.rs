@@ -8,7 +8,7 @@
 //! * A process that ends, does not get ready, or has input and gives no output within the stall
 //!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
 //!   first, and its successor speaks only when it is confirmed dead.
-//! * A stage makes progress by its output. Dropping an input that nobody could work on deals with that input;
+//! * A stage makes progress by its output. Dropping an input that no process could work on deals with that input;
 //!   a stage that drops everything is replaced once and then said to be degraded ([`dropping`]).
 //! * Two deaths in a row on the same input make the next process skip that input.
 //! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on. So are

@@ -116,7 +116,7 @@ impl<E: Message, H: Header> Loan<E, H> {
 }
 
 /// Reads messages in place, in order: those of the group's own processes, and on open topics those of
-/// everybody.
+/// every program.
 ///
 /// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
 /// been handed over, a reader that has fallen behind finds messages of the dead process and of its
@@ -130,7 +130,7 @@ pub struct Subscriber<E: Message, H: Header> {
     capacity: usize,
     queue: RefCell<VecDeque<Received<E, H>>>,
     misses_a_writer: Arc<AtomicBool>,
-    /// Senders that are believed; `None` on a topic that is open to everybody.
+    /// Senders that are believed; `None` on a topic that is open to every program.
     roster: Option<Rc<Roster>>,
     /// The node that was last found on the roster: nearly always that of the next message too.
     believed: Cell<u128>,
@@ -186,7 +186,7 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         Ok(queue.pop_front())
     }
 
-    /// Whether a message comes from a process of the group, or the topic is open to everybody; if not, it is
+    /// Whether a message comes from a process of the group, or the topic is open to every program; if not, it is
     /// counted.
     fn believes(&self, sample: &IpcSample<ipc::Service, [E], H>) -> bool {
         let Some(roster) = &self.roster else { return true };

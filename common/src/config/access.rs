@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TeamsAccess {
-    /// Users, by name or number, that may command yellow robots. Empty: everybody who may attach.
+    /// Users, by name or number, that may command yellow robots. Empty: all users that may attach.
     pub yellow: Vec<String>,
     /// Users that may command blue robots.
     pub blue: Vec<String>,
@@ -37,7 +37,7 @@ pub struct AccessConfig {
     pub clients: u32,
     /// Programs of the owner, by the names under which they join the group, whose messages are believed on every
     /// topic as if they were processes of the group: one that feeds frames into `frames`, say. On `commands`
-    /// everybody is believed. docs/attaching.md tells more.
+    /// every program is believed. docs/attaching.md tells more.
     pub publishers: Vec<String>,
     /// Which users may command which team.
     pub teams: TeamsAccess,

@@ -386,6 +386,7 @@ impl Session {
 
     /// Waits until everything is as it was, or until it is clear that it will not be.
     fn settle(&mut self) -> Result<(), CommandError> {
+        let had_rubbish = self.settings.signals.contains(&Disturbance::Rubbish);
         let began = Instant::now();
         let mut look_at = began + SETTLE;
         while self.supervisor_failure.is_none() && began.elapsed() < SETTLED {
@@ -395,7 +396,7 @@ impl Session {
             }
             look_at = Instant::now() + Duration::from_millis(100);
             self.usage_after = leaks::usage(&self.group.instance);
-            if self.is_complete() && self.usage_after.is_back_to(&self.usage_before) {
+            if self.is_complete() && self.usage_after.is_back_to(&self.usage_before, had_rubbish) {
                 break;
             }
         }

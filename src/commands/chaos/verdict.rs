@@ -158,7 +158,8 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
 
 fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, String)) {
     let (before, after) = (&report.usage_before, &report.usage_after);
-    let stale = before.stale();
+    let has_rubbish = report.settings.signals.contains(&Disturbance::Rubbish);
+    let (stale, stale_in_memory) = (before.stale(false), before.stale(has_rubbish));
     let mut counted = |name, before, after, allowed| {
         promise(name, after <= before + allowed, format!("{before} before, {after} after"));
     };
@@ -166,7 +167,7 @@ fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, Stri
         "shared memory does not pile up",
         before.shared_memory_entries,
         after.shared_memory_entries,
-        stale,
+        stale_in_memory,
     );
     counted("files do not pile up", before.runtime_entries, after.runtime_entries, stale);
     counted("processes do not pile up", before.processes, after.processes, 0);
