@@ -15,7 +15,14 @@ const STALE_PER_PROCESS: u64 = 2;
 /// starts, on eight topics with the other spares together, and up to four of them run at a time.
 const STALE_OF_STRANGERS: u64 = 4 * 8;
 /// The same, in file descriptors of one process.
-pub const STALE_DESCRIPTORS: u64 = 16;
+const STALE_DESCRIPTORS: u64 = 16;
+/// Of programs that published rubbish: two for each of four topics that a spare reads, of four programs.
+const STALE_DESCRIPTORS_OF_STRANGERS: u64 = 4 * 4 * 2;
+
+/// File descriptors that one process may still hold of dead ones.
+pub fn stale_descriptors(had_strangers: bool) -> u64 {
+    STALE_DESCRIPTORS + if had_strangers { STALE_DESCRIPTORS_OF_STRANGERS } else { 0 }
+}
 
 /// What a group uses at a moment.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -101,7 +108,7 @@ impl Usage {
             && self
                 .descriptors_grown(before)
                 .iter()
-                .all(|(_, before, now)| *now <= before + STALE_DESCRIPTORS)
+                .all(|(_, before, now)| *now <= before + stale_descriptors(had_strangers))
     }
 
     /// Whose descriptors have become more, and from how many to how many.

@@ -1,6 +1,6 @@
 //! Which promises were kept, and the report for people.
 
-use super::leaks::STALE_DESCRIPTORS;
+use super::leaks::stale_descriptors;
 use super::plan::Disturbance;
 use super::report::{ChaosReport, Settings, Times};
 use super::vandal;
@@ -182,7 +182,8 @@ fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, Stri
             words.join("; ")
         }
     };
-    let kept = grown.iter().all(|(_, before, after)| *after <= before + STALE_DESCRIPTORS);
+    let allowed = stale_descriptors(has_rubbish);
+    let kept = grown.iter().all(|(_, before, after)| *after <= before + allowed);
     promise("file descriptors do not pile up", kept, figure);
     let allowed =
         before.private_bytes + (before.private_bytes as f64 * GROWTH) as u64 + GROWTH_BYTES;
