@@ -163,7 +163,8 @@ impl Plan {
 
     /// Compares the chunks that are there with those of the summary that is there.
     fn check_summary(&mut self, scanner: &mut Scanner) -> io::Result<()> {
-        if !scanner.has_summary() {
+        // Where something else is wrong, the summary is written anew in any case.
+        if !scanner.has_summary() || self.damages.is_recoverable() {
             return Ok(());
         }
         let mut number = 0;
@@ -334,8 +335,8 @@ impl Plan {
         entries.sort_unstable();
         expected.sort_unstable();
         if entries != expected {
-            self.damages.add(Fault::Index, piece.at, piece.length);
-            self.fence(piece);
+            // Those behind it are left out of the summary, as they will be when the fence is seen.
+            self.fence_off(piece, Fault::Index);
         } else if let Some(chunk) = self.summary.chunks.last_mut() {
             chunk.indexes.insert(channel_id, piece.at);
             chunk.indexes_end = piece.at + piece.length;

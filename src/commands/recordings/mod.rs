@@ -18,8 +18,19 @@ pub use replay::replay;
 /// Damaged parts that are listed one by one.
 const LISTED_PARTS: usize = 10;
 
-/// Says what is wrong with a recording, if anything.
+/// Says what is wrong with a recording, if anything, and what to do about it.
 fn tell_damages(path: &Path, damages: &Damages) {
+    tell_parts(path, damages);
+    if damages.is_recoverable() {
+        common::tell!(
+            "touchline: `touchline recover {}` makes a proper recording of it",
+            path.display()
+        );
+    }
+}
+
+/// Says what is wrong with a recording, if anything.
+fn tell_parts(path: &Path, damages: &Damages) {
     if damages.is_empty() {
         return;
     }
@@ -38,9 +49,6 @@ fn tell_damages(path: &Path, damages: &Damages) {
             size_text(damages.bytes),
             damages.seconds()
         );
-    }
-    if damages.is_recoverable() {
-        common::tell!("touchline: `touchline recover {shown}` makes a proper recording of it");
     }
 }
 

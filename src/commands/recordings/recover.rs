@@ -1,6 +1,6 @@
 //! `touchline recover`.
 
-use super::{size_text, tell_damages};
+use super::{size_text, tell_parts};
 use crate::cli::RecoverArgs;
 use crate::commands::CommandError;
 use crate::commands::output::Rule;
@@ -36,7 +36,7 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
         match outcome {
             Ok(Recovery::NotNeeded) => _ = say_line!("{shown} is complete")?,
             Ok(Recovery::Recovered { messages, damages }) => {
-                tell_damages(path, &damages);
+                tell_parts(path, &damages);
                 let written = args.output.as_deref().unwrap_or(path).display();
                 say_line!("{written}: recovered {messages} messages")?;
             }
