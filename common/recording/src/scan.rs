@@ -302,7 +302,10 @@ impl Scanner {
         room: u64,
     ) -> io::Result<Option<Piece>> {
         let (is_named, outer) = (head.opcode == op::CHUNK, head.length.checked_sub(header.length));
-        let is_framed = is_named && outer.is_some_and(|outer| outer >= header.packed_bytes);
+        let claimed = HEAD_BYTES.saturating_add(head.length);
+        let is_framed = is_named
+            && head.length <= room
+            && outer.is_some_and(|outer| outer >= header.packed_bytes);
         let agrees = outer == Some(header.packed_bytes) && header.packed_bytes > 0;
         if !is_named && !agrees {
             return Ok(None);
@@ -317,22 +320,21 @@ impl Scanner {
                     continue;
                 }
                 // Bytes behind the compressed ones are allowed.
-                let claimed = HEAD_BYTES + head.length;
                 let mut length = data_at + packed - at;
                 let frame = self.bytes.at(data_at, (packed as usize).min(ZSTD_PEEK_BYTES))?;
                 let is_far = packing == Packing::Zstd
                     && zstd_window(frame).is_some_and(|(_, window)| window > MOST_WINDOW_BYTES);
                 let mut is_framed = is_framed && packed == header.packed_bytes && !is_far;
                 if claimed != length {
-                    is_framed &= self.is_plausible_at(at + claimed)?;
+                    is_framed = is_framed && self.is_plausible_at(at + claimed)?;
                     length = if is_framed { claimed } else { length };
                 }
                 let header = ChunkHeader { packed_bytes: packed, ..header };
                 return Ok(Some(Piece { at, length, kind: Kind::Chunk { header, is_framed } }));
             }
         }
-        let length = HEAD_BYTES + head.length;
         if is_named && agrees && head.length <= room {
+            let length = claimed;
             let fault = if header.packing.is_some() { Fault::Checksum } else { Fault::Compression };
             return Ok(Some(Piece { at, length, kind: Kind::Damaged(fault) }));
         }

@@ -253,6 +253,25 @@ fn a_copy_leaves_out_what_is_damaged() {
     assert_proper(&to, messages.len());
 }
 
+#[test]
+fn a_length_around_the_largest_number_goes_nowhere() {
+    let scratch = Scratch::new("wrap");
+    let bytes = sample(&scratch, true);
+    let whole = read(&scratch.file("whole.mcap", &bytes)).0;
+    let zstd = [0x28, 0xB5, 0x2F, 0xFD];
+    let chunk = (8000..bytes.len()).find(|&at| bytes[at..].starts_with(&zstd)).unwrap() - 53;
+    assert_eq!(bytes[chunk], 6);
+    // Some of these lead back to an earlier record, if they are added to the place without a check.
+    for below in (0..chunk as u64).chain([u64::MAX / 2, u64::MAX - 5]) {
+        let mut damaged = bytes.clone();
+        damaged[chunk + 1..chunk + 9].copy_from_slice(&(u64::MAX - below).to_le_bytes());
+        let path = scratch.file("damaged.mcap", &damaged);
+        let mut reader = Reader::open(&path).unwrap();
+        assert_eq!(reader.by_ref().take(2 * whole.len()).count(), whole.len(), "2⁶⁴ - 1 - {below}");
+        assert_eq!(reader.damages().parts[0].fault, Fault::Framing);
+    }
+}
+
 /// Values that lengths have when something goes wrong.
 const LENGTHS: [u64; 10] = [
     0,
