@@ -256,18 +256,20 @@ fn a_team_is_commanded_by_its_users_alone_and_it_is_shown_who_commands_whom() {
             assert!(client.send(&commands));
         }
     });
-    let commander = |status: &Value| {
+    let robots_of = |status: &Value, key: &str, value: Value| {
         let all = status["commanders"].as_array().cloned().unwrap_or_default();
-        all.into_iter().find(|it| it["user"] == own)
+        all.into_iter().find(|it| it[key] == value).map(|it| it["robots"].clone())
     };
-    let status = group.wait_for("the client as commander", |status| {
-        commander(status).is_some_and(|it| it["robots"] == serde_json::json!(["yellow 3"]))
+    group.wait_for("the client as commander", |status| {
+        robots_of(status, "user", own.into()) == Some(serde_json::json!(["yellow 3"]))
     });
-    assert!(status["gateway"]["not_permitted"].as_u64() > Some(0), "{status:#}");
-    // The match itself commands the others.
-    let all = status["commanders"].as_array().unwrap();
-    let grabber = all.iter().find(|it| it["name"] == "grabber").unwrap();
-    assert!(grabber["robots"].to_string().contains("blue 1"), "{status:#}");
+    group.wait_for("what is not permitted", |status| {
+        status["gateway"]["not_permitted"].as_u64() > Some(0)
+    });
+    group.wait_for("the match itself as commander of the others", |status| {
+        let robots = robots_of(status, "name", "grabber".into());
+        robots.is_some_and(|robots| robots.to_string().contains("blue 1"))
+    });
     let text = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
     assert!(text.contains(&format!("user {own}: yellow 3")), "{text}");
     stop.store(true, std::sync::atomic::Ordering::Relaxed);
