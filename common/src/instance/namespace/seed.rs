@@ -28,24 +28,38 @@ pub fn version(path: &FilePath) -> Option<String> {
     Some(version.replace('_', "."))
 }
 
+/// Whoever truncates what is copied has to win so many races.
+const ATTEMPTS: u32 = 100;
+
 /// Makes it for a prefix, with the help of a directory that is empty before and after.
 pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
-    let other = free_prefix()?;
-    let place = directory.join("seed");
-    let made = make_under(&place, &other);
-    let copied = made.and_then(|()| {
+    for _ in 0..ATTEMPTS {
+        let other = free_prefix()?;
+        let place = directory.join("seed");
+        let made = make_under(&place, &other).and_then(|()| of_prefix(&other));
+        let read = made.and_then(|paths| {
+            paths
+                .into_iter()
+                .map(|path| Ok((fs::read(&path)?, path)))
+                .collect::<io::Result<Vec<_>>>()
+        });
         for path in of_prefix(&other)? {
+            let _ = fs::remove_file(path);
+        }
+        let _ = fs::remove_dir_all(&place);
+        let copies = read?;
+        // An empty one, which somebody has truncated meanwhile, would be waited for for ever.
+        if copies.iter().any(|(bytes, _)| bytes.is_empty()) {
+            continue;
+        }
+        for (bytes, path) in copies {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let target = FilePath::new(SHARED_MEMORY).join(name.replacen(&other, prefix, 1));
-            private::create_new_file(&target)?.write_all(&fs::read(&path)?)?;
+            private::create_new_file(&target)?.write_all(&bytes)?;
         }
-        Ok(())
-    });
-    for path in of_prefix(&other)? {
-        let _ = fs::remove_file(path);
+        return Ok(());
     }
-    let _ = fs::remove_dir_all(&place);
-    copied
+    Err(io::Error::other(format!("somebody truncates what is made in {SHARED_MEMORY}")))
 }
 
 /// A process that joins and leaves.
