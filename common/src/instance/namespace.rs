@@ -5,7 +5,7 @@
 //! maker truncates under the process that has mapped it, which ends that process with a SIGBUS. So what
 //! this program makes itself is in one directory that is closed to others, and iceoryx2, whose segments
 //! have to lie beside it, gets a prefix. The names of both are random. Everything else in the names of the
-//! segments are 128 bit numbers that iceoryx2 draws, but for one that has a fixed name ([`seed`]), and
+//! segments are 128 bit numbers that iceoryx2 draws, but for one that has a fixed name (`seed.rs`), and
 //! that is made before anybody can see the prefix.
 //!
 //! A file in the runtime directory says where this is ([`NOTE`]). When somebody has removed it, the
