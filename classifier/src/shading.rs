@@ -1,7 +1,7 @@
 //! Uneven light: a pitch is bright under its lamps and dark in its corners, and so are the patches
 //! that lie there.
 //!
-//! How bright the pitch is in which part of a picture is measured in each frame, as [`lamp`]
+//! How bright the pitch is in which part of a picture is measured in each frame, as [`lamp`](crate::lamp)
 //! measures its colour: medians of the places in some fifty cells, which robots, lines and arms do not
 //! move far, and through the cells' logarithms the surface of second degree that fits them best.
 //! Where it lies above the middle of the pitch, patches are too bright by a part of that
