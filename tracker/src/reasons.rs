@@ -117,11 +117,15 @@ fn explain_team_patches(
             {
                 continue;
             }
-            let reason = reason(pattern, pairing, used, team, spot);
-            // Whatever else is wrong with it, there may be a blurred robot.
-            let is_skipped = faint.has_skipped(spot.region);
-            let reason =
-                reason.map(|reason| if is_skipped { RejectReason::NotLookedAt } else { reason });
+            let reason = match reason(pattern, pairing, used, team, spot) {
+                // There may be a robot so blurred that its patches have no pixels of their own.
+                Some(RejectReason::NoIdentificationPatch | RejectReason::TooSmall)
+                    if faint.has_skipped(spot.region) =>
+                {
+                    Some(RejectReason::NotLookedAt)
+                }
+                reason => reason,
+            };
             if let Some(reason) = reason {
                 rejections.add(team as u32, reason, spot.measure.image, spot.measure.area_mm2);
             }

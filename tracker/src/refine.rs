@@ -31,6 +31,8 @@ const START_FACTOR: f64 = 2.0;
 /// A ball may lie so far from where its regions put it, and a fit begins as uncertain as that at least.
 const BALL_REACH_PX: f64 = 1.4;
 const BALL_START_PX: f64 = 0.6;
+/// A ball whose place its colour tells as surely as this, 1σ, shows three quarters of its rim.
+const BALL_WELL_SEEN_PX: f64 = 0.46;
 /// The rest of a ball is looked for within so many radii of where it seems to be.
 const TINGE_RADII: f64 = 1.8;
 /// A rim that leaves so much more of the ball's outline outside than the one it began with is another's.
@@ -164,17 +166,23 @@ impl Refiner {
             }
             let silhouette = &self.silhouette;
             let shows = |row, column| silhouette.covers(row, column);
-            let start = Start {
-                position: begin,
-                deviation_mm: (START_FACTOR * deviation_mm).max(BALL_START_PX * mm_per_px),
-                reach_mm: BALL_REACH_PX * mm_per_px,
+            let fit_from = |ball: &mut BallFitter, place: FieldPoint| {
+                let start = Start {
+                    position: place,
+                    deviation_mm: (START_FACTOR * deviation_mm).max(BALL_START_PX * mm_per_px),
+                    reach_mm: BALL_REACH_PX * mm_per_px,
+                };
+                let outside = |place| silhouette.outside(&self.sphere, camera, place);
+                ball.fit(camera, frame?, &start, Some(shows)).filter(|fitted| {
+                    part == Shows::All || outside(fitted.position) < outside(place) + MORE_OUTSIDE
+                })
             };
-            let fitted = frame
-                .and_then(|frame| self.ball.fit(camera, frame, &start, Some(shows)))
-                .filter(|fitted| {
-                    let outside = |place| silhouette.outside(&self.sphere, camera, place);
-                    part == Shows::All || outside(fitted.position) < outside(begin) + MORE_OUTSIDE
-                });
+            let mut fitted = fit_from(&mut self.ball, begin);
+            // Something else of the ball's tinge may have led astray; most of the rim shows its colour.
+            if fitted.is_none() && deviation_mm < BALL_WELL_SEEN_PX * mm_per_px {
+                begin = position;
+                fitted = fit_from(&mut self.ball, begin);
+            }
             let measured = match fitted {
                 Some(fitted) => {
                     let image = camera.image_from_field(fitted.position, self.ball_height_mm);
