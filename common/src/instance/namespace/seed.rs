@@ -28,38 +28,42 @@ pub fn version(path: &FilePath) -> Option<String> {
     Some(version.replace('_', "."))
 }
 
-/// Whoever truncates what is copied has to win so many races.
+/// Whoever changes what is copied has to win so many races.
 const ATTEMPTS: u32 = 100;
 
-/// Makes it for a prefix, with the help of a directory that is empty before and after.
+/// Makes it for a prefix, with the help of a directory that is empty before and after. It says only that one process
+/// has joined, so two are alike unless somebody has changed one before it was read. One that was truncated, or
+/// filled with rubbish, would be waited for for ever.
 pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
+    let mut last = None;
     for _ in 0..ATTEMPTS {
-        let other = free_prefix()?;
-        let place = directory.join("seed");
-        let made = make_under(&place, &other).and_then(|()| of_prefix(&other));
-        let read = made.and_then(|paths| {
-            paths
-                .into_iter()
-                .map(|path| Ok((fs::read(&path)?, path)))
-                .collect::<io::Result<Vec<_>>>()
-        });
-        for path in of_prefix(&other)? {
-            let _ = fs::remove_file(path);
+        let made = Some(made_apart(directory)?);
+        if made == last
+            && let Some((suffix, bytes)) = made
+        {
+            let target = FilePath::new(SHARED_MEMORY).join(format!("{prefix}{suffix}"));
+            return private::create_new_file(&target)?.write_all(&bytes);
         }
-        let _ = fs::remove_dir_all(&place);
-        let copies = read?;
-        // An empty one, which somebody has truncated meanwhile, would be waited for for ever.
-        if copies.iter().any(|(bytes, _)| bytes.is_empty()) {
-            continue;
-        }
-        for (bytes, path) in copies {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let target = FilePath::new(SHARED_MEMORY).join(name.replacen(&other, prefix, 1));
-            private::create_new_file(&target)?.write_all(&bytes)?;
-        }
-        return Ok(());
+        last = made;
     }
-    Err(io::Error::other(format!("somebody truncates what is made in {SHARED_MEMORY}")))
+    Err(io::Error::other(format!("somebody changes what is made in {SHARED_MEMORY}")))
+}
+
+/// Makes one under a prefix that nobody uses, and removes it: its name without the prefix, and its bytes.
+fn made_apart(directory: &FilePath) -> io::Result<(String, Vec<u8>)> {
+    let prefix = free_prefix()?;
+    let place = directory.join("seed");
+    let made = make_under(&place, &prefix).and_then(|()| {
+        let path = of_prefix(&prefix)?.pop();
+        let path = path.ok_or_else(|| io::Error::other("iceoryx2 has made no such segment"))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok((name.replacen(&prefix, "", 1), fs::read(&path)?))
+    });
+    for path in of_prefix(&prefix)? {
+        let _ = fs::remove_file(path);
+    }
+    let _ = fs::remove_dir_all(&place);
+    made
 }
 
 /// A process that joins and leaves.
