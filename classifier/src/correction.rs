@@ -1,4 +1,4 @@
-//! What the values of pixels are taken for where light is not as it was when the colours were set.
+//! Corrections of pixels for a light that differs from the one in which the colours were set.
 
 use crate::lamp::{self, Gains};
 
@@ -28,7 +28,7 @@ impl Correction {
         Self { haze, gains, most }
     }
 
-    /// What a value of a channel (0 red, 1 green, 2 blue) becomes.
+    /// The corrected value of a channel: 0 red, 1 green, 2 blue.
     #[inline(always)]
     pub fn of(&self, channel: usize, value: u8) -> u8 {
         let value = u32::from(value.saturating_sub(self.haze));
@@ -64,7 +64,7 @@ mod tests {
     fn values_are_what_the_gains_say() {
         assert_eq!(Correction::new([0; 3], 0), Correction::NONE);
         assert_eq!(Correction::NONE.tables()[0].to_vec(), (0..=255).collect::<Vec<u8>>());
-        // Those of lamps and zones together.
+        // The gains of a lamp and of a zone can add up to so many steps.
         for steps in -41..=41 {
             let gain = (f64::from(steps) / 16.0).exp2();
             for haze in [0, 8, 144] {

@@ -5,9 +5,9 @@
 //! dark channel of He, Sun and Tang, *Single image haze removal using dark channel prior*, 2009; robots'
 //! bodies are as dark, and so is some channel of every patch). So the darkest channel is looked at on
 //! a lattice of places, a quantile over those around each place is what the floor or a body shows there,
-//! and what it is brighter than the pitch as a whole is taken off, in steps of [`STEP`]. As with the
-//! lamps ([`lamp`](crate::lamp)) that happens to the tables and not to the pixels: the parts of the picture
-//! under each level of haze are classified with tables of their own.
+//! and what it is brighter than the pitch as a whole is taken off, in steps of [`STEP`]. Each
+//! level of haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, together with the
+//! lamps' ([`lamp`](crate::lamp)).
 //!
 //! All of it is in integers. Where nothing is hazy, which is found out first and cheaply, nothing more
 //! is done.

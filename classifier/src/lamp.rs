@@ -3,8 +3,9 @@
 //! Lamps and cameras' white balance change what everything looks like, the pitch included, and of
 //! the pitch it is known what it looked like when the colours were set (`light.pitch_rgb`). So each
 //! channel is multiplied with a gain that makes the pitch look as it did then (the diagonal model of
-//! colour constancy, von Kries). Gains go into the tables, not to the pixels: a table entry for a
-//! value is that for the corrected value. What it costs a frame is a look at some thousand places.
+//! colour constancy, von Kries). Where one gain counts for a whole row, it goes into the tables: an entry
+//! for a value is that for the corrected value. Where zones with gains of their own meet
+//! ([`shading`](crate::shading)), pixels are corrected. Besides, a frame costs a look at some thousand places.
 //!
 //! The pitch is measured as medians over a lattice of places on the field: of the ratios red to green
 //! and blue to green, weighted by brightness because dark pixels have hardly a colour, and of the

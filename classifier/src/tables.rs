@@ -28,7 +28,7 @@ pub struct ClassTables {
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
     second_looks: Arc<SecondLooks>,
-    /// What pixels are taken for.
+    /// Applied to a pixel before its colour is looked up.
     correction: Correction,
     version: u64,
 }
@@ -229,7 +229,7 @@ impl ClassTables {
         &self.second_looks
     }
 
-    /// What pixels are taken for.
+    /// The correction that these tables contain.
     pub(crate) fn correction(&self) -> Correction {
         self.correction
     }

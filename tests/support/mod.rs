@@ -253,8 +253,15 @@ impl Group {
             .unwrap() as u32
     }
 
+    /// Sends a signal. After [`Signal::STOP`], waits until the process has stopped: each of its threads
+    /// runs on until it is scheduled again.
     pub fn signal(&self, pid: u32, signal: Signal) {
         kill_process(Pid::from_raw(pid as i32).unwrap(), signal).unwrap();
+        let deadline = Instant::now() + PATIENCE;
+        while signal == Signal::STOP && runs(pid) {
+            assert!(Instant::now() < deadline, "process {pid} does not stop");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// The supervisor's number.
@@ -332,6 +339,17 @@ pub fn is_stage(pid: u32) -> bool {
     let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     name.starts_with("tl-") && !stat.contains(") Z ")
+}
+
+/// Whether any thread of a process is neither stopped nor ended.
+fn runs(pid: u32) -> bool {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    threads.into_iter().any(|thread| {
+        let stat = fs::read_to_string(thread.path().join("stat")).unwrap_or_default();
+        // After the name, which is in brackets and may contain any character.
+        let state = stat.rsplit_once(") ").map(|(_, rest)| rest.as_bytes()[0]);
+        !matches!(state, None | Some(b'T' | b'Z' | b'X'))
+    })
 }
 
 /// What is in shared memory of a group: its directory, and what lies beside it.

@@ -283,7 +283,7 @@ fn classify_row<S: Lanes, const P: usize>(
         if let Some(light) = row.light {
             let light = light.load(simd, lanes * noted.index);
             (even, odd) = (light.corrected(simd, even), light.corrected(simd, odd));
-            // What another zone's prefilter has let pass is half of it under lamps as uneven as one to two.
+            // Drops pixels that only another zone's prefilter let pass: half of them under lamps as uneven as one to two.
             let Prefilter([red, green, blue]) = &row.setup.looks.boxes.rgb;
             let tables = [simd.table(red), simd.table(green), simd.table(blue)];
             passing[0] &= simd.passing(even, tables);

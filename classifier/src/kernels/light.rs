@@ -98,7 +98,7 @@ impl<S: Lanes> Light<S> {
         Self { haze: byte(haze), gains: [word(red), word(green), word(blue)], most }
     }
 
-    /// As [`Correction::of`].
+    /// Corrects each pixel as [`Correction::of`] does.
     #[inline(always)]
     pub fn corrected(&self, simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 3] {
         [self.channel(simd, 0, red), self.channel(simd, 1, green), self.channel(simd, 2, blue)]

@@ -55,7 +55,7 @@ fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
     of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
 }
 
-/// What pixels are classified with where colours have second looks.
+/// The tables that classify pixels where colours have second looks.
 #[derive(Clone, Copy)]
 pub struct PixelLooks<'a> {
     colors: &'a ClassTables,

@@ -6,7 +6,7 @@ mod robots;
 
 use super::problem::{Problem, listed, nearest, quoted};
 use super::schema::Schema;
-use super::{ColorConfig, Config, Pair};
+use super::{ColorConfig, Config, Pair, TeamsAccess};
 use crate::messages::Team;
 
 impl Config {
@@ -41,6 +41,11 @@ impl Config {
         if f64::from(self.camera.exposure_us) * self.camera.fps > 1e6 {
             let message = format!("is longer than a frame at {} fps", self.camera.fps);
             warnings.push(Problem::new("camera.exposure_us", message).related("camera.fps"));
+        }
+        if self.access.group().is_none() && self.access.teams != TeamsAccess::default() {
+            let message =
+                "counts only for users of a group that may attach; access.group names none";
+            warnings.push(Problem::new("access.teams", message).related("access.group"));
         }
         geometry::warn(self, &mut warnings);
         warnings
@@ -341,6 +346,7 @@ mod tests {
             assert!(warnings.iter().any(|warning| warning.path == path), "{path}: {warnings:#?}");
         };
         warned("camera.exposure_us", &|config| config.camera.exposure_us = 12_501);
+        warned("access.teams", &|config| config.access.teams.blue = vec!["1000".into()]);
         warned("robots.identities", &|config| config.robots.identities.clear());
         warned("robots.identities[0].colors[0]", &|config| {
             config.robots.identities[0].colors[0] = "blue".into();
