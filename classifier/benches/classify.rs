@@ -1,10 +1,10 @@
-//! How long a frame takes, beside a copy of the same frame: `cargo bench -p touchline-classifier`,
-//! or with `-- quick` only 640×480, with `-- hue` only colours that are bounds on hue and saturation. Memory-hungry: half a gigabyte and the same for the copies.
+//! Duration of classifying a frame, beside that of copying it: `cargo bench -p touchline-classifier`. With
+//! `-- quick` only 640×480, with `-- hue` only colours bounded by hue and saturation. Takes half a gigabyte
+//! of memory for frames, and the same for the copies.
 //!
-//! Answers are verified first. The candidates take turns so that a change of the machine's mood
-//! meets all of them; what is printed are medians. "hot" is the same frame again and again, "cold"
-//! one of so many that none is in a cache, as it is when a camera has just written it. Everything
-//! is on one core.
+//! Results are verified first. The candidates take turns, so that a change in the machine's speed affects all
+//! of them; medians are printed. "hot" is the same frame again and again. "cold" rotates through so many that
+//! none is in a cache, like a frame that a camera has just written. Everything runs on one core.
 
 #[path = "../tests/reference/mod.rs"]
 mod reference;
@@ -100,11 +100,11 @@ fn measure_looks(levels: &[SimdLevel]) -> Result<(), ClassifierError> {
     Ok(())
 }
 
-/// The preset's colours, and, as there are only eight, some with narrow boxes between them.
+/// The preset's eight colours, and further ones with narrow boxes between them.
 fn config(width: u32, height: u32, classes: usize) -> Config {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (width, height);
-    // All of the picture, as if the field filled it, and as it is.
+    // The whole picture, without mask and without correction of the light.
     config.field.mask = false;
     config.light = LightConfig::default();
     let mut noise = Noise(99);
@@ -122,7 +122,7 @@ fn config(width: u32, height: u32, classes: usize) -> Config {
     config
 }
 
-/// Instead of its box each colour has bounds on hue and saturation around what it looks like.
+/// Replaces each colour's box by bounds on hue and saturation around its display colour.
 fn with_looks_only(config: &Config) -> Config {
     let mut config = config.clone();
     for color in &mut config.colors {
@@ -218,7 +218,7 @@ fn in_format(frame: Frame, format: PixelFormat) -> Frame {
     Frame { header, pixels }
 }
 
-/// BT.601, as cameras do it.
+/// BT.601, as cameras convert.
 fn yuv_from_rgb(rgb: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = rgb.map(i32::from);
     let y = (66 * r + 129 * g + 25 * b + 128) / 256 + 16;
@@ -227,7 +227,7 @@ fn yuv_from_rgb(rgb: [u8; 3]) -> [u8; 3] {
     [y, u, v].map(|value| value.clamp(0, 255) as u8)
 }
 
-/// With a box in YUV around what each colour looks like.
+/// With a box in YUV around each colour's display colour.
 fn with_yuv_boxes(config: &Config) -> Config {
     let mut config = config.clone();
     for color in &mut config.colors {
@@ -254,7 +254,7 @@ fn measure(
     picture: Picture,
     levels: &[SimdLevel],
 ) -> Result<(), ClassifierError> {
-    // A few different ones are enough: the caches do not know that frames are alike.
+    // A few different frames are enough: caches do not notice that frames are alike.
     let frames: Vec<Frame> = (1..=4).map(|seed| picture.frame(config, seed)).collect();
     measure_frame(name, config, &frames, levels)
 }
@@ -269,11 +269,11 @@ fn measure_frame(
     let count = COLD_FRAMES.min(COLD_BYTES / bytes);
     let cold: Vec<Frame> = (0..count).map(|index| frames[index % frames.len()].clone()).collect();
     let mut copies: Vec<Vec<u8>> = (0..count).map(|_| vec![1; bytes]).collect();
-    // Not at the same place in a page as its source, where copying takes many times as long.
+    // At another offset in its page than the source: copying between equal offsets takes many times as long.
     let mut copy = vec![0; bytes + 2048];
     let copy = &mut copy[2048..];
     let mut header = RunsHeader::default();
-    // Room for everything: noise has more runs than a message, and all of it shall be measured.
+    // Room for all runs: noise has more than a message holds, and all of it is measured.
     let mut runs = vec![Run::default(); (config.camera.width * config.camera.height) as usize];
 
     let mut classifiers = Vec::new();
@@ -302,7 +302,7 @@ fn measure_frame(
     };
     let mut next = 0;
     for _ in 0..rounds {
-        // Hot is what has just been used: everything twice, the second time counts.
+        // Hot means just used: everything runs twice, and the second time counts.
         for _ in 0..2 {
             copy.copy_from_slice(black_box(&hot.pixels));
         }

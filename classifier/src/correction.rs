@@ -2,26 +2,26 @@
 
 use crate::lamp::{self, Gains};
 
-/// Takes white light off all channels, and multiplies each. In integers of 16 bits, so that
-/// [`kernels`](crate::kernels) can do the same with registers full of pixels.
+/// Subtracts white light from all channels, and multiplies each with a gain. Fits into 16-bit integers, so
+/// that [`kernels`](crate::kernels) can do the same to registers full of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Correction {
-    /// Grey levels of white light.
+    /// White light, grey levels.
     pub(crate) haze: u8,
-    /// Red, green, blue, in 256ths.
+    /// Gain of red, green and blue, 256ths.
     pub(crate) gains: [u16; 3],
-    /// Values above these become white.
+    /// Highest value of each channel that can be multiplied without overflow; higher ones become white.
     pub(crate) most: [u8; 3],
 }
 
-/// One, as a gain.
+/// Gain 1.
 const UNITY: u16 = 256;
 
 impl Correction {
     /// Changes nothing.
     pub const NONE: Self = Self { haze: 0, gains: [UNITY; 3], most: [u8::MAX; 3] };
 
-    /// For these gains, and so many grey levels of white light.
+    /// For these gains and `haze` grey levels of white light.
     pub fn new(gains: Gains, haze: u8) -> Self {
         let gains = gains.map(lamp::gain_in_256ths);
         let most = gains.map(|gain| ((u16::MAX - UNITY / 2) / gain).min(u8::MAX.into()) as u8);
@@ -39,7 +39,7 @@ impl Correction {
     pub fn tables(&self) -> [[u8; 256]; 3] {
         self.gains.map(|gain| {
             let mut table = [0; 256];
-            // Value after value a gain is added, which is a third of what multiplying takes.
+            // Adding the gain from value to value takes a third of the time of multiplying.
             let mut product = 0;
             for corrected in &mut table[usize::from(self.haze)..] {
                 *corrected = rounded(product);
@@ -50,7 +50,7 @@ impl Correction {
     }
 }
 
-/// From a product in 256ths.
+/// A product in 256ths, rounded to a byte.
 #[inline(always)]
 fn rounded(product: u32) -> u8 {
     ((product + u32::from(UNITY / 2)) / u32::from(UNITY)).min(u8::MAX.into()) as u8
@@ -64,7 +64,7 @@ mod tests {
     fn values_are_what_the_gains_say() {
         assert_eq!(Correction::new([0; 3], 0), Correction::NONE);
         assert_eq!(Correction::NONE.tables()[0].to_vec(), (0..=255).collect::<Vec<u8>>());
-        // The gains of a lamp and of a zone can add up to so many steps.
+        // Limit of the gains of a lamp and a zone together, steps.
         for steps in -41..=41 {
             let gain = (f64::from(steps) / 16.0).exp2();
             for haze in [0, 8, 144] {

@@ -1,8 +1,8 @@
-//! Why a classifier cannot be built from a configuration.
+//! Errors of building a classifier from a configuration.
 
 use common::geometry::GeometryError;
 
-/// A configuration no classifier can work with.
+/// The configuration cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ClassifierError {
     /// Demosaicing needs a neighbour of every colour in both directions.
@@ -21,7 +21,7 @@ pub enum ClassifierError {
         /// As configured.
         height: u32,
     },
-    /// Without it nobody knows where in the picture the pitch is, whose colour tells the light.
+    /// The geometry tells where the pitch is in the picture, which correcting the light needs.
     #[error("geometry: {0}")]
     Geometry(#[from] GeometryError),
     /// A table entry has one bit for each colour.

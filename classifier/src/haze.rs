@@ -1,16 +1,16 @@
-//! Glare: a lamp that is mirrored in the floor or on the tops lays white light over a part of the
-//! picture, and colours fade to grey there.
+//! Glare: a lamp mirrored in the floor or on robots' tops adds white light to a part of the picture, and
+//! colours fade to grey there.
 //!
-//! What lies over a place is seen by its floor, whose darkest channel is nearly black elsewhere (the
-//! dark channel of He, Sun and Tang, *Single image haze removal using dark channel prior*, 2009; robots'
-//! bodies are as dark, and so is some channel of every patch). So the darkest channel is looked at on
-//! a lattice of places, a quantile over those around each place is what the floor or a body shows there,
-//! and what it is brighter than the pitch as a whole is taken off, in steps of [`STEP`]. Each
-//! level of haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, together with the
-//! lamps' ([`lamp`](crate::lamp)).
+//! The added light is estimated by the dark channel prior (He, Sun and Tang, *Single image haze removal using
+//! dark channel prior*, 2009): without glare, the darkest channel `min(R, G, B)` of the floor, of robots'
+//! bodies and of every patch is nearly black. The darkest channel is sampled on a lattice of places. Its 40 %
+//! quantile over the 5 × 5 places around each one measures the floor or a body there, and what that exceeds
+//! the median of the whole pitch by is subtracted from all channels, in steps of [`STEP`] grey levels. Each
+//! level of haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, which includes
+//! the gains of the lamps ([`lamp`](crate::lamp)).
 //!
-//! All of it is in integers. Where nothing is hazy, which is found out first and cheaply, nothing more
-//! is done.
+//! All of it is computed in integers. Blocks of places are tested first, at little cost, and only blocks that
+//! are too bright are worked on.
 
 use crate::lamp::Gains;
 use crate::lattice::{Grid, Lattice};
@@ -23,48 +23,48 @@ use common::config::Config;
 use common::geometry::{CameraModel, ImagePoint};
 use std::ops::Range;
 
-/// Grey levels from one level of haze to the next.
+/// Grey levels per level of haze.
 const STEP: u8 = 8;
-/// Levels beside none; what is brighter leaves no colour.
+/// Number of haze levels above 0; brighter haze leaves no colour.
 const LEVELS: usize = 18;
-/// Under haze every second of the zones of uneven light has to do.
+/// Under haze, only every second zone of uneven light is distinguished.
 const HAZY_ZONES: usize = shading::ZONES.div_ceil(2);
 /// Zones without haze, then the zones under each haze level.
 const ZONES: usize = shading::ZONES + LEVELS * HAZY_ZONES;
-/// Places in a row and column of a block that is looked at first.
+/// Side of a block that is tested first, places.
 const BLOCK: usize = 4;
-/// Places around one, to each side, that count with it.
+/// Half-width of the window around a place, places.
 const AROUND: usize = 2;
-/// So much brighter than the pitch, as a share of it and in grey levels, a place may be without haze.
+/// Tolerated excess over the pitch without haze: pitch / `UNEVEN_PART` + `UNEVEN` grey levels.
 const UNEVEN_PART: u16 = 4;
 const UNEVEN: u16 = 12;
-/// With fewer places on the field it is not known what the floor shows.
+/// Minimum places on the field for a measurement of the floor.
 const FEWEST: usize = 6;
-/// Beside a hazy block so little more is haze already.
+/// Excess that counts as haze beside a hazy block, grey levels.
 const FAINT: u16 = 6;
 
-/// Finds haze, and makes tables for what lies under it.
+/// Finds haze, and makes tables for the parts of the picture under it.
 #[derive(Debug, Clone)]
 pub(crate) struct Haze {
     grid: Grid,
     on_field: Vec<bool>,
-    /// How many places are on the field, all in all and in each block.
+    /// Places on the field: in all, and in each block.
     count: usize,
     counts: Vec<u8>,
-    /// Darkest channel of each place; of those that are not on the field, 255.
+    /// Darkest channel of each place; 255 outside the field.
     values: Vec<u8>,
-    /// Room for finding their median.
+    /// Reused allocation for their median.
     ranks: Ranks,
-    /// Level of haze of each place.
+    /// Haze level of each place.
     levels: Vec<u8>,
     zones: Zones,
-    /// Tables per zone, with the gains each was made for.
+    /// Tables of each zone, and the gains that they were made for.
     tables: Vec<ClassTables>,
     made_for: Vec<Option<Gains>>,
 }
 
 impl Haze {
-    /// For the configured camera; `tables` are any.
+    /// For the configured camera; `tables` only fill the memory until the first frame.
     pub fn new(config: &Config, tables: &ClassTables) -> Result<Self, ClassifierError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let camera = CameraModel::new(&config.geometry, width, height)?;
@@ -95,8 +95,8 @@ impl Haze {
         })
     }
 
-    /// Looks for haze in the picture that was looked at; whether there is any.
-    pub fn look_at(&mut self, lattice: &Lattice) -> bool {
+    /// Finds haze in the picture that the lattice has sampled; returns whether there is any.
+    pub fn find(&mut self, lattice: &Lattice) -> bool {
         let [reds, greens, blues] = lattice.channels();
         let places = self.values.iter_mut().zip(&self.on_field);
         for (((value, on_field), (red, green)), blue) in
@@ -122,7 +122,7 @@ impl Haze {
         is_hazy
     }
 
-    /// Whether [`floor_in`](Self::floor_in) of a block is brighter than that: too few places are not.
+    /// Whether [`floor_in`](Self::floor_in) of a block is above `bright`; false if it has too few places.
     fn is_above(&self, bright: u8, left: usize, top: usize) -> bool {
         let Grid { columns, rows, .. } = self.grid;
         let count = usize::from(self.counts[top / BLOCK * columns.div_ceil(BLOCK) + left / BLOCK]);
@@ -134,7 +134,7 @@ impl Haze {
         count >= FEWEST && dim.sum::<usize>() <= floor_rank(count)
     }
 
-    /// Sets the levels in and around a block; whether there is one above 0.
+    /// Sets the levels in and around a block; returns whether one is above 0.
     fn set_levels(&mut self, left: usize, top: usize, pitch: u16) -> bool {
         let Grid { columns, rows, .. } = self.grid;
         let mut is_hazy = false;
@@ -153,8 +153,8 @@ impl Haze {
         is_hazy
     }
 
-    /// What the floor shows in a window, robots or not: a little less than the median of the darkest
-    /// channels of the places on the field; 0 if there are few.
+    /// Brightness of the floor in a window, even between robots: the 40 % quantile of the darkest channels of
+    /// its places on the field; 0 if they are few.
     fn floor_in(&self, columns: Range<usize>, rows: Range<usize>) -> u16 {
         const MOST: usize = (2 * AROUND + 1) * (2 * AROUND + 1);
         let mut window = [0; MOST];
@@ -174,7 +174,7 @@ impl Haze {
         u16::from(*window[..count].select_nth_unstable(floor_rank(count)).1)
     }
 
-    /// Takes the haze off the picture that was looked at last.
+    /// Subtracts the haze found last from the lattice's colours.
     pub fn clear(&self, lattice: &mut Lattice) {
         for channel in lattice.channels_mut() {
             for (value, level) in channel.iter_mut().zip(&self.levels) {
@@ -183,9 +183,9 @@ impl Haze {
         }
     }
 
-    /// The tables for the picture that was looked at last, each part for its haze and its light, and what
-    /// identifies them. They are made of `tables`, which are always the same, and the gains for the middle
-    /// of the pitch, whose tables have the version `middle`.
+    /// The tables for the haze found last and for `shaded` light, and their version. `gains` and `middle` are
+    /// the gains of the middle of the pitch and the version of the tables under them. `tables` must be the
+    /// same at each call, since tables made of them are kept.
     pub fn under<'a>(
         &'a mut self,
         tables: &'a ClassTables,
@@ -195,7 +195,7 @@ impl Haze {
     ) -> (ZonedTables<'a>, u64) {
         let Grid { step, columns, rows } = self.grid;
         let tiles = self.zones.columns();
-        for (index, tile) in self.zones.of_tiles_mut().iter_mut().enumerate() {
+        for (index, tile) in self.zones.by_tile_mut().iter_mut().enumerate() {
             let [column, row] = [index % tiles, index / tiles];
             // A tile lies between four places.
             let level = |column: usize, row: usize| {
@@ -218,15 +218,14 @@ impl Haze {
                 self.made_for[zone] = Some(gains);
             }
         }
-        let version = version_by_parts(middle, b"haze", self.zones.of_tiles());
+        let version = version_by_parts(middle, b"haze", self.zones.by_tile());
         (ZonedTables { colors: tables, tables: &self.tables, zones: &self.zones }, version)
     }
 }
 
 const _: () = assert!(ZONES <= u8::MAX as usize + 1 && shading::MIDDLE.is_multiple_of(2));
 
-/// Of so many places in a window, sorted by their darkest channel, the number of the one that stands for the
-/// floor.
+/// Rank, among `count` darkest channels of a window, of the one that stands for the floor: the 40 % quantile.
 fn floor_rank(count: usize) -> usize {
     2 * count / 5
 }
@@ -248,7 +247,7 @@ mod tests {
         Config { light, ..Config::default() }
     }
 
-    /// Squares of the palette's colours on the floor, and white light over a disc.
+    /// Squares in the palette's colours on the floor, and white light over a disc.
     fn frame(config: &Config, most: f64) -> Vec<u8> {
         let (width, height) = (config.camera.width as usize, config.camera.height as usize);
         let order = config.camera.bayer_order;
@@ -371,8 +370,8 @@ mod tests {
                 *pixel = pixel.saturating_add((index.wrapping_mul(2_654_435_761) >> 27) as u8);
             }
             let image = crate::BayerImage::new(&pixels, width, height, width, order).unwrap();
-            lattice.look_at(&Picture::Bayer(image));
-            haze.look_at(&lattice);
+            lattice.sample(&Picture::Bayer(image));
+            haze.find(&lattice);
             let mut found = [0; 2];
             for bright in (20..=255).step_by(5) {
                 for top in (0..haze.grid.rows).step_by(BLOCK) {

@@ -1,70 +1,71 @@
-//! Following the lamps: colours that were set under one light are recognised under another.
+//! White balance from the pitch: colours that were set under one light are recognised under another.
 //!
-//! Lamps and cameras' white balance change what everything looks like, the pitch included, and of
-//! the pitch it is known what it looked like when the colours were set (`light.pitch_rgb`). So each
-//! channel is multiplied with a gain that makes the pitch look as it did then (the diagonal model of
-//! colour constancy, von Kries). Where one gain counts for a whole row, it goes into the tables: an entry
-//! for a value is that for the corrected value. Where zones with gains of their own meet
-//! ([`shading`](crate::shading)), pixels are corrected. Besides, a frame costs a look at some thousand places.
+//! The estimate is the diagonal model of colour constancy (von Kries). Lamps and the camera's own white
+//! balance scale each channel, and the colour of the pitch when the colours were set is known
+//! (`light.pitch_rgb`), so each channel is multiplied with the gain that takes the pitch back to that colour.
+//! The gains act on tables where a whole row has the same ones: the entry for a value is the one for the
+//! corrected value. Where zones with different gains meet ([`shading`](crate::shading)), pixels are
+//! corrected. Apart from that, a frame costs a look at some thousand places.
 //!
-//! The pitch is measured as medians over a lattice of places on the field: of the ratios red to green
-//! and blue to green, weighted by brightness because dark pixels have hardly a colour, and of the
-//! brightness itself. Robots, lines, people's arms and half a pitch in shadow do not move a median
-//! far. How bright patches are follows the brightness of a dark, shiny floor only in part, so of that
-//! only a part counts (`light.brightness`).
+//! The pitch is measured by medians over a lattice of places on the field: of log(red / green) and log(blue /
+//! green), weighted by brightness because dark pixels have hardly a colour, and of log(green). Robots, lines,
+//! arms and half a pitch in shadow move a median little. With `_ref` for `light.pitch_rgb`, the gains in
+//! octaves are `level = b · (green_ref − green)` for green, and `level` plus the difference of the log ratios
+//! for red and blue. The part `b` (`light.brightness`) is below 1 where the brightness of patches follows
+//! that of a dark, shiny floor only in part.
 //!
-//! Everything is in integers, in sixteenths of an octave, so that the same frame gives the same runs
-//! on every machine; and gains have steps, so that noise does not change the tables with every frame.
+//! All of it is computed in integers, in sixteenths of an octave, so the same frame gives the same runs on
+//! every machine. Gains have steps so that noise does not change the tables with every frame.
 
 use crate::lattice::{Grid, Lattice};
 use common::config::{Config, LightConfig};
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 use std::ops::Range;
 
-/// Steps of gains, and of what is measured, in an octave; a step is 4.4 %.
+/// Gain steps in an octave; a step is 4.4 %.
 const STEPS_PER_OCTAVE: i32 = 16;
-/// What is measured is in so many parts of a step.
+/// Resolution of measurements, parts per gain step.
 const PARTS: i64 = 16;
-/// No gain is beyond 2.5 or below 0.4: what needs more is a broken camera or not a pitch.
+/// Limit of a gain, steps: factors 0.4 to 2.5. A pitch that needs more is a broken camera or not a pitch.
 const MOST_STEPS: i32 = 21;
-/// Too few usable places: the pitch is dark, or the picture is of something else.
+/// Minimum usable places: with fewer, the pitch is dark or the picture shows something else.
 const FEWEST_SITES: u32 = 100;
-/// Pixels with a channel above this are clipped, those with less green have no colour to speak of.
+/// Pixels with a channel above this are clipped; pixels with less green than `DARK` have hardly a colour.
 const CLIPPED: u8 = 250;
 const DARK: u8 = 5;
 
-/// What is true of each channel, in steps: red, green, blue.
+/// Gain of each channel (red, green, blue), 1/16 octave.
 pub type Gains = [i32; 3];
 
 /// The gains that change nothing.
 pub const NO_GAINS: Gains = [0; 3];
 
-/// Where the pitch is looked at: places of the lattice.
+/// The lattice's places on the pitch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PitchProbe {
-    /// Each with those that follow it.
+    /// Ranges of consecutive places.
     stretches: Vec<Range<usize>>,
 }
 
-/// How the pitch looks: logarithms to the base 2, in [`PARTS`] of a step.
+/// Colour of the pitch: logarithms to the base 2, in [`PARTS`] of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct PitchLooks {
+struct PitchColor {
     red_to_green: i64,
     blue_to_green: i64,
     green: i64,
 }
 
-/// Knows how the pitch looked when the colours were set.
+/// Estimates gains from the pitch's colour, given its colour when the colours were set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lamp {
     probe: PitchProbe,
-    reference: PitchLooks,
-    /// How much of a change in brightness counts, in 256ths.
+    reference: PitchColor,
+    /// Share of a change in brightness that patches follow, 256ths.
     brightness: i64,
 }
 
 impl PitchProbe {
-    /// Looks at the field, without what is around it.
+    /// Covers the field, without its surroundings.
     pub fn new(config: &Config) -> Result<Self, GeometryError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let camera = CameraModel::new(&config.geometry, width, height)?;
@@ -85,22 +86,22 @@ impl PitchProbe {
         Ok(Self { stretches })
     }
 
-    /// The numbers of the places, row by row.
+    /// Indices of the places, row by row.
     pub(crate) fn places(&self) -> impl Iterator<Item = usize> {
         self.stretches.iter().cloned().flatten()
     }
 
-    /// The colour of the pitch in the picture that was looked at; `None` when it is too dark or too
-    /// little is seen of it.
+    /// Colour of the pitch in the picture that the lattice has sampled; `None` if it is too dark or too
+    /// little of it is seen.
     pub fn measure(&self, lattice: &Lattice) -> Option<[f64; 3]> {
-        let looks = self.looks(lattice)?;
+        let color = self.color(lattice)?;
         let value =
             |parts: i64| (parts as f64 / (PARTS * i64::from(STEPS_PER_OCTAVE)) as f64).exp2();
-        let green = value(looks.green);
-        Some([green * value(looks.red_to_green), green, green * value(looks.blue_to_green)])
+        let green = value(color.green);
+        Some([green * value(color.red_to_green), green, green * value(color.blue_to_green)])
     }
 
-    fn looks(&self, lattice: &Lattice) -> Option<PitchLooks> {
+    fn color(&self, lattice: &Lattice) -> Option<PitchColor> {
         let mut ratios = [[0u32; RATIO_BINS]; 2];
         let mut levels = [0u32; LEVEL_BINS];
         for stretch in &self.stretches {
@@ -119,7 +120,7 @@ impl PitchProbe {
         }
         let is_enough = ratios[0].iter().sum::<u32>() >= FEWEST_SITES * u32::from(DARK);
         is_enough.then_some(())?;
-        Some(PitchLooks {
+        Some(PitchColor {
             red_to_green: median(&ratios[0])? - i64::from(RATIO_ZERO) * PARTS_PER_UNIT,
             blue_to_green: median(&ratios[1])? - i64::from(RATIO_ZERO) * PARTS_PER_UNIT,
             green: median(&levels)?,
@@ -128,7 +129,7 @@ impl PitchProbe {
 }
 
 impl Lamp {
-    /// The configured light; `None` if the lamps are not to be followed.
+    /// For the configured light; `None` if the lamps are not to be followed.
     pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
         let LightConfig { follow: true, pitch_rgb: Some(rgb), brightness, .. } = config.light
         else {
@@ -141,18 +142,18 @@ impl Lamp {
         let [red, green, blue] = rgb.map(parts);
         Ok(Some(Self {
             probe: PitchProbe::new(config)?,
-            reference: PitchLooks { red_to_green: red - green, blue_to_green: blue - green, green },
+            reference: PitchColor { red_to_green: red - green, blue_to_green: blue - green, green },
             brightness: (brightness * 256.0).round() as i64,
         }))
     }
 
-    /// The gains that make the pitch of the picture that was looked at look as it did when the colours
-    /// were set; `None` if it cannot be seen.
+    /// The gains that take the pitch, as the lattice has sampled it, back to its colour when the colours were
+    /// set; `None` if it cannot be measured.
     pub fn gains(&self, lattice: &Lattice) -> Option<Gains> {
-        let looks = self.probe.looks(lattice)?;
-        let level = (self.reference.green - looks.green) * self.brightness / 256;
-        let red = self.reference.red_to_green - looks.red_to_green + level;
-        let blue = self.reference.blue_to_green - looks.blue_to_green + level;
+        let color = self.probe.color(lattice)?;
+        let level = (self.reference.green - color.green) * self.brightness / 256;
+        let red = self.reference.red_to_green - color.red_to_green + level;
+        let blue = self.reference.blue_to_green - color.blue_to_green + level;
         Some([red, level, blue].map(|parts| {
             let steps = (parts + PARTS / 2).div_euclid(PARTS) as i32;
             steps.clamp(-MOST_STEPS, MOST_STEPS)
@@ -160,28 +161,28 @@ impl Lamp {
     }
 }
 
-/// Whether a gain is as far from 1 as gains go.
+/// Whether a gain is at its limit.
 pub fn is_at_bound(gains: Gains) -> bool {
     gains.iter().any(|steps| steps.abs() >= MOST_STEPS)
 }
 
-/// What a gain multiplies with.
+/// The factor of a gain.
 pub fn factor(steps: i32) -> f32 {
     gain_of(steps) as f32 / 65536.0
 }
 
-/// The same, 16 bits behind the point, for gains from 1/8 to 16.
+/// The factor in fixed point with 16 fractional bits, for gains from 1/8 to 16.
 fn gain_of(steps: i32) -> u32 {
     let (octaves, rest) = (steps.div_euclid(STEPS_PER_OCTAVE), steps.rem_euclid(STEPS_PER_OCTAVE));
     SIXTEENTHS[rest as usize] << 3 >> (3 - octaves.clamp(-3, 3))
 }
 
-/// The same in 256ths.
+/// The factor in 256ths.
 pub(crate) fn gain_in_256ths(steps: i32) -> u16 {
     ((gain_of(steps) + 128) >> 8) as u16
 }
 
-/// 2^(i/16), 16 bits behind the point.
+/// 2^(i/16) in fixed point with 16 fractional bits.
 const SIXTEENTHS: [u32; 16] = [
     65536, 68438, 71468, 74632, 77936, 81386, 84990, 88752, 92682, 96785, 101070, 105545, 110218,
     115098, 120194, 125515,
@@ -189,7 +190,7 @@ const SIXTEENTHS: [u32; 16] = [
 
 /// Units of [`LOG`] in an octave.
 pub(crate) const UNITS_PER_OCTAVE: i32 = 64;
-/// Parts of a step in a unit.
+/// Parts (1/[`PARTS`] step) per [`LOG`] unit.
 const PARTS_PER_UNIT: i64 = PARTS * STEPS_PER_OCTAVE as i64 / UNITS_PER_OCTAVE as i64;
 
 /// For each byte, its logarithm to the base 2 in units, rounded; 0 counts as 1.
@@ -220,8 +221,8 @@ const LEVEL_BINS: usize = 8 * UNITS_PER_OCTAVE as usize + 1;
 const RATIO_ZERO: i32 = LEVEL_BINS as i32 - 1;
 const RATIO_BINS: usize = 2 * LEVEL_BINS - 1;
 
-/// The median of a histogram in [`PARTS`] of a step, in the middle of a bin when all lies in it.
-/// `None` if it is empty.
+/// The median of a histogram in [`PARTS`] of a step, or the middle of the bin that holds everything. `None`
+/// if the histogram is empty.
 fn median(bins: &[u32]) -> Option<i64> {
     let total: u32 = bins.iter().sum();
     let mut before = 0;
@@ -241,7 +242,7 @@ mod tests {
     use crate::{Correction, Picture};
     use common::messages::{BayerOrder, PixelFormat, PixelLayout};
 
-    /// A pitch of one colour, with a part of it covered by another.
+    /// A pitch of one colour, part of it covered by another colour.
     fn frame(config: &Config, pitch: [u8; 3], cover: [u8; 3], covered_rows: usize) -> Vec<u8> {
         let width = config.camera.width as usize;
         let order = config.camera.bayer_order;
@@ -258,7 +259,7 @@ mod tests {
         let (width, height) = (config.camera.width, config.camera.height);
         let layout = PixelLayout { format: PixelFormat::Bayer8, order: config.camera.bayer_order };
         let mut lattice = Lattice::new(&config.camera);
-        lattice.look_at(&Picture::new(frame, width, height, width, layout).unwrap());
+        lattice.sample(&Picture::new(frame, width, height, width, layout).unwrap());
         lattice
     }
 

@@ -1,28 +1,28 @@
-//! A lattice of places all over a picture. What colours it has there is looked up once in a frame, by going
-//! over some of its rows, for all that corrects the light.
+//! A lattice of places all over a picture. Their colours are sampled once per frame, and shared by all
+//! estimates of the light.
 
 use crate::picture::{BayerImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
 use common::config::CameraConfig;
 use common::prefetch::prefetch;
 
-/// About so many places are looked at.
+/// Number of places, about.
 const SITES: f64 = 3000.0;
-/// So many of its rows before they are needed, rows are asked for.
+/// Prefetch distance, rows of the lattice.
 const ROWS_AHEAD: usize = 3;
 
-/// The places, and the colours of the picture that was looked at last.
+/// The places, and their colours in the latest picture.
 #[derive(Debug, Clone)]
 pub struct Lattice {
     grid: Grid,
-    /// Red, green and blue, each row by row.
+    /// Red, green and blue of the places, row by row.
     channels: [Vec<u8>; 3],
 }
 
-/// Where the places are.
+/// Positions of the places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Grid {
-    /// Their distance in pixels; even, so that all begin the Bayer pattern at the same of its pixels.
+    /// Distance between places, pixels; even, so that all places have the same position in the Bayer pattern.
     pub step: usize,
     pub columns: usize,
     pub rows: usize,
@@ -37,7 +37,7 @@ impl Grid {
         Self { step, columns: count(camera.width), rows: count(camera.height) }
     }
 
-    /// Column and row of each place, row by row: of the first of its four pixels.
+    /// Column and row of each place's top-left pixel, row by row.
     pub fn places(self) -> impl Iterator<Item = [usize; 2]> {
         let Self { step, columns, rows } = self;
         (0..rows).flat_map(move |row| (0..columns).map(move |column| [column * step, row * step]))
@@ -56,18 +56,18 @@ impl Lattice {
         self.channels.each_ref().map(Vec::as_slice)
     }
 
-    /// The same, to be changed.
+    /// Red, green and blue of the places, mutable.
     pub(crate) fn channels_mut(&mut self) -> &mut [Vec<u8>; 3] {
         &mut self.channels
     }
 
-    /// Looks at a picture.
+    /// Samples a picture.
     ///
     /// # Panics
-    /// If it is smaller than the camera's are.
-    pub fn look_at(&mut self, picture: &Picture) {
+    /// If the picture is smaller than the camera's.
+    pub fn sample(&mut self, picture: &Picture) {
         match picture {
-            Picture::Bayer(image) if image.shift().is_none() => self.look_at_bytes(image),
+            Picture::Bayer(image) if image.shift().is_none() => self.sample_bytes(image),
             _ => {
                 let [reds, greens, blues] = &mut self.channels;
                 let channels = reds.iter_mut().zip(greens).zip(blues);
@@ -78,8 +78,8 @@ impl Lattice {
         }
     }
 
-    /// The same of a Bayer picture of one byte a pixel, quickly.
-    fn look_at_bytes(&mut self, image: &BayerImage) {
+    /// Samples a Bayer picture of one byte per pixel: faster than [`rgb_at`], with the same result.
+    fn sample_bytes(&mut self, image: &BayerImage) {
         let Grid { step, columns, rows } = self.grid;
         let (red_x, red_y) = image.order().red_site();
         let [reds, greens, blues] = &mut self.channels;
@@ -110,7 +110,7 @@ fn mean(a: u8, b: u8) -> u8 {
     ((u16::from(a) + u16::from(b)) / 2) as u8
 }
 
-/// The colour of a place: of a Bayer picture, that of the four pixels from there on.
+/// The colour of a place; in a Bayer picture, from the 2 × 2 pixels that begin there.
 fn rgb_at(picture: &Picture, x: usize, y: usize) -> [u8; 3] {
     match picture {
         Picture::Bayer(image) => {
@@ -156,7 +156,7 @@ mod tests {
             let layout = PixelLayout { format: PixelFormat::Bayer8, order };
             let picture = Picture::new(&bytes, width, height, stride, layout).unwrap();
             let mut lattice = Lattice::new(&camera);
-            lattice.look_at(&picture);
+            lattice.sample(&picture);
             let [reds, greens, blues] = lattice.channels();
             let places: Vec<[usize; 2]> = lattice.grid.places().collect();
             prop_assert_eq!(places.len(), reds.len());

@@ -6,18 +6,16 @@
 //! that belong to the same configured colour. Background is not listed.
 //!
 //! **Does** in one pass over the frame, pixel by pixel: bilinear demosaicing (eqs. 1–3 of the paper),
-//! classification by three tables and two ANDs (section 4.2), for pixels that passed optionally a
-//! second look at hue and saturation, and run-length encoding. A colour image is never stored. Other
-//! formats than Bayer are taken too; what comes in YUV is classified in YUV. If the configuration says
-//! how the pitch looked when the colours were set, the tables follow the light ([`lamp`]). Where light is
-//! uneven ([`shading`]) or glare is to be looked through (`haze.rs`), parts of the picture have tables of
-//! their own.
+//! classification by three tables and two ANDs (section 4.2), for classified pixels optionally a second look
+//! at hue and saturation, and run-length encoding. A colour image is never stored. Formats other than Bayer
+//! are taken too; YUV pictures are classified in YUV. If the configuration gives the colour of the pitch when
+//! the colours were set, the tables follow the light ([`lamp`]). Under uneven light ([`shading`]) or glare
+//! (`haze.rs`), parts of the picture have tables of their own.
 //!
 //! **Guarantees**
 //!
-//! * The runs of a frame are sorted by row, then by column, do not overlap, are never empty, and
-//!   are maximal: two that touch differ in class. Painted on an empty picture they give exactly
-//!   the class of every pixel.
+//! The runs of a frame are sorted by row, then by column, do not overlap, are never empty, and are maximal:
+//! two that touch differ in class. Painted on an empty picture they give exactly the class of every pixel.
 //! * Every class is an index into the configured colours, at most 31.
 //! * When there are more runs than room, the list is the exact beginning of the full one and
 //!   [`RunsHeader::OVERFLOW`] is set.
@@ -25,7 +23,7 @@
 //! * A frame that is not what the configuration promises is refused with a reason, and nothing is
 //!   written; no frame makes the classifier panic. After construction it allocates nothing.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod correction;
@@ -34,12 +32,12 @@ mod haze;
 pub mod kernels;
 pub mod lamp;
 pub mod lattice;
-mod look_tables;
 mod mask;
 mod picture;
 pub mod process;
 mod ranks;
 pub mod second_look;
+mod second_look_tables;
 pub mod shading;
 mod stage;
 mod tables;
@@ -59,8 +57,8 @@ pub use stage::Classifier;
 pub use tables::ClassTables;
 pub use yuv::rgb_from_yuv;
 
-/// Most colours: the bits of a table entry.
+/// Maximum number of colours: the bits of a table entry.
 pub const MAX_CLASSES: usize = 32;
 
-/// Stands for "none of the colours" where a class is expected. Never appears in a run.
+/// Stands for "no colour" where a class is expected. Never appears in a run.
 pub const BACKGROUND: u8 = u8::MAX;

@@ -1,9 +1,8 @@
-//! Which pixels are looked at at all.
+//! The field mask: pixels that can show something on the field.
 //!
-//! Robots and ball are on the field, or near it. What the camera sees beside it, spectators, cables,
-//! a referee's shoes, can only cost time and be taken for a ball. So at construction every pixel is
-//! asked what it would show if that were on the floor, as high as a robot's top, or between: if all
-//! of that is outside, nothing that counts can appear there.
+//! Robots and ball are on the field or near it. Spectators, cables and a referee's shoes beside it only cost
+//! time and can be taken for a ball. At construction, the line of sight of each pixel is followed from the
+//! height of a robot's top down to the floor: if all of it lies outside the field, the pixel is left out.
 
 use common::body::Body;
 use common::config::Config;
@@ -20,7 +19,7 @@ pub struct Span {
 }
 
 impl Span {
-    /// From the first column of some spans in order to their last; `None` if there are none.
+    /// From the first column of an ordered list of spans to its last; `None` if the list is empty.
     #[inline(always)]
     pub fn hull(spans: &[Self]) -> Option<Self> {
         match spans {
@@ -30,20 +29,19 @@ impl Span {
         }
     }
 
-    /// The shortest that holds both.
+    /// The shortest span that contains both.
     #[inline(always)]
     pub fn hull_with(self, other: Self) -> Self {
         Self { begin: self.begin.min(other.begin), end: self.end.max(other.end) }
     }
 
-    /// The columns that are in both; none, with any ends, if there are none.
+    /// The columns in both; if there are none, `begin` is not below `end`.
     #[inline(always)]
     pub fn within(self, other: Self) -> Self {
         Self { begin: self.begin.max(other.begin), end: self.end.min(other.end) }
     }
 
-    /// A bit for each of the columns `start..start + count` that lies in the span; `count` is at
-    /// most 64.
+    /// A bit for each of the columns `start..start + count` that is in the span; `count` is at most 64.
     #[inline(always)]
     pub fn bits(self, start: usize, count: usize) -> u64 {
         let begin = self.begin.max(start);
@@ -55,9 +53,9 @@ impl Span {
 /// The pixels that are classified, row by row; all others are background.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldMask {
-    /// Of all rows, from top to bottom.
+    /// The spans of all rows, from top to bottom.
     spans: Vec<Span>,
-    /// For each row, where its spans end in the list; they begin where those of the row above end.
+    /// For each row, the end of its spans in the list; they begin where those of the row above end.
     ends: Vec<usize>,
 }
 
@@ -68,9 +66,8 @@ impl FieldMask {
         Self { spans: vec![Span { begin: 0, end: width }; height], ends: (1..=height).collect() }
     }
 
-    /// What the configured field, margin, goals and further areas need. All pixels, if the mask is
-    /// switched off, if there is no usable geometry, or if by the geometry the picture shows nothing
-    /// of the field.
+    /// For the configured field, margin, goals and further areas. All pixels if the mask is switched off, if
+    /// there is no usable geometry, or if by the geometry the picture shows nothing of the field.
     pub fn new(config: &Config) -> Self {
         let (width, height) = (config.camera.width, config.camera.height);
         let everything = || Self::everything(width, height);
@@ -84,9 +81,9 @@ impl FieldMask {
         Self::of_tiles(width, height, |point| area.may_show_at(point)).unwrap_or_else(everything)
     }
 
-    /// Asks at the corners of square tiles, about 160 in a row, and takes all tiles within one tile
-    /// of a corner where the answer is yes: so it is generous by a pixel in 160 at least. `None` if
-    /// the answer is no everywhere.
+    /// Evaluates `is_inside` at the corners of square tiles, about 160 in a row, and takes all tiles within
+    /// one tile of a corner where it holds: a margin of at least 1/160 of the picture. `None` if it holds
+    /// nowhere.
     fn of_tiles(width: u32, height: u32, is_inside: impl Fn(ImagePoint) -> bool) -> Option<Self> {
         let (width, height) = (width as usize, height as usize);
         let tile = width.max(height).div_ceil(160).max(4);
@@ -95,7 +92,7 @@ impl FieldMask {
             .map(|index| (index % (columns + 1) * tile, index / (columns + 1) * tile))
             .map(|(x, y)| is_inside(ImagePoint::new(x as f64, y as f64)))
             .collect();
-        // Of a tile's own corners and those one further.
+        // The tile's own corners, and those one tile further.
         let is_near = |column: usize, row: usize| {
             let around =
                 |index: usize, last: usize| index.saturating_sub(1)..=(index + 2).min(last);
@@ -120,7 +117,7 @@ impl FieldMask {
         (!mask.spans.is_empty()).then_some(mask)
     }
 
-    /// How many pixels are looked at.
+    /// Number of pixels to classify.
     pub fn pixels(&self) -> usize {
         self.spans.iter().map(|span| span.end - span.begin).sum()
     }
@@ -135,18 +132,18 @@ impl FieldMask {
     }
 }
 
-/// Where something that counts can be, and what the camera sees of it.
+/// The area of interest on the field, and the camera that sees it.
 struct Area<'a> {
     model: CameraModel,
-    /// Half extents of the field and of the field with its goals, with margin, and with half a
-    /// robot: it counts if its centre is within the margin.
+    /// Half extents of the field and of the field with its goals, each with margin and half a robot: a robot
+    /// counts if its centre is within the margin.
     rectangles: [[f64; 2]; 2],
     further: &'a [Vec<[f64; 2]>],
-    /// Of the tallest thing.
+    /// Height of the tallest object.
     height_mm: f64,
 }
 
-/// Heights between floor and robot's top that are asked for.
+/// Intervals between floor and robot's top at which a line of sight is tested.
 const HEIGHTS: u32 = 4;
 
 impl<'a> Area<'a> {
@@ -168,11 +165,11 @@ impl<'a> Area<'a> {
         }
     }
 
-    /// Whether what a pixel shows can be in the area.
+    /// Whether a pixel can show something in the area.
     fn may_show_at(&self, pixel: ImagePoint) -> bool {
         let floor = self.model.field_from_image(pixel, 0.0);
         let top = self.model.field_from_image(pixel, self.height_mm);
-        // A ray is straight.
+        // A line of sight is straight.
         (0..=HEIGHTS).map(|step| f64::from(step) / f64::from(HEIGHTS)).any(|share| {
             let between = |a: f64, b: f64| a + share * (b - a);
             let point =
@@ -199,7 +196,7 @@ mod tests {
         mask.spans(y).iter().any(|span| span.begin <= x && x < span.end)
     }
 
-    /// A camera that hangs at twice its height and off the middle, so that it sees a lot besides.
+    /// A camera at twice its height and off the middle, so that it sees much beside the field.
     fn high_camera() -> Config {
         let mut config = Config::default();
         for pair in &mut config.geometry.points {

@@ -1,21 +1,21 @@
-//! Pictures in every pixel format, as the kernels see them: dimensions that are known to agree with
-//! the bytes, and a row or a pixel on request.
+//! Pictures in every pixel format, as the kernels see them: dimensions checked against the bytes, and access
+//! by row or pixel.
 
 use common::messages::{BayerOrder, PixelFormat, PixelLayout};
 
 /// A picture in any format.
 #[derive(Debug, Clone, Copy)]
 pub enum Picture<'a> {
-    /// Behind a Bayer colour filter array.
+    /// With a Bayer colour filter array.
     Bayer(BayerImage<'a>),
-    /// Every pixel with a colour of its own.
+    /// With all three channels of every pixel.
     Color(ColorImage<'a>),
 }
 
 impl<'a> Picture<'a> {
-    /// `stride` is the distance between the starts of two rows in bytes; see [`PixelFormat`] for
-    /// the rest of the layout. `None` unless `width` and `height` are from 2 to 65,535, rows do not
-    /// overlap, and `pixels` holds all of them.
+    /// `stride` is the distance between the starts of two rows in bytes; see [`PixelFormat`] for the rest of
+    /// the layout. `None` unless `width` and `height` are from 2 to 65,535, rows do not overlap, and `pixels`
+    /// holds all of them.
     pub fn new(
         pixels: &'a [u8],
         width: u32,
@@ -71,12 +71,12 @@ pub struct BayerImage<'a> {
     height: usize,
     stride: usize,
     order: BayerOrder,
-    /// `None`: a byte a pixel; else two, whose value is shifted down by so much to make a byte.
+    /// `None`: one byte per pixel. Otherwise two, whose value is shifted right by this to make a byte.
     shift: Option<u32>,
 }
 
 impl<'a> BayerImage<'a> {
-    /// A picture of one byte a pixel, as [`Picture::new`].
+    /// A picture of one byte per pixel; see [`Picture::new`].
     pub fn new(
         pixels: &'a [u8],
         width: u32,
@@ -106,12 +106,12 @@ impl<'a> BayerImage<'a> {
         self.order
     }
 
-    /// `None`: a byte a pixel; else two, whose value is shifted down by so much to make a byte.
+    /// `None`: one byte per pixel. Otherwise two, whose value is shifted right by this to make a byte.
     pub fn shift(&self) -> Option<u32> {
         self.shift
     }
 
-    /// The bytes of a row, without padding: one or two a pixel.
+    /// The bytes of a row, without padding: one or two per pixel.
     ///
     /// # Panics
     /// If there is no such row.
@@ -135,8 +135,8 @@ impl<'a> BayerImage<'a> {
     }
 }
 
-/// A value of a deep Bayer picture as a byte: little endian, shifted down; bits above those that the
-/// format has are ignored.
+/// A sample of a deep Bayer picture as a byte: little endian, shifted right; bits above those of the format
+/// are ignored.
 #[inline(always)]
 pub fn narrowed(low: u8, high: u8, shift: u32) -> u8 {
     (u16::from_le_bytes([low, high]) >> shift) as u8
@@ -152,7 +152,7 @@ pub struct ColorImage<'a> {
     format: PixelFormat,
 }
 
-/// The bytes that make a row of colours, without padding.
+/// The bytes of a row of colours, without padding.
 #[derive(Debug, Clone, Copy)]
 pub enum ColorRow<'a> {
     /// Red, green, blue.
@@ -178,7 +178,7 @@ impl<'a> ColorImage<'a> {
         self.height
     }
 
-    /// Whether its colours are Y, U, V; otherwise they are red, green, blue.
+    /// Whether its channels are Y, U, V; otherwise they are red, green, blue.
     pub fn is_yuv(&self) -> bool {
         self.format.is_yuv()
     }
@@ -212,7 +212,7 @@ impl<'a> ColorImage<'a> {
 }
 
 impl<'a> ColorRow<'a> {
-    /// The pieces of memory it consists of; those there are not are empty.
+    /// The memory ranges of the row; unused ones are empty.
     #[inline(always)]
     pub fn parts(self) -> [&'a [u8]; 3] {
         match self {
@@ -222,7 +222,7 @@ impl<'a> ColorRow<'a> {
         }
     }
 
-    /// The three values of a pixel, as they are in the picture.
+    /// The three channels of a pixel, as stored in the picture.
     ///
     /// # Panics
     /// If there is no such pixel.

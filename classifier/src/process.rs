@@ -10,7 +10,7 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Classifier, options, config)?;
-    // Before its input: no output is missed whose input is not.
+    // Before its input, so that it sees the output of every input that it sees.
     let previous = process.bus.newest_only(&topics::RUNS)?;
     let topic = topics::frames(config.camera.frame_bytes());
     let frames = process.bus.subscriber_with_history(&topic)?;
@@ -38,7 +38,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         if process.is_done_by_predecessor(seq) {
             continue;
         }
-        // Not even the number of an unsound header means anything.
+        // Nothing in an unsound header means anything, not even the frame number.
         if let Err(fault) = classifier.check(frame.header(), frame.elements().len()) {
             process.drop_input(DropReason::from(&fault));
             continue;

@@ -1,16 +1,16 @@
-//! Medians and other ranks of a few bytes.
+//! Medians and other order statistics of a few bytes.
 
-/// Values of which one in a given place in their order is looked for, from 0 to 255.
+/// Bytes whose order statistics are needed.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Ranks {
     values: Vec<u8>,
 }
 
-/// So many are counted at once.
+/// Values counted per step; a sum of so many flags fits into a byte.
 const AT_ONCE: usize = 32;
 
 impl Ranks {
-    /// With room for so many values.
+    /// With memory for `values` values.
     pub fn with_room(values: usize) -> Self {
         Self { values: Vec::with_capacity(values.next_multiple_of(AT_ONCE)) }
     }
@@ -19,12 +19,13 @@ impl Ranks {
     pub fn fill(&mut self, values: impl Iterator<Item = u8>) {
         self.values.clear();
         self.values.extend(values);
-        // Behind all others, whichever place is asked for.
+        // Padding that comes last in the order.
         self.values.resize(self.values.len().next_multiple_of(AT_ONCE), u8::MAX);
     }
 
-    /// The one before which there would be so many if they were sorted; 255 if they are not so many. Bit
-    /// by bit, by counting: a fifth of what selecting takes, and of the same duration for any values.
+    /// The value of rank `count` (0 is the lowest); 255 if there are not as many. The value is found bit by
+    /// bit, by counting values below a candidate: a fifth of the time of selection, and the same for any
+    /// values.
     pub fn nth(&self, count: usize) -> u8 {
         let (chunks, _) = self.values.as_chunks::<AT_ONCE>();
         let mut found = 0u8;

@@ -1,35 +1,36 @@
-//! The optional second look at a classified pixel: bounds on hue and saturation of the HSI colour
-//! space (section 4.2 of the paper, last paragraph).
+//! The optional second look at a classified pixel: bounds on hue and saturation in the HSI colour space
+//! (section 4.2 of the paper, last paragraph).
 //!
 //! With R, G, B the interpolated values:
 //!
-//! * saturation = 1 − 3·min(R, G, B) / (R + G + B), computed as (sum − 3·min) / sum, which a
-//!   single rounding makes comparable with a bound as written; black has saturation 0;
-//! * hue is the angle of the vector (2R − G − B, √3·(G − B)), counter-clockwise: 0° red, 120°
-//!   green, 240° blue. It is the angle of the textbook's arccos formula. Grey (R = G = B) has no
-//!   hue and meets no hue bound, except a full circle, which is no bound.
+//! * saturation = 1 − 3·min(R, G, B) / (R + G + B), computed as (sum − 3·min) / sum, which a single rounding
+//!   makes comparable with a bound as written; black has saturation 0;
+//! * hue is the angle of the vector (2R − G − B, √3·(G − B)), counter-clockwise: 0° red, 120° green, 240°
+//!   blue. It equals the angle of the textbook's arccos formula. Grey (R = G = B) has no hue and meets no hue
+//!   bound, except a full circle, which is no bound.
 //!
-//! Neither is computed for a pixel. Both are ratios, of which pixels of bytes have finitely many, so each bound
-//! becomes one that lies between two neighbouring ones of them and is written with small integers
-//! (`Bound`): the sign of a sum of two products tells on which side a pixel lies. Bounds are put there by
-//! the formulas above, so the answer is theirs, the same on every machine, and in vectors of integers.
+//! Neither is computed per pixel. Both are ratios, of which bytes have finitely many, so each bound is
+//! replaced by a ratio of small integers that lies between the two neighbouring ratios on either side of it
+//! (`Bound`; found in the Stern–Brocot tree). The sign of a·x + b·y then tells on which side of the bound a
+//! pixel lies. The formulas above place the bounds, so the answer equals theirs, is the same on every
+//! machine, and is computed in vectors of integers.
 
 use crate::ClassifierError;
 use common::config::ColorConfig;
 
-/// What a pixel must meet besides the colour's RGB box.
+/// Conditions on a pixel besides the colour's RGB box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SecondLook {
-    /// From and to; both are met, or either if they are more than half a circle apart.
+    /// First and last hue. Both bounds must be met, or either one if they are more than half a circle apart.
     pub(crate) hue: [Bound; 2],
     pub(crate) is_reflex: bool,
-    /// Lowest and highest.
+    /// Lowest and highest saturation.
     pub(crate) saturation: [Bound; 2],
-    /// The bounds as they were set.
+    /// The bounds as configured.
     formula: Formula,
 }
 
-/// Met by what is not negative: a·x + b·y − least, of [hue](Seen::hue) or [saturation](Seen::saturation).
+/// Met if a·x + b·y ≥ least, for [hue](HueSaturation::hue) or [saturation](HueSaturation::saturation).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Bound {
     pub a: i16,
@@ -37,16 +38,16 @@ pub(crate) struct Bound {
     pub least: i32,
 }
 
-/// The quantities that bounds compare.
+/// The vectors that bounds are compared with.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
-    /// R − B and G − B: hue is the direction of this vector, in axes that are not at right angles.
+pub(crate) struct HueSaturation {
+    /// R − B and G − B: hue is the direction of this vector, in oblique axes.
     hue: [i32; 2],
-    /// What the channels have above the least of them, and their sum: saturation is the quotient.
+    /// sum − 3·min and the sum of the channels: saturation is their quotient.
     saturation: [i32; 2],
 }
 
-impl Seen {
+impl HueSaturation {
     #[inline(always)]
     pub fn new(rgb: [u8; 3]) -> Self {
         let [red, green, blue] = rgb.map(i32::from);
@@ -110,26 +111,27 @@ impl SecondLook {
 
     /// Whether a pixel meets both bounds.
     pub fn admits(&self, rgb: [u8; 3]) -> bool {
-        self.admits_seen(&Seen::new(rgb))
+        self.admits_hue_saturation(&HueSaturation::new(rgb))
     }
 
-    /// The same, without a branch: at the edges of patches and in noise it would be mispredicted.
+    /// [`admits`](Self::admits) without branches, which would be mispredicted at edges of patches and in
+    /// noise.
     #[inline(always)]
-    pub(crate) fn admits_seen(&self, seen: &Seen) -> bool {
+    pub(crate) fn admits_hue_saturation(&self, seen: &HueSaturation) -> bool {
         let [lowest, highest] =
             self.saturation.each_ref().map(|bound| bound.is_met(seen.saturation));
         let [from, to] = self.hue.each_ref().map(|bound| bound.is_met(seen.hue));
         lowest & highest & (from & to | self.is_reflex & (from | to))
     }
 
-    /// Whether the bounds on saturation share anything with a range.
+    /// Whether the saturation bounds admit anything in a range.
     pub(crate) fn may_admit_saturation(&self, low: f64, high: f64) -> bool {
         let [lowest, highest] = self.formula.saturation;
         lowest <= high && low <= highest
     }
 
-    /// Whether the bounds on hue admit a pixel whose hue is between those of two pixels, which are less
-    /// than half a circle apart. May say that they do where they nearly do.
+    /// Whether the hue bounds admit a hue between those of two pixels less than half a circle apart. True
+    /// also if they miss it by rounding.
     pub(crate) fn may_admit_hue(&self, a: [u8; 3], b: [u8; 3]) -> bool {
         let Some(sector) = &self.formula.hue else { return true };
         let [a, b] = [a, b].map(|rgb| hue_vector(rgb.map(i32::from)));
@@ -141,10 +143,10 @@ impl SecondLook {
     }
 }
 
-/// Bounds as the formulas of hue and saturation have them.
+/// The bounds as the formulas of hue and saturation state them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Formula {
-    /// `None`: any hue, and grey.
+    /// `None` admits every hue, and grey.
     hue: Option<HueSector>,
     /// Lowest and highest, inclusive.
     saturation: [f64; 2],
@@ -163,11 +165,11 @@ impl Formula {
 
 /// HSI saturation, 0–1.
 pub fn saturation(rgb: [u8; 3]) -> f64 {
-    let [above, sum] = Seen::new(rgb).saturation;
+    let [above, sum] = HueSaturation::new(rgb).saturation;
     saturation_of(above, sum)
 }
 
-/// The same of what the channels have above the least of them, and of their sum.
+/// HSI saturation from sum − 3·min and the sum of the channels.
 pub(crate) fn saturation_of(above: i32, sum: i32) -> f64 {
     if sum == 0 { 0.0 } else { f64::from(above) / f64::from(sum) }
 }
@@ -180,17 +182,17 @@ pub fn hue_deg(rgb: [u8; 3]) -> Option<f64> {
     (!is_grey).then_some(if degrees < 0.0 { degrees + 360.0 } else { degrees })
 }
 
-/// A vector whose angle is the hue; that of grey is 0.
+/// A vector whose angle is the hue; 0 for grey.
 fn hue_vector(rgb: [i32; 3]) -> [f64; 2] {
     let [red, green, blue] = rgb.map(f64::from);
     [2.0 * red - green - blue, 3f64.sqrt() * (green - blue)]
 }
 
-/// Greatest byte, and greatest sum of three: no ratio of pixels has a greater denominator.
+/// Highest byte, and highest sum of three: no ratio of pixels has a greater denominator.
 const MOST: i32 = 255;
 const MOST_SUM: i32 = 3 * MOST;
 
-/// The lower and the upper bound that pixels meet whose saturation is from the one to the other.
+/// The bounds that pixels with at least the lowest and at most the highest saturation meet.
 fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
     let of = |[above, sum]: [i32; 2]| saturation_of(above, sum);
     let sum = |[_, sum]: [i32; 2]| sum;
@@ -198,7 +200,7 @@ fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
     let lower = match ends.map(|end| of(end) >= lowest) {
         [true, _] => Bound::NONE,
         [_, false] => Bound::IMPOSSIBLE,
-        // Black has saturation 0, which is too little.
+        // Black has saturation 0, which is below the bound.
         _ => {
             let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) >= lowest);
             Bound { a: q as i16, b: -p as i16, least: 1 }
@@ -207,7 +209,7 @@ fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
     let upper = match ends.map(|end| of(end) > highest) {
         [true, _] => Bound::IMPOSSIBLE,
         [_, false] => Bound::NONE,
-        // … or not too much.
+        // Black has saturation 0, which is not above the bound.
         _ => {
             let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) > highest);
             Bound { a: -q as i16, b: p as i16, least: 0 }
@@ -216,9 +218,9 @@ fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
     [lower, upper]
 }
 
-/// A ratio between those for which something is not true, and those for which it is, of all that have
-/// no greater denominator: searches the Stern–Brocot tree between two neighbours in it. A ratio
-/// is a vector; the sum of two neighbours is the simplest ratio between them.
+/// A ratio between two neighbours in the Stern–Brocot tree that separates all ratios with denominators up to
+/// `most` for which `is_true` from those for which it is not. A ratio is a vector; the sum of two neighbours
+/// (the mediant) is the simplest ratio between them.
 fn between<const N: usize>(
     [mut without, mut with]: [[i32; N]; 2],
     denominator: impl Fn([i32; N]) -> i32,
@@ -251,7 +253,7 @@ struct HueSector {
 /// roundings fall. Different hues of 8-bit colours lie at least 0.0007° apart.
 const TOLERANCE_DEG: f64 = 1e-9;
 
-/// Red, yellow, green, cyan, blue, magenta: what is between two of them is a sum of multiples of both.
+/// Red, yellow, green, cyan, blue, magenta: any hue between two neighbours is a sum of multiples of both.
 const PRIMARIES: [[i32; 3]; 6] = [[1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1], [1, 0, 1]];
 
 impl HueSector {
@@ -279,9 +281,9 @@ impl HueSector {
         if self.is_reflex { from || to } else { from && to }
     }
 
-    /// The same in integers: counter-clockwise of the one, clockwise of the other. Grey is neither.
+    /// The sector in integers: counter-clockwise of `from` and clockwise of `to`. Grey is neither.
     fn bounds(&self) -> [Bound; 2] {
-        // Counter-clockwise of a colour is where the determinant of this and the pixel is positive.
+        // A pixel lies counter-clockwise of a colour where their determinant is positive.
         let [[from_x, from_y], [to_x, to_y]] = [self.from, self.to].map(|direction| {
             let [red, green, blue] = hue_at(direction);
             [red - blue, green - blue].map(|value| value as i16)
@@ -296,7 +298,7 @@ fn hue_at(direction: [f64; 2]) -> [i32; 3] {
     let greatest = |rgb: [i32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
     let sector = (0..6).map(|index| [PRIMARIES[index], PRIMARIES[(index + 1) % 6]]);
     let ends = sector.into_iter().find(|&[last, first]| !is_left(last) && is_left(first));
-    // Not two of the six are at the same place of a half circle, so there is one.
+    // No two of the six have the same direction modulo half a circle, so there is one.
     between(ends.unwrap_or([PRIMARIES[0], PRIMARIES[1]]), greatest, MOST, is_left)
 }
 
@@ -350,7 +352,7 @@ mod tests {
             for (other, other_hue) in PRIMARIES {
                 assert_eq!(hue_look(hue, hue).admits(other), hue == other_hue);
             }
-            // Half circles, and what is more than half a circle.
+            // Half circles, and sectors of more than half a circle.
             assert!(hue_look(hue, hue + 180.0).admits(rgb));
             assert!(hue_look(hue - 180.0, hue).admits(rgb));
             assert!(hue_look(hue, hue + 300.0).admits(rgb));
@@ -455,7 +457,7 @@ mod tests {
             pixels in proptest::collection::vec(any::<[u8; 3]>(), 100),
             dark in 0u8..6,
         ) {
-            // Some bounds are exactly what a pixel has.
+            // Some bounds are exactly the value of a pixel.
             let exact = |is_exact: bool, value: f64, of: f64| if is_exact { of } else { value };
             let of = hue_deg(met).unwrap_or(0.0);
             let hue = [exact(meets[0], hue.0, of), exact(meets[1], hue.1, of)];

@@ -1,16 +1,19 @@
-//! Uneven light: a pitch is bright under its lamps and dark in its corners, and so are the patches
-//! that lie there.
+//! Uneven light: a pitch is bright under its lamps and dark in its corners, and so are the patches that lie
+//! there.
 //!
-//! How bright the pitch is in which part of a picture is measured in each frame, as [`lamp`](crate::lamp)
-//! measures its colour: medians of the places in some fifty cells, which robots, lines and arms do not
-//! move far, and through the cells' logarithms the surface of second degree that fits them best.
-//! Where it lies above the middle of the pitch, patches are too bright by a part of that
-//! (`light.unevenness`: all of it on a dull floor, little on a black one that mirrors lamps), and where
-//! it lies below, too dark. Tiles of the picture are put into [zones](crate::zones) by what they have to
-//! be multiplied with, in steps of 9 %, and each zone has tables of its own.
+//! Shading is estimated in each frame by fitting a surface of second degree to the logarithm of the floor's
+//! brightness, as retrospective shading correction does in microscopy. The picture is divided into some fifty
+//! cells; the median of the green channel over a cell's places on the pitch measures its floor, since robots,
+//! lines and arms cover less than half of a cell. With `t = (1, u, v, u², uv, v²)` at a cell's mean place,
+//! `w` its number of places and `m` the logarithm of its median, weighted least squares give the coefficients
+//! `c = (Σ w t tᵀ)⁻¹ Σ w t m`. The inverse depends on the geometry alone and is computed once. Relative to
+//! its median over the pitch, `c · t` says by how many octaves the floor is too bright at a place. Patches
+//! are too bright by a part of that (`light.unevenness`: 1 on a dull floor, little on a black one that
+//! mirrors lamps). Square tiles of the picture are put into [zones](crate::zones) by the gain that undoes it,
+//! in steps of an eighth of an octave (9 %), and each zone has tables of its own.
 //!
-//! There is nothing in it but integers and sums, products and quotients of floating-point numbers in
-//! a fixed order, so the same frame gives the same zones on every machine.
+//! Only integers and floating-point sums, products and quotients in a fixed order are used, so the same frame
+//! gives the same zones on every machine.
 
 use crate::ClassTables;
 use crate::correction::Correction;
@@ -23,42 +26,43 @@ use common::config::{Config, LightConfig};
 use common::geometry::GeometryError;
 use nalgebra::{SMatrix, SVector};
 
-/// Zones differ by so many steps of gains.
+/// Gain steps (1/16 octave) between neighbouring zones.
 const ZONE_STEPS: i32 = 2;
-/// So many zones are darker than the middle of the pitch, and as many brighter.
+/// Zones darker than the middle of the pitch, and as many brighter ones.
 const ZONES_EACH: i32 = 10;
 pub(crate) const ZONES: usize = 2 * ZONES_EACH as usize + 1;
-/// The zone in which nothing is corrected.
+/// The zone without correction.
 pub(crate) const MIDDLE: usize = ZONES_EACH as usize;
-/// Units of [`LOG`] in a zone.
+/// [`LOG`] units (1/64 octave) per zone.
 const UNITS_PER_ZONE: f64 = (UNITS_PER_OCTAVE * ZONE_STEPS / 16) as f64;
-/// Along the longer side of a picture there are about so many cells, and so many tiles.
+/// Cells, and tiles, along the longer side of a picture, about.
 const CELLS: usize = 8;
 const TILES: usize = 20;
-/// A cell with fewer places on the pitch does not count.
+/// Minimum places on the pitch for a cell to be used.
 const FEWEST_SITES: usize = 8;
-/// Of a surface of second degree.
+/// Coefficients of a surface of second degree.
 const TERMS: usize = 6;
-/// Beyond this many octaves from the middle of the pitch a floor is black or white, no matter how much.
+/// Limit of the estimated deviation from the middle of the pitch, octaves.
 const MOST_OCTAVES: f64 = 6.0;
 
 type Terms = SVector<f64, TERMS>;
 type Matrix = SMatrix<f64, TERMS, TERMS>;
 
-/// How bright the pitch is, relative to its middle, in which part of a picture.
+/// Brightness of the pitch relative to its middle, for each part of a picture.
 #[derive(Debug, Clone)]
 pub struct Shading {
-    /// Numbers of those on the pitch in the lattice, those of a cell together.
+    /// Indices of the lattice's places on the pitch, sorted by cell.
     sites: Vec<usize>,
-    /// Of each cell where its sites end, and what its median says of each term.
+    /// For each cell: the end of its places in `sites`, and the vector that its median is multiplied with.
+    /// The sum of these products is the surface.
     cells: Vec<(usize, Terms)>,
-    /// Of each tile the terms at its centre.
+    /// The surface's terms at each tile's centre.
     tiles: Vec<Terms>,
-    /// Whether that is on the pitch.
+    /// Whether a tile has a place on the pitch.
     is_on_pitch: Vec<bool>,
-    /// Of each tile, in units of [`LOG`] from the middle of the pitch: what was measured last.
+    /// Latest measurement: brightness of each tile relative to the middle of the pitch, [`LOG`] units.
     units: Vec<f64>,
-    /// Room for sorting.
+    /// Reused allocation for sorting `units`.
     sorted: Vec<f64>,
     values: Ranks,
     tile_px: usize,
@@ -85,7 +89,7 @@ impl Shading {
             let (u, v) = ((x - width as f64 / 2.0) / half, (y - height as f64 / 2.0) / half);
             Terms::from([1.0, u, v, u * u, u * v, v * v])
         };
-        // Of each cell, weighted by its places, at their mean.
+        // For each cell, its weight (number of places) and the terms at their mean.
         let rows: Vec<(f64, Terms)> = by_cell
             .iter()
             .map(|sites| {
@@ -107,7 +111,7 @@ impl Shading {
         let tile_px = width.max(height).div_ceil(TILES).next_multiple_of(2).max(16);
         let zones = Zones::tiled(width, height, tile_px);
         let columns = zones.columns();
-        let tiles: Vec<Terms> = (0..zones.of_tiles().len())
+        let tiles: Vec<Terms> = (0..zones.by_tile().len())
             .map(|tile| {
                 [tile % columns, tile / columns].map(|at| (at as f64 + 0.5) * tile_px as f64)
             })
@@ -131,15 +135,15 @@ impl Shading {
         }))
     }
 
-    /// Measures the pitch of the picture that was looked at.
-    pub fn look_at(&mut self, lattice: &Lattice) {
+    /// Measures the pitch in the picture that the lattice has sampled.
+    pub fn measure(&mut self, lattice: &Lattice) {
         let [_, greens, _] = lattice.channels();
         let mut surface = Terms::zeros();
         let mut begin = 0;
         for (end, says) in &self.cells {
             let sites = &self.sites[begin..*end];
             self.values.fill(sites.iter().map(|&site| greens[site]));
-            // The median of logarithms is that of the values.
+            // The median of logarithms is the logarithm of the median.
             let median = LOG[usize::from(self.values.nth(sites.len() / 2))];
             surface += says * f64::from(median);
             begin = *end;
@@ -161,28 +165,28 @@ impl Shading {
         self.units.iter_mut().for_each(|units| *units = (*units - middle).clamp(-most, most));
     }
 
-    /// Of the picture looked at last: how many octaves brighter than the middle of the pitch its floor
-    /// is at a pixel.
+    /// Brightness of the floor at a pixel relative to the middle of the pitch, octaves, in the latest
+    /// measurement.
     pub fn octaves_at(&self, column: usize, row: usize) -> f64 {
         let tile = row / self.tile_px * self.columns + column / self.tile_px;
         self.units[tile] / f64::from(UNITS_PER_OCTAVE)
     }
 }
 
-/// Tables for the zones of a picture that is lit unevenly.
+/// Tables for the zones of an unevenly lit picture.
 #[derive(Debug, Clone)]
 pub struct ShadedTables {
     shading: Shading,
     unevenness: f64,
     zones: Zones,
-    /// By zone, and what each was made for.
+    /// Tables of each zone, and the gains of the middle of the pitch that they were made for.
     tables: Vec<ClassTables>,
     made_for: [Option<Gains>; ZONES],
 }
 
 impl ShadedTables {
-    /// As configured; `None` if light is taken to be even, or too little of the pitch is seen. `tables`
-    /// are any.
+    /// For the configured light; `None` if light is taken to be even, or too little of the pitch is seen.
+    /// `tables` only fill the memory until the first frame.
     pub fn new(config: &Config, tables: &ClassTables) -> Result<Option<Self>, GeometryError> {
         let LightConfig { follow: true, pitch_rgb: Some(_), unevenness, .. } = config.light else {
             return Ok(None);
@@ -193,7 +197,7 @@ impl ShadedTables {
         let Some(shading) = Shading::new(config)? else { return Ok(None) };
         let (width, height) = (config.camera.width as usize, config.camera.height as usize);
         let mut zones = Zones::tiled(width, height, shading.tile_px);
-        zones.of_tiles_mut().fill(MIDDLE as u8);
+        zones.by_tile_mut().fill(MIDDLE as u8);
         Ok(Some(Self {
             zones,
             shading,
@@ -203,49 +207,50 @@ impl ShadedTables {
         }))
     }
 
-    /// Measures the pitch of the picture that was looked at.
-    pub fn look_at(&mut self, lattice: &Lattice) {
-        self.shading.look_at(lattice);
-        for (zone, units) in self.zones.of_tiles_mut().iter_mut().zip(&self.shading.units) {
+    /// Measures the pitch in the picture that the lattice has sampled, and assigns its tiles to zones.
+    pub fn measure(&mut self, lattice: &Lattice) {
+        self.shading.measure(lattice);
+        for (zone, units) in self.zones.by_tile_mut().iter_mut().zip(&self.shading.units) {
             let zones = (-self.unevenness * units / UNITS_PER_ZONE).round() as i32;
             *zone = (zones.clamp(-ZONES_EACH, ZONES_EACH) + ZONES_EACH) as u8;
         }
     }
 
-    /// The least and the most that parts of the pitch are multiplied with besides, in steps of gains, in
-    /// the picture looked at last.
+    /// Lowest and highest gain of a zone on the pitch in the latest measurement, relative to the middle of
+    /// the pitch, in gain steps.
     pub fn spread(&self) -> [i32; 2] {
-        let on_pitch = self.zones.of_tiles().iter().zip(&self.shading.is_on_pitch);
+        let on_pitch = self.zones.by_tile().iter().zip(&self.shading.is_on_pitch);
         let on_pitch = on_pitch.filter(|(_, is_on_pitch)| **is_on_pitch);
         let zones = on_pitch.map(|(&zone, _)| usize::from(zone));
         [zones.clone().min(), zones.max()].map(|zone| zone_steps(zone.unwrap_or(MIDDLE)))
     }
 
-    /// The zones of the picture looked at last.
+    /// The zones of the latest measurement.
     pub fn zones(&self) -> &Zones {
         &self.zones
     }
 
-    /// Identifies what the picture looked at last is classified with, where `tables` is the version of those
-    /// for the middle of the pitch: the same for the same zones, and that of the tables where all is middle.
+    /// Identifies the classification of the latest measurement, where `tables` is the version of the tables
+    /// for the middle of the pitch: equal zones give equal versions, and `tables` itself if all tiles are
+    /// middle.
     pub fn version(&self, tables: u64) -> u64 {
-        let zones = self.zones.of_tiles();
+        let zones = self.zones.by_tile();
         match zones.iter().all(|&zone| usize::from(zone) == MIDDLE) {
             true => tables,
             false => version_by_parts(tables, b"zones", zones),
         }
     }
 
-    /// For each zone and channel what each value becomes, where the gains of the middle of the pitch are
-    /// these.
+    /// For each zone, a table per channel from measured to corrected value, given the gains of the middle of
+    /// the pitch.
     pub fn corrections(gains: Gains) -> Vec<[[u8; 256]; 3]> {
         (0..ZONES).map(|zone| Correction::new(zone_gains(gains, zone), 0).tables()).collect()
     }
 
-    /// The tables for the picture looked at last, made of `tables`, which are always the same, and the
-    /// gains for the middle of the pitch.
+    /// The tables for the latest measurement, given the gains of the middle of the pitch. `tables` must be
+    /// the same at each call, since tables made of them are kept.
     pub fn under<'a>(&'a mut self, tables: &'a ClassTables, gains: Gains) -> ZonedTables<'a> {
-        for &zone in self.zones.of_tiles() {
+        for &zone in self.zones.by_tile() {
             let zone = usize::from(zone);
             if self.made_for[zone] != Some(gains) {
                 self.tables[zone] = tables.under(zone_gains(gains, zone));
@@ -256,7 +261,7 @@ impl ShadedTables {
     }
 }
 
-/// What a zone is multiplied with besides.
+/// Gain of a zone relative to the middle of the pitch, in gain steps.
 fn zone_steps(zone: usize) -> i32 {
     (zone as i32 - MIDDLE as i32) * ZONE_STEPS
 }
@@ -265,8 +270,7 @@ pub(crate) fn zone_gains(gains: Gains, zone: usize) -> Gains {
     gains.map(|steps| steps + zone_steps(zone))
 }
 
-/// The inverse of the sum of the rows' products with themselves, weighted; `None` if the rows do not
-/// determine a surface.
+/// `(Σ w t tᵀ)⁻¹` over the rows `(w, t)`; `None` if they do not determine a surface.
 fn inverse_of_normal(rows: &[(f64, Terms)]) -> Option<Matrix> {
     let square = |(weight, row): &(f64, Terms)| *weight * row * row.transpose();
     let normal: Matrix = rows.iter().map(square).sum();

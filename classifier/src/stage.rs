@@ -12,8 +12,7 @@ use crate::{ClassTables, ClassifierError};
 use common::config::Config;
 use common::messages::{FrameFault, FrameHeader, LightCorrection, PixelLayout, Run, RunsHeader};
 
-/// Turns frames into runs. Frames are independent of each other: there is nothing to remember and
-/// nothing to hand over.
+/// Turns frames into runs. Frames are independent of each other, so no state is handed over.
 #[derive(Debug, Clone)]
 pub struct Classifier {
     width: u32,
@@ -21,10 +20,10 @@ pub struct Classifier {
     tables: ClassTables,
     lattice: Lattice,
     lamp: Option<Lamp>,
-    /// The light of the last frame, and the tables for it: a cache, not a memory.
+    /// The light of the last frame, and the tables for it: a cache, not state.
     gains: Gains,
     lit_tables: ClassTables,
-    /// How that came about, for whoever watches.
+    /// For reports: how the last frame was corrected.
     is_pitch_seen: bool,
     is_under_glare: bool,
     changes: u64,
@@ -42,8 +41,8 @@ impl Classifier {
         Self::with_level(config, SimdChoice::of_process().level)
     }
 
-    /// The same with the instructions of a level, for tests and benchmarks. All levels give the
-    /// same runs. One that this machine does not have is as good as [`SimdLevel::Scalar`].
+    /// With the instructions of a given level, for tests and benchmarks. All levels give the same runs. A
+    /// level that this machine does not have is replaced by [`SimdLevel::Scalar`].
     pub fn with_level(config: &Config, level: SimdLevel) -> Result<Self, ClassifierError> {
         let (width, height) = (config.camera.width, config.camera.height);
         if width < 2 || height < 2 {
@@ -80,14 +79,14 @@ impl Classifier {
         })
     }
 
-    /// Whether a frame with this header and so many bytes can be classified.
+    /// Checks whether a frame with this header and number of bytes can be classified.
     pub fn check(&self, header: &FrameHeader, bytes: usize) -> Result<PixelLayout, FrameFault> {
         header.check(self.width, self.height, bytes)
     }
 
-    /// Classifies a frame. On success `out` begins with [`RunsHeader::run_count`] runs and
-    /// `out_header` is complete except for [`RunsHeader::t_frame_taken_ns`] and
-    /// [`RunsHeader::t_sent_ns`], which are 0 until the runs are handed on. A frame that fails [`check`](Self::check) leaves both untouched.
+    /// Classifies a frame. On success `out` begins with [`RunsHeader::run_count`] runs, and `out_header` is
+    /// complete except for [`RunsHeader::t_frame_taken_ns`] and [`RunsHeader::t_sent_ns`], which are 0 until
+    /// the runs are sent. A frame that fails [`check`](Self::check) leaves both untouched.
     pub fn step(
         &mut self,
         header: &FrameHeader,
@@ -99,19 +98,19 @@ impl Classifier {
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
         if self.lamp.is_some() || self.haze.is_some() {
-            self.lattice.look_at(&picture);
+            self.lattice.sample(&picture);
         }
         self.follow_lamp();
         let Self {
             kernel, tables, lattice, gains, lit_tables, mask, shaded, one_zone, haze, ..
         } = self;
-        let hazy = haze.as_deref_mut().and_then(|haze| haze.look_at(lattice).then_some(haze));
+        let hazy = haze.as_deref_mut().and_then(|haze| haze.find(lattice).then_some(haze));
         self.is_under_glare = hazy.is_some();
         if let Some(haze) = &hazy {
             haze.clear(lattice);
         }
         if let Some(shaded) = shaded {
-            shaded.look_at(lattice);
+            shaded.measure(lattice);
         }
         let middle = lit_tables.version();
         let (zoned, class_table_version) = match (hazy, shaded.as_deref_mut()) {
@@ -134,7 +133,7 @@ impl Classifier {
         Ok(())
     }
 
-    /// Brings the tables up to date with the light of the picture that was looked at.
+    /// Updates the tables for the light of the picture that the lattice has sampled.
     fn follow_lamp(&mut self) {
         let Some(lamp) = &self.lamp else { return };
         let gains = lamp.gains(&self.lattice);
@@ -167,12 +166,12 @@ impl Classifier {
         }
     }
 
-    /// Whose instructions it uses.
+    /// The instruction set in use.
     pub fn level(&self) -> SimdLevel {
         self.kernel.level()
     }
 
-    /// The pixels that are looked at.
+    /// The pixels that are classified.
     pub fn mask(&self) -> &FieldMask {
         &self.mask
     }

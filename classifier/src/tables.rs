@@ -1,29 +1,28 @@
-//! The three tables of section 4.2: every colour box is tested at once by two AND operations.
+//! The three tables of section 4.2: two AND operations test a pixel against every colour box at once.
 //!
-//! Bit i of entry v in the red table says whether v lies in the red range of colour i; likewise for
-//! green and blue. The AND of the entries for a pixel's R, G and B has one bit for each colour
-//! whose box holds the pixel.
+//! Bit i of entry v in the red table is set if v lies in the red range of colour i; likewise for green and
+//! blue. The AND of the entries for a pixel's R, G and B has a bit for each colour whose box holds the pixel.
 //!
-//! Pixels of YUV pictures have three tables of their own, for the colours that have a box in YUV.
-//! The other colours look at what the pixel is in RGB.
+//! Pixels of YUV pictures have three further tables, for the colours that have a box in YUV. The other
+//! colours are tested with the pixel converted to RGB.
 
 use crate::correction::Correction;
 use crate::lamp::{Gains, NO_GAINS};
-use crate::look_tables::LookTables;
-use crate::second_look::{SecondLook, Seen};
+use crate::second_look::{HueSaturation, SecondLook};
+use crate::second_look_tables::SecondLookTables;
 use crate::yuv::rgb_from_yuv;
 use crate::{ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
 use std::sync::Arc;
 
-/// The configured colours, ready for classifying pixels.
+/// The configured colours, prepared for classification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClassTables {
     rgb: Boxes,
-    /// Only of colours that have a box in YUV. This and the second looks are the same under any light, and
-    /// shared by the tables for all of them.
+    /// Boxes of the colours that have one in YUV. These and the second looks are independent of the light, so
+    /// the tables for all lights share them.
     yuv: Arc<Boxes>,
-    /// Bit set of the colours that have none.
+    /// Bit set of the colours without a box in YUV.
     rgb_only_bits: u32,
     /// Bit set of the colours that have a second look.
     second_look_bits: u32,
@@ -33,16 +32,16 @@ pub struct ClassTables {
     version: u64,
 }
 
-/// The colours' second looks, and tables of which of them may admit what.
+/// The second looks of the colours, and tables of the colours that may admit a pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SecondLooks {
     of_class: [SecondLook; MAX_CLASSES],
-    pub tables: LookTables,
+    pub tables: SecondLookTables,
     /// Box in RGB and second look of each colour.
     pub classes: Vec<([[u8; 2]; 3], SecondLook)>,
 }
 
-/// Three tables: one for each channel, a bit for each colour.
+/// A table for each channel, with a bit for each colour.
 #[derive(Debug, Clone, PartialEq)]
 struct Boxes([[u32; 256]; 3]);
 
@@ -99,7 +98,7 @@ impl ClassTables {
         }
         let all = ((1u64 << colors.len()) - 1) as u32;
         let others = all & !second_look_bits;
-        let tables = LookTables::new(&second_looks, second_look_bits, others);
+        let tables = SecondLookTables::new(&second_looks, second_look_bits, others);
         let boxes = colors.iter().map(|color| [color.red, color.green, color.blue]);
         let classes = boxes.zip(second_looks).collect();
         Ok(Self {
@@ -113,14 +112,14 @@ impl ClassTables {
         })
     }
 
-    /// The tables for another light, made of those for the light in which the colours were set: what each pixel is
-    /// classified as is what these classify it as once its channels are corrected by the gains. Boxes in YUV
-    /// stay as they are.
+    /// The tables for another light: they classify a pixel as these tables, which must be those for the light
+    /// in which the colours were set, classify the pixel with corrected channels. Boxes in YUV stay as they
+    /// are.
     pub fn under(&self, gains: Gains) -> Self {
         self.under_haze(gains, 0)
     }
 
-    /// The same where white light of so many grey levels lies over the pixels, too.
+    /// The tables for another light, with white light of `haze` grey levels on top of it.
     pub fn under_haze(&self, gains: Gains, haze: u8) -> Self {
         debug_assert_eq!(self.correction, Correction::NONE);
         let mut hash = Fnv1a(self.version);
@@ -159,8 +158,8 @@ impl ClassTables {
         self.rgb.holding(rgb)
     }
 
-    /// The colours whose box holds the pixel of a YUV picture, as a bit set: their box in YUV, or
-    /// that in RGB if they have no other.
+    /// The colours whose box holds the pixel of a YUV picture, as a bit set: their box in YUV if they have
+    /// one, else their box in RGB.
     #[inline(always)]
     pub fn boxes_yuv(&self, yuv: [u8; 3]) -> u32 {
         let mut boxes = self.yuv.holding(yuv);
@@ -175,35 +174,40 @@ impl ClassTables {
         self.second_look_bits
     }
 
-    /// The pixel's class: the first of the configured colours whose box holds it and whose second
-    /// look, if it has one, admits it; `BACKGROUND` if there is none.
+    /// The pixel's class: the first configured colour whose box holds it and whose second look, if it has
+    /// one, admits it; `BACKGROUND` if there is none.
     #[inline(always)]
     pub fn classify(&self, rgb: [u8; 3]) -> u8 {
         let boxes = self.boxes(rgb);
-        if boxes & self.second_look_bits == 0 { first(boxes) } else { self.look_again(boxes, rgb) }
+        if boxes & self.second_look_bits == 0 {
+            first(boxes)
+        } else {
+            self.first_admitted(boxes, rgb)
+        }
     }
 
-    /// The class of a pixel of a YUV picture. The second look is at hue and saturation of what it
-    /// is in RGB.
+    /// The class of a pixel of a YUV picture. The second look tests hue and saturation of the pixel converted
+    /// to RGB.
     #[inline(always)]
     pub fn classify_yuv(&self, yuv: [u8; 3]) -> u8 {
         let boxes = self.boxes_yuv(yuv);
         if boxes & self.second_look_bits == 0 {
             first(boxes)
         } else {
-            self.look_again(boxes, rgb_from_yuv(yuv))
+            self.first_admitted(boxes, rgb_from_yuv(yuv))
         }
     }
 
     #[inline(never)]
-    fn look_again(&self, boxes: u32, rgb: [u8; 3]) -> u8 {
-        let seen = Seen::new([0, 1, 2].map(|channel| self.correction.of(channel, rgb[channel])));
+    fn first_admitted(&self, boxes: u32, rgb: [u8; 3]) -> u8 {
+        let seen =
+            HueSaturation::new([0, 1, 2].map(|channel| self.correction.of(channel, rgb[channel])));
         let mut admitting = boxes & !self.second_look_bits;
         let mut looking = boxes & self.second_look_bits;
         while looking != 0 {
             let class = looking.trailing_zeros();
             let look = &self.second_looks.of_class[class as usize % MAX_CLASSES];
-            admitting |= u32::from(look.admits_seen(&seen)) << class;
+            admitting |= u32::from(look.admits_hue_saturation(&seen)) << class;
             looking &= looking - 1;
         }
         first(admitting)
@@ -214,7 +218,7 @@ impl ClassTables {
         &self.rgb.0
     }
 
-    /// The tables of Y, U and V, of the colours that have a box in YUV.
+    /// The tables of Y, U and V, for the colours that have a box in YUV.
     pub(crate) fn yuv(&self) -> &[[u32; 256]; 3] {
         &self.yuv.0
     }
@@ -224,30 +228,30 @@ impl ClassTables {
         self.second_look_bits != 0
     }
 
-    /// The second looks, which are the same under any light.
+    /// The second looks, which are independent of the light.
     pub(crate) fn second_looks(&self) -> &Arc<SecondLooks> {
         &self.second_looks
     }
 
-    /// The correction that these tables contain.
+    /// The correction that is built into these tables.
     pub(crate) fn correction(&self) -> Correction {
         self.correction
     }
 
-    /// Whether some colours have no box in YUV: pixels of YUV pictures are compared with them in RGB.
+    /// Whether some colours have no box in YUV: pixels of YUV pictures are converted to RGB for them.
     pub(crate) fn has_colors_without_yuv(&self) -> bool {
         self.rgb_only_bits != 0
     }
 
-    /// Identifies the classification: a hash of the numbers that define it, the same in every run
-    /// of every build. Names and looks of the colours do not matter.
+    /// Identifies the classification: a hash of the numbers that define it, the same in every run of every
+    /// build. Names and display colours do not enter.
     pub fn version(&self) -> u64 {
         self.version
     }
 }
 
-/// The lowest class of a bit set, or [`BACKGROUND`]; without a branch, which at the edges of patches
-/// would often be mispredicted.
+/// The lowest class of a bit set, or [`BACKGROUND`]; without branches, which would often be mispredicted at
+/// edges of patches.
 #[inline(always)]
 fn first(boxes: u32) -> u8 {
     let class = boxes.trailing_zeros() as u8;
@@ -255,13 +259,13 @@ fn first(boxes: u32) -> u8 {
     class | 0u8.wrapping_sub(class >> 5)
 }
 
-/// FNV-1a, 64 bits, over the colours' ranges and bounds, with their count and with a mark in front
-/// of optional bounds so that no two lists read the same. What came later, boxes in YUV, follows
-/// behind it all with the colours' numbers, and only where there are any: without them the version
-/// is what it was.
+/// FNV-1a, 64 bits, over the colours' ranges and bounds. The number of colours, and a mark in front of each
+/// optional bound, make different lists hash differently. Boxes in YUV were added to the format later: they
+/// come last, with the numbers of their colours, and only if there are any, so hashes of configurations
+/// without them are unchanged.
 fn version(colors: &[ColorConfig]) -> u64 {
     let mut hash = Fnv1a::new();
-    // To be changed together with the meaning of the numbers.
+    // Must change together with the meaning of the numbers.
     hash.write(b"touchline colour tables 1");
     hash.write(&(colors.len() as u64).to_le_bytes());
     for color in colors {
@@ -271,7 +275,7 @@ fn version(colors: &[ColorConfig]) -> u64 {
         for bounds in [color.hue_deg, color.saturation] {
             hash.write(&[u8::from(bounds.is_some())]);
             for bound in bounds.iter().flatten() {
-                // −0 and 0 bound the same.
+                // −0 and 0 are the same bound.
                 hash.write(&(bound + 0.0).to_bits().to_le_bytes());
             }
         }
@@ -285,7 +289,7 @@ fn version(colors: &[ColorConfig]) -> u64 {
     hash.0
 }
 
-/// A version made of that of some tables and of which parts of a picture they are changed for, and how.
+/// A version derived from that of some tables, a label, and the zones of a picture's parts.
 pub(crate) fn version_by_parts(tables: u64, what: &[u8], parts: &[u8]) -> u64 {
     let mut hash = Fnv1a(tables);
     hash.write(what);
@@ -332,7 +336,7 @@ mod tests {
         color([200, 220], [230, 250], [10, 30])
     }
 
-    /// 31 colours that hold nothing but one dark blue each.
+    /// 31 colours whose boxes each hold a single dark blue.
     fn thirty_one_blues() -> Vec<ColorConfig> {
         (0..31).map(|i| color([0, 0], [0, 0], [100 + i, 100 + i])).collect()
     }
@@ -410,11 +414,11 @@ mod tests {
         assert_eq!(tables.boxes_yuv(orange), 0b11);
         assert_eq!(tables.boxes_yuv([0, 255, 180]), 0b01);
         assert_eq!(tables.boxes_yuv([171, 60, 181]), 0b00);
-        // The box in RGB of a colour that has one in YUV does not count.
+        // A colour that has a box in YUV is not tested with its box in RGB.
         let elsewhere = ColorConfig { y: Some([0, 9]), ..in_rgb };
         let tables = ClassTables::new(&[elsewhere, in_yuv.clone()]).unwrap();
         assert_eq!(tables.classify_yuv(orange), 1);
-        // The second look is at the colour in RGB: a hue of about 36°.
+        // The second look tests the colour in RGB: a hue of about 36°.
         let other_hue = ColorConfig { hue_deg: Some([40.0, 60.0]), ..in_yuv.clone() };
         let hue = ColorConfig { hue_deg: Some([20.0, 40.0]), ..in_yuv };
         let tables = ClassTables::new(&[other_hue, hue]).unwrap();
@@ -461,7 +465,7 @@ mod tests {
         let yellow = paper_yellow();
         let of = |colors: &[ColorConfig]| ClassTables::new(colors).unwrap().version();
         let reference = of(std::slice::from_ref(&yellow));
-        // Computed by another program: recordings refer to it, so it must never change by itself.
+        // Computed by another program. Recordings refer to it, so it must never change.
         assert_eq!(reference, 0x7c3e_5061_fece_13e5);
 
         let renamed = ColorConfig { name: "gold".into(), looks: [9; 3], ..yellow.clone() };

@@ -1,8 +1,7 @@
-//! From YUV to RGB, for colours that have no box in YUV, for the second look, and for overlays.
+//! Conversion from YUV to RGB, for colours without a box in YUV, for the second look, and for overlays.
 
-/// The RGB colour of a YUV pixel: ITU-R BT.601 with Y from 16 to 235 and U, V from 16 to 240 around
-/// 128, which is what V4L2 says of cameras that say nothing else. In integers, with 8 bits behind
-/// the point, rounded half up, and clipped to 0–255:
+/// The RGB colour of a YUV pixel: ITU-R BT.601 with Y from 16 to 235 and U, V from 16 to 240 around 128, the
+/// default of V4L2. In fixed point with 8 fractional bits, rounded half up, and clipped to 0–255:
 ///
 /// ```text
 /// R = 1.164 (Y − 16)                     + 1.596 (V − 128)

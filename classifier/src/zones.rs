@@ -1,27 +1,27 @@
-//! Parts of a picture that are classified with tables of their own.
+//! Zones: parts of a picture that are classified with tables of their own.
 
 use crate::ClassTables;
 use crate::mask::Span;
 
-/// Which part of a picture belongs to which zone: square tiles, each with the number of its zone.
+/// Assignment of square tiles of a picture to zones.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Zones {
-    /// Side of a tile in pixels; even, so that two rows that belong together are in one.
+    /// Side of a tile, pixels; even, so that both rows of a pair are in one tile.
     tile_px: usize,
     /// Tiles in a row.
     columns: usize,
-    of_tile: Vec<u8>,
+    zone_by_tile: Vec<u8>,
 }
 
-/// Zones, and the tables of each: all of the same colours, each under its light.
+/// Zones and the tables of each: all of the same colours, each corrected for its zone's light.
 #[derive(Debug, Clone, Copy)]
 pub struct ZonedTables<'a> {
-    /// Under the light in which the colours were set.
+    /// Tables for the light in which the colours were set.
     pub colors: &'a ClassTables,
-    /// By zone; at least one more than the highest zone. Made by [`ClassTables::under`] or
+    /// Indexed by zone, for all zones that occur. Made by [`ClassTables::under`] or
     /// [`ClassTables::under_haze`] of `colors`.
     pub tables: &'a [ClassTables],
-    /// Where they count.
+    /// Assigns tiles to `tables`.
     pub zones: &'a Zones,
 }
 
@@ -35,7 +35,7 @@ impl<'a> ZonedTables<'a> {
 impl Zones {
     /// Everything is in zone 0.
     pub fn one() -> Self {
-        Self { tile_px: 1 << 16, columns: 1, of_tile: vec![0] }
+        Self { tile_px: 1 << 16, columns: 1, zone_by_tile: vec![0] }
     }
 
     /// Tiles of a picture of this size, all in zone 0.
@@ -45,7 +45,7 @@ impl Zones {
     pub fn tiled(width: usize, height: usize, tile_px: usize) -> Self {
         assert!(tile_px > 0 && tile_px.is_multiple_of(2), "tiles of {tile_px} px");
         let (columns, rows) = (width.div_ceil(tile_px), height.div_ceil(tile_px));
-        Self { tile_px, columns, of_tile: vec![0; columns * rows] }
+        Self { tile_px, columns, zone_by_tile: vec![0; columns * rows] }
     }
 
     /// The side of a tile in pixels.
@@ -59,13 +59,13 @@ impl Zones {
     }
 
     /// The zone of each tile, row by row.
-    pub fn of_tiles(&self) -> &[u8] {
-        &self.of_tile
+    pub fn by_tile(&self) -> &[u8] {
+        &self.zone_by_tile
     }
 
-    /// The same, to be changed.
-    pub fn of_tiles_mut(&mut self) -> &mut [u8] {
-        &mut self.of_tile
+    /// The zone of each tile, mutable.
+    pub fn by_tile_mut(&mut self) -> &mut [u8] {
+        &mut self.zone_by_tile
     }
 
     /// The zone of a pixel.
@@ -74,17 +74,17 @@ impl Zones {
     /// If it lies outside the picture.
     pub fn at(&self, column: usize, row: usize) -> usize {
         let tile = row / self.tile_px * self.columns + column / self.tile_px;
-        usize::from(self.of_tile[tile])
+        usize::from(self.zone_by_tile[tile])
     }
 
-    /// The zones of the tiles that a row goes through, from left to right.
+    /// The zones of the tiles along a row, from left to right.
     #[inline]
     pub fn tiles_of_row(&self, row: usize) -> &[u8] {
         let line = row / self.tile_px * self.columns;
-        &self.of_tile[line..line + self.columns]
+        &self.zone_by_tile[line..line + self.columns]
     }
 
-    /// A stretch of a row, divided by zone: from left to right, neighbours differ.
+    /// The parts of a span in one zone each, from left to right; neighbours differ in zone.
     #[inline]
     pub fn divide(&self, row: usize, span: Span) -> impl Iterator<Item = (Span, usize)> {
         let line = self.tiles_of_row(row);
@@ -121,7 +121,7 @@ mod tests {
             ends in (0usize..300, 0usize..300),
         ) {
             let mut all = Zones::tiled(width, height, 2 * tile);
-            for (tile, zone) in all.of_tiles_mut().iter_mut().zip(zones.iter().cycle()) {
+            for (tile, zone) in all.by_tile_mut().iter_mut().zip(zones.iter().cycle()) {
                 *tile = *zone;
             }
             let (begin, end) = (ends.0.min(ends.1).min(width), ends.0.max(ends.1).min(width));

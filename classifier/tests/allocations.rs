@@ -1,4 +1,4 @@
-//! A classifier at work allocates nothing: after the first frame of a format, memory is what it was.
+//! A classifier allocates nothing after the first frame of a format.
 
 #[path = "../../common/tests/counting/mod.rs"]
 mod counting;
@@ -13,7 +13,7 @@ use touchline_classifier::{Classifier, SimdLevel};
 #[test]
 fn steps_after_the_first_allocate_nothing() {
     let mut config = Config::default();
-    // With all that a frame's light can ask for.
+    // With all corrections of the light.
     config.light.pitch_rgb = Some([100.0, 120.0, 110.0]);
     config.light.unevenness = 0.5;
     let mut noise = Noise(5);
@@ -27,7 +27,7 @@ fn steps_after_the_first_allocate_nothing() {
             let pixels = (0..bytes).map(|_| noise.next_u32() as u8).collect();
             let mut frame = Frame::new(640, 480, stride, BayerOrder::Gbrg, pixels);
             frame.header.pixel_format = format as u32;
-            // The first under any light, then twice as bright.
+            // The first frame half as bright as the second.
             frame.pixels.iter_mut().for_each(|pixel| *pixel /= 2);
             let mut step = |pixels: &[u8]| {
                 allocations_in(|| {

@@ -1,4 +1,4 @@
-//! Every pixel format: what comes out is what a picture of the same colours gives.
+//! Every pixel format gives the runs of a picture with the same colours.
 
 mod reference;
 
@@ -8,13 +8,13 @@ use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, encode, runs_of_labels};
 use touchline_classifier::{Classifier, Picture, SimdLevel, rgb_from_yuv, to_rgb};
 
-/// The runs of a frame: the same with every instruction set that this machine has.
+/// The runs of a frame; asserts that every instruction set of this machine gives the same.
 fn classify(header: &FrameHeader, pixels: &[u8], colors: &[ColorConfig]) -> Vec<Run> {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (header.width, header.height);
     config.colors = colors.to_vec();
     config.light = LightConfig::default();
-    // The geometry is that of other pictures.
+    // The default geometry does not fit these picture sizes.
     config.field.mask = false;
     let mut specified = None;
     for level in SimdLevel::available().into_iter().rev() {
@@ -36,7 +36,7 @@ fn header(format: PixelFormat, width: u32, height: u32, padding: u32) -> FrameHe
     header
 }
 
-/// What a pixel's colour is read as: with the chroma of the pixel it shares it with.
+/// The colour that a pixel is decoded as: pixels that share chroma have that of one of them.
 fn decoded(
     format: PixelFormat,
     color: &impl Fn(usize, usize) -> [u8; 3],
@@ -132,7 +132,7 @@ proptest! {
         let mut pixels = Vec::new();
         for row in bytes.chunks(width as usize) {
             for &byte in row {
-                // Whatever the lower bits are.
+                // Arbitrary lower bits.
                 let low = noise.next_u32() as u16 & ((1 << (bits - 8)) - 1);
                 pixels.extend((u16::from(byte) << (bits - 8) | low).to_le_bytes());
             }

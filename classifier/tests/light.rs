@@ -1,4 +1,4 @@
-//! What the classifier says about how it corrects the light.
+//! Reports of the classifier on its correction of the light.
 
 mod reference;
 
@@ -9,14 +9,14 @@ use touchline_classifier::Classifier;
 
 const PITCH: [f64; 3] = [60.0, 64.0, 56.0];
 
-/// Set for a pitch of [`PITCH`].
+/// Colours set for a pitch of [`PITCH`].
 fn config() -> Config {
     let light = LightConfig { pitch_rgb: Some(PITCH), brightness: 1.0, ..LightConfig::default() };
     Config { light, ..Config::default() }
 }
 
-/// Nothing but the pitch, under a light that gives each channel so many times its light, and the right
-/// edge so many times that of the left.
+/// An empty pitch under a light that multiplies each channel, and the brightness at the right edge relative
+/// to the left.
 fn frame(config: &Config, light: [f64; 3], right: f64) -> Frame {
     let camera = &config.camera;
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -29,7 +29,7 @@ fn frame(config: &Config, light: [f64; 3], right: f64) -> Frame {
     Frame::new(camera.width, camera.height, camera.width, camera.bayer_order, pixels.collect())
 }
 
-/// What is said after a frame.
+/// The report after a frame.
 fn said(classifier: &mut Classifier, frame: &Frame) -> LightCorrection {
     let (mut header, mut runs) = (RunsHeader::default(), vec![Run::default(); 1000]);
     classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).unwrap();

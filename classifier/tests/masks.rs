@@ -1,4 +1,4 @@
-//! The field mask in the kernels: what lies outside is background, what lies inside is as without a
+//! The field mask in the kernels: pixels outside are background, pixels inside are classified as without a
 //! mask, with every instruction set and in every format.
 
 mod reference;
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, runs_of_labels};
 use touchline_classifier::{Classifier, FieldMask, SimdLevel};
 
-/// A small picture, part of which shows the field, and some further areas.
+/// A small picture that partly shows the field, and some further areas.
 fn config(width: u32, height: u32, size: f64, offset: Pair, areas: Vec<Vec<Pair>>) -> Config {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (width, height);

@@ -1,4 +1,4 @@
-//! The whole classifier against an independent reference, and against rubbish.
+//! The whole classifier against an independent reference, and with invalid input.
 
 mod reference;
 
@@ -22,13 +22,13 @@ fn config(width: u32, height: u32, colors: &[ColorConfig]) -> Config {
     config.camera.height = height;
     config.colors = colors.to_vec();
     config.light = LightConfig::default();
-    // The geometry is that of other pictures.
+    // The default geometry does not fit these picture sizes.
     config.field.mask = false;
     config
 }
 
-/// The runs of a frame with room for `capacity`, and whether they were cut off: the same with every
-/// instruction set that this machine has. Checks everything else that a step promises.
+/// The runs of a frame with room for `capacity`, and whether they were cut off. Asserts that every
+/// instruction set of this machine gives the same, and everything else that a step guarantees.
 fn step(frame: &Frame, colors: &[ColorConfig], capacity: usize) -> (Vec<Run>, bool) {
     let FrameHeader { width, height, .. } = frame.header;
     let config = config(width, height, colors);
@@ -55,8 +55,8 @@ fn step(frame: &Frame, colors: &[ColorConfig], capacity: usize) -> (Vec<Run>, bo
     specified.clone()
 }
 
-/// Any small size, order and padding. Pixels are noise, or patches of a few values so that there
-/// are runs longer than a pixel; padding is noise.
+/// Any small size, order and padding. Pixels are noise, or patches of a few values, which make runs longer
+/// than a pixel; padding is noise.
 fn any_frame() -> impl Strategy<Value = Frame> {
     // Around one, two and three blocks of every instruction set.
     let width = prop_oneof![2u32..40, 40u32..230];
@@ -98,7 +98,7 @@ proptest! {
         prop_assert_eq!(rgb, frame.rgb());
     }
 
-    /// Nothing but the second look decides, of every pixel.
+    /// Only the second look decides, for every pixel.
     #[test]
     fn runs_of_hues_equal_the_reference(
         frame in any_frame(),
@@ -220,7 +220,7 @@ fn a_known_picture_is_interpolated_by_hand() {
 fn all_32_classes_come_out() {
     let colors: Vec<ColorConfig> =
         (0..32u8).map(|class| [8 * class, 8 * class + 7]).map(|r| color(r, r, r)).collect();
-    // One grey level a row pair, 64 rows: away from the seams every pixel has its level.
+    // One grey level per pair of rows, 64 rows: away from the seams every pixel has its level.
     let pixels = (0..64u8).flat_map(|row| [row / 2 * 8 + 4; 6]).collect();
     let frame = Frame::new(6, 64, 6, BayerOrder::Bggr, pixels);
     let (runs, _) = step(&frame, &colors, 1000);
@@ -305,7 +305,7 @@ fn every_level_follows_the_light_from_frame_to_frame() {
     config.light.pitch_rgb = Some([40.0, 50.0, 45.0]);
     config.light.brightness = 1.0;
     let mut noise = Noise(3);
-    // A pitch in another light each time, with a column of every colour.
+    // Each time a pitch in another light, with a column of every colour.
     let frames: Vec<Frame> = [[1.0, 1.0, 1.0], [0.7, 1.0, 1.3], [1.2, 0.8, 0.9], [1.0, 1.0, 1.0]]
         .into_iter()
         .map(|gains: [f64; 3]| {

@@ -1,5 +1,5 @@
-//! Tables of their own for parts of a picture: every pixel is what the tables of its zone make of it,
-//! with every instruction set and in every format.
+//! Zones: every pixel is classified by the tables of its zone, with every instruction set and in every
+//! format.
 
 mod reference;
 
@@ -20,7 +20,7 @@ proptest! {
         half_tile in 1usize..40,
         colors in proptest::collection::vec(any_color(), 5..6),
         lights in proptest::collection::vec((prop::array::uniform3(-41i32..42), 0u8..3), 3..4),
-        zones_of_tiles in proptest::collection::vec(0u8..3, 1..400),
+        tile_zones in proptest::collection::vec(0u8..3, 1..400),
         format in proptest::sample::select(vec![
             PixelFormat::Bayer8, PixelFormat::Bayer12, PixelFormat::Rgb24,
         ]),
@@ -31,8 +31,8 @@ proptest! {
         let order = BayerOrder::from_number(order).unwrap();
         let mut frame = Frame::new(width, height, width, order, bytes);
         let mut zones = Zones::tiled(width as usize, height as usize, 2 * half_tile);
-        let tiles = zones.of_tiles_mut().iter_mut();
-        tiles.zip(zones_of_tiles.iter().cycle()).for_each(|(tile, &zone)| *tile = zone);
+        let tiles = zones.by_tile_mut().iter_mut();
+        tiles.zip(tile_zones.iter().cycle()).for_each(|(tile, &zone)| *tile = zone);
         let corrections: Vec<_> =
             lights.iter().map(|&(gains, haze)| Correction::new(gains, 40 * haze).tables()).collect();
         let pixels = frame.rgb();
@@ -79,8 +79,8 @@ proptest! {
 const FLOOR: [f64; 3] = [60.0, 64.0, 58.0];
 const PATCHES: [[f64; 3]; 3] = [[180.0, 164.0, 32.0], [36.0, 152.0, 168.0], [28.0, 56.0, 172.0]];
 
-/// Squares of the palette's colours all over a floor, under light that falls off to `corner` from
-/// the middle to the corners; with a little noise.
+/// Squares in the palette's colours all over a floor, under light that falls off to `corner` from the middle
+/// to the corners; with a little noise.
 fn frame(config: &Config, corner: f64, seed: u64) -> Frame {
     let camera = &config.camera;
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -104,7 +104,7 @@ fn config(unevenness: f64) -> Config {
     let mut config = Config::default();
     let pitch_rgb = Some(FLOOR.map(|value| value * 0.85));
     config.light = LightConfig { pitch_rgb, brightness: 1.0, unevenness, ..LightConfig::default() };
-    // A fifth less bright than in that light, or more.
+    // Up to a fifth less or more bright than in 0.85 of full light.
     let around = |value: f64| [value * 0.8 * 0.85 - 4.0, value * 1.2 * 0.85 + 2.0].map(|v| v as u8);
     config.colors = PATCHES
         .map(|rgb| {
@@ -115,7 +115,7 @@ fn config(unevenness: f64) -> Config {
     config
 }
 
-/// The pixels that have a class.
+/// Number of pixels with a class.
 fn classified(classifier: &mut Classifier, frame: &Frame) -> u32 {
     let (mut header, mut runs) = (RunsHeader::default(), vec![Run::default(); 50_000]);
     classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).unwrap();
@@ -140,7 +140,7 @@ fn patches_in_dark_corners_are_seen_as_well_as_those_in_the_middle() {
 
 #[test]
 fn every_level_follows_the_light_from_frame_to_frame() {
-    // How bright the corners are, and the lamps as a whole.
+    // Brightness of the corners, and of the lamps as a whole.
     let lights =
         [(1.0, 1.0), (0.3, 1.0), (0.6, 0.8), (0.6, 1.3), (0.6, 0.8), (1.5, 1.0), (1.0, 1.0)];
     let config = config(0.6);
@@ -180,7 +180,7 @@ fn every_level_follows_the_light_from_frame_to_frame() {
     }
 }
 
-/// What identifies the tables of a frame.
+/// Version of the tables of a frame.
 fn version(config: &Config, frame: &Frame) -> u64 {
     let mut classifier = Classifier::new(config).unwrap();
     let (mut header, mut runs) = (RunsHeader::default(), vec![Run::default(); 50_000]);
@@ -197,11 +197,11 @@ fn frames_with_other_zones_have_other_tables_by_name() {
     assert_ne!(version(&uneven, &dark), version(&even, &dark));
     assert_ne!(version(&uneven, &dark), version(&uneven, &darker));
     assert_eq!(version(&uneven, &dark), version(&uneven, &dark));
-    // Nothing is corrected where nothing is uneven.
+    // Even light needs no correction.
     let flat = frame(&uneven, 1.0, 5);
     assert_eq!(version(&uneven, &flat), version(&even, &flat));
 
-    // The same where glare is taken off.
+    // Likewise if glare is corrected.
     let glaring = LightConfig { glare: true, ..even.light.clone() };
     let glaring = Config { light: glaring, ..even.clone() };
     assert_eq!(version(&glaring, &flat), version(&even, &flat));

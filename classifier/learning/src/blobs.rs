@@ -1,6 +1,6 @@
-//! Connected stretches of a picture in which something is of one class: what might be patches.
+//! Connected components of a class map: candidates for patches.
 
-/// Not of any class.
+/// Class of pixels without a class.
 pub const NOTHING: u8 = u8::MAX;
 
 /// Pixels of one class that touch (4-connected).
@@ -8,7 +8,7 @@ pub const NOTHING: u8 = u8::MAX;
 pub struct Blob {
     /// Class of all its pixels.
     pub class: u8,
-    /// How many there are.
+    /// Number of pixels.
     pub pixels: u32,
     /// Mean column and row.
     pub center: [f64; 2],
@@ -18,8 +18,8 @@ pub struct Blob {
     pub rows: [u32; 2],
 }
 
-/// The blobs of a map of classes, and for each pixel the number of its blob; of a pixel of no class
-/// the number says nothing.
+/// The blobs of a class map, and the number of the blob of each pixel. The number is meaningless for pixels
+/// without a class.
 pub fn blobs(map: &[u8], width: usize) -> (Vec<Blob>, Vec<u32>) {
     let mut parents: Vec<u32> = Vec::new();
     let mut labels = vec![0u32; map.len()];
@@ -69,7 +69,7 @@ pub fn blobs(map: &[u8], width: usize) -> (Vec<Blob>, Vec<u32>) {
     (blobs, labels)
 }
 
-/// Makes two labels mean the same, the lower of which is returned.
+/// Merges two labels, and returns the lower one.
 fn join(parents: &mut [u32], a: u32, b: u32) -> u32 {
     let (a, b) = (root(parents, a), root(parents, b));
     parents[a.max(b) as usize] = a.min(b);
@@ -78,7 +78,7 @@ fn join(parents: &mut [u32], a: u32, b: u32) -> u32 {
 
 fn root(parents: &mut [u32], mut label: u32) -> u32 {
     while parents[label as usize] != label {
-        // Shortens the way for the next one.
+        // Path halving: shortens the path for later calls.
         parents[label as usize] = parents[parents[label as usize] as usize];
         label = parents[label as usize];
     }

@@ -1,13 +1,13 @@
-//! Patches guessed from pictures without labels: what has roughly the right colour, and the size of a
-//! patch.
+//! Patches guessed from pictures without labels: blobs with roughly the right colour and the size of a patch.
 //!
-//! `looks` gives a colour's hue, or for white, grey and black its brightness relative to the pitch. The
-//! least saturation or brightness is not known: on a green pitch under a yellow lamp it differs from that
-//! on a black one. So for each colour a bound is tried at many
-//! places. Where it lets too much pass, floor and patches flow together into one large blob; where it
-//! lets too little pass, patches fall to pieces: at the right place most blobs have the size of a
-//! patch. Those are samples of the colour nearly as good as labelled ones, and everything else on the
-//! pitch is background.
+//! `looks` gives a colour's hue or, for white, grey and black, its brightness relative to the pitch. The
+//! minimum saturation or the boundaries in brightness are unknown: on a green pitch under a yellow lamp they
+//! differ from those on a black one. So the pictures are segmented at each of several levels of that bound,
+//! as in a search for maximally stable regions. If too much passes, floor and patches merge into one large
+//! blob; if too little passes, patches fall to pieces; at the right level most blobs have the size of a
+//! patch. The level with the most blobs of that size is chosen for each colour, where blobs beyond the
+//! expected number count negatively. Its blobs are samples of the colour nearly as good as labelled ones, and
+//! everything else on the pitch is background.
 
 use crate::blobs::{Blob, NOTHING, blobs};
 use crate::palette::{self, Tone};
@@ -18,8 +18,8 @@ use common::config::{Config, PatchRole};
 use common::geometry::ImagePoint;
 use common::layout::Layout;
 
-/// Least saturations of colours that have a hue, and beside them what boundaries in the brightness of
-/// white, grey and black are multiplied with.
+/// Levels: the minimum saturation of colours with a hue, and the factor on the boundaries in brightness of
+/// white, grey and black.
 const LEVELS: [(f64, f64); 12] = [
     (0.06, 0.45),
     (0.09, 0.55),
@@ -34,25 +34,25 @@ const LEVELS: [(f64, f64); 12] = [
     (0.66, 2.0),
     (0.75, 2.4),
 ];
-/// White, grey and black are at most so saturated.
+/// Maximum saturation of white, grey and black.
 const MOST_GREY_SATURATION: f64 = 0.2;
-/// Brightest channel below which a pixel has no reliable hue.
+/// Maximum of the channels below which a pixel has no reliable hue.
 const DARKEST: u8 = 16;
-/// Pixels of a blob, of what a patch should have.
+/// Accepted sizes of a blob, relative to the smallest and the largest patch.
 const SIZES: [f64; 2] = [0.35, 1.8];
-/// Pixels of a blob, of the upright rectangle around it.
+/// Minimum part of its bounding box that a blob fills.
 const LEAST_FILL: f64 = 0.3;
 /// Margin around a blob that is not sampled as background, px.
 const RIM_PX: i64 = 2;
 
-/// A colour's patches as the layout promises them, before any picture is seen.
+/// The patches of a colour according to the layout.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wanted {
-    /// The colour, by its place among the configured ones.
+pub struct ExpectedPatches {
+    /// Index of the configured colour.
     pub class: u8,
     /// Area of the smallest and of the largest patch.
     pub area_mm2: [f64; 2],
-    /// Area of all its patches together, if all robots are in the picture.
+    /// Total area of its patches, if all robots are in the picture.
     pub total_mm2: f64,
     /// Height of the patches above the floor.
     pub height_mm: f64,
@@ -64,19 +64,19 @@ pub struct Wanted {
 struct Feature {
     hue: u8,
     saturation: u8,
-    /// The mean of its channels.
+    /// Mean of the channels.
     grey: u8,
     has_hue: bool,
 }
 
-/// Guesses which pixels of the pictures show which of the configured colours. The pictures are those
-/// in the light that colours are learned for.
+/// Guesses which pixels of the pictures show which configured colour. The pictures must be in the light that
+/// colours are learned for.
 pub fn guess(config: &Config, scene: &Scene, pictures: &[Picture]) -> Samples {
-    let wanted = wanted(config);
+    let expected = expected_patches(config);
     let tones = palette::tones(&config.colors, config.light.pitch_rgb);
     let features: Vec<Vec<Feature>> = pictures.iter().map(features).collect();
     let map = |picture: usize, level: usize| {
-        let classes = Classes::new(&tones, &wanted, level);
+        let classes = Classes::new(&tones, &expected, level);
         let pixels = features[picture].iter().zip(&scene.is_on_pitch);
         let class = |(feature, &is_on_pitch): (&Feature, &bool)| match is_on_pitch {
             true => classes.of(feature),
@@ -84,30 +84,32 @@ pub fn guess(config: &Config, scene: &Scene, pictures: &[Picture]) -> Samples {
         };
         pixels.map(class).collect::<Vec<u8>>()
     };
-    // Patches found, indexed by level and wanted colour.
-    let mut found = vec![vec![0.0; wanted.len()]; LEVELS.len()];
+    // Patches found, indexed by level and colour.
+    let mut found = vec![vec![0.0; expected.len()]; LEVELS.len()];
     for (picture, image) in pictures.iter().enumerate() {
         for (level, found) in found.iter_mut().enumerate() {
             for blob in &blobs(&map(picture, level), image.width).0 {
-                if let Some(index) = wanted.iter().position(|wanted| wanted.class == blob.class) {
-                    found[index] += f64::from(u8::from(wanted[index].is_met(scene, blob)));
+                if let Some(index) =
+                    expected.iter().position(|expected| expected.class == blob.class)
+                {
+                    found[index] += f64::from(u8::from(expected[index].is_met(scene, blob)));
                 }
             }
         }
     }
-    let chosen: Vec<usize> = (0..wanted.len())
+    let chosen: Vec<usize> = (0..expected.len())
         .map(|index| {
-            let count = wanted[index].count * pictures.len() as f64;
+            let count = expected[index].count * pictures.len() as f64;
             best_level(found.iter().map(|found| found[index]), count)
         })
         .collect();
-    let mut samples = Guessed::default();
+    let mut samples = SampleBuilder::default();
     for (picture, image) in pictures.iter().enumerate() {
         samples.begin(image);
-        for (wanted, &level) in wanted.iter().zip(&chosen) {
+        for (expected, &level) in expected.iter().zip(&chosen) {
             let (blobs, numbers) = blobs(&map(picture, level), image.width);
             for (number, blob) in (0..).zip(&blobs) {
-                if blob.class == wanted.class && wanted.is_met(scene, blob) {
+                if blob.class == expected.class && expected.is_met(scene, blob) {
                     samples.add(image, blob, |index| numbers[index] == number);
                 }
             }
@@ -117,8 +119,8 @@ pub fn guess(config: &Config, scene: &Scene, pictures: &[Picture]) -> Samples {
     samples.finish(pictures.len())
 }
 
-/// The middle of the levels at which most of the patches are found; more than there can be count
-/// against a level.
+/// The middle of the levels at which most patches are found; patches beyond the expected number count
+/// negatively.
 fn best_level(found: impl Iterator<Item = f64>, count: f64) -> usize {
     let worth: Vec<f64> = found.map(|found| found.min(2.0 * count - found)).collect();
     let most = worth.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -128,21 +130,21 @@ fn best_level(found: impl Iterator<Item = f64>, count: f64) -> usize {
     (first + last) / 2
 }
 
-/// The colours that are worn.
-pub fn wanted(config: &Config) -> Vec<Wanted> {
+/// The colours on robots and ball.
+pub fn expected_patches(config: &Config) -> Vec<ExpectedPatches> {
     let layout = Layout::new(&config.robots);
     let own = |patches: &Vec<_>| Layout::new(patches);
-    let mut all: Vec<Wanted> = Vec::new();
+    let mut all: Vec<ExpectedPatches> = Vec::new();
     let mut add = |name: &str, area_mm2: f64, height_mm: f64| {
         let Some(class) = config.colors.iter().position(|color| color.name == name) else { return };
-        match all.iter_mut().find(|wanted| usize::from(wanted.class) == class) {
-            Some(wanted) => {
-                let [least, most] = wanted.area_mm2;
-                wanted.area_mm2 = [least.min(area_mm2), most.max(area_mm2)];
-                wanted.total_mm2 += area_mm2;
-                wanted.count += 1.0;
+        match all.iter_mut().find(|expected| usize::from(expected.class) == class) {
+            Some(expected) => {
+                let [least, most] = expected.area_mm2;
+                expected.area_mm2 = [least.min(area_mm2), most.max(area_mm2)];
+                expected.total_mm2 += area_mm2;
+                expected.count += 1.0;
             }
-            None => all.push(Wanted {
+            None => all.push(ExpectedPatches {
                 class: class as u8,
                 area_mm2: [area_mm2; 2],
                 total_mm2: area_mm2,
@@ -170,8 +172,8 @@ pub fn wanted(config: &Config) -> Vec<Wanted> {
     all
 }
 
-impl Wanted {
-    /// Whether a blob may be one of the colour's patches.
+impl ExpectedPatches {
+    /// Whether a blob can be one of the colour's patches.
     fn is_met(&self, scene: &Scene, blob: &Blob) -> bool {
         let [across, down] =
             [blob.columns, blob.rows].map(|[first, last]| f64::from(last - first + 1));
@@ -200,7 +202,7 @@ fn features(picture: &Picture) -> Vec<Feature> {
     picture.rgb.iter().map(feature).collect()
 }
 
-/// Which features are of which class, at a level.
+/// Assignment of features to classes at one level.
 struct Classes {
     of_hue: [u8; 256],
     least_saturation: u8,
@@ -209,7 +211,7 @@ struct Classes {
 }
 
 impl Classes {
-    fn new(tones: &[Option<Tone>], wanted: &[Wanted], level: usize) -> Self {
+    fn new(tones: &[Option<Tone>], expected: &[ExpectedPatches], level: usize) -> Self {
         let (saturation, factor) = LEVELS[level];
         let mut classes = Self {
             of_hue: [NOTHING; 256],
@@ -217,20 +219,20 @@ impl Classes {
             of_grey: [NOTHING; 256],
             most_grey_saturation: (MOST_GREY_SATURATION * 255.0) as u8,
         };
-        for wanted in wanted {
-            match tones[usize::from(wanted.class)] {
+        for expected in expected {
+            match tones[usize::from(expected.class)] {
                 Some(Tone::Hue([from, to])) => {
                     for (bin, class) in classes.of_hue.iter_mut().enumerate() {
                         let hue = (bin as f64 + 0.5) * 360.0 / 256.0;
                         if (hue - from).rem_euclid(360.0) <= (to - from).rem_euclid(360.0) {
-                            *class = wanted.class;
+                            *class = expected.class;
                         }
                     }
                 }
                 Some(Tone::Grey([from, to])) => {
                     for (grey, class) in classes.of_grey.iter_mut().enumerate() {
                         if (from * factor..to * factor).contains(&(grey as f64)) {
-                            *class = wanted.class;
+                            *class = expected.class;
                         }
                     }
                 }
@@ -254,22 +256,22 @@ impl Classes {
     }
 }
 
-/// Samples in the making.
+/// Samples under construction.
 #[derive(Default)]
-struct Guessed {
+struct SampleBuilder {
     samples: Samples,
     background: Background,
     /// Pixels of the current picture that belong to a patch or its margin.
     is_patch: Vec<bool>,
 }
 
-impl Guessed {
+impl SampleBuilder {
     fn begin(&mut self, picture: &Picture) {
         self.is_patch.clear();
         self.is_patch.resize(picture.rgb.len(), false);
     }
 
-    /// Adds the pixels of a blob: those inside as samples, those at its edge as a rim.
+    /// Adds the inner pixels of a blob as samples, and excludes its surroundings from the background.
     fn add(&mut self, picture: &Picture, blob: &Blob, is_in: impl Fn(usize) -> bool) {
         let (width, height) = (picture.width as i64, picture.height() as i64);
         let in_blob = |column: i64, row: i64| {
@@ -303,7 +305,7 @@ impl Guessed {
         self.samples.pixels.extend(own.into_iter().map(sample));
     }
 
-    /// Everything else on the pitch is background.
+    /// Adds everything else on the pitch as background.
     fn end(&mut self, picture: &Picture, scene: &Scene) {
         let pixels = picture.rgb.iter().zip(&self.is_patch).zip(&scene.is_on_pitch);
         for ((&rgb, &is_patch), &is_on_pitch) in pixels {

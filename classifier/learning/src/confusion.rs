@@ -1,28 +1,28 @@
-//! How well colours tell samples apart: the confusion table, and what it warns of.
+//! Separation of samples by learned colours: the confusion table, and warnings.
 
 use crate::samples::Samples;
 
-/// What samples were taken for.
+/// Classification results of samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
     /// The colours' names.
     pub names: Vec<String>,
-    /// By true colour: pixels taken for each colour, and in the end for none.
+    /// For each true colour, the pixels classified as each colour, and last as none.
     pub counts: Vec<Vec<u64>>,
-    /// By true colour: the part of the pixels that is right in the patch that fares worst.
+    /// For each true colour, the correct part of the pixels of its worst patch.
     pub worst_patch: Vec<f64>,
-    /// Pixels of a picture's background taken for each colour.
+    /// Background pixels per picture classified as each colour.
     pub false_pixels: Vec<f64>,
 }
 
-/// Part of a colour's pixels that may be taken for another before it is worth a warning.
+/// Part of a colour's pixels classified as another one that is worth a warning.
 const TOO_ALIKE: f64 = 0.1;
-/// A patch of which less is recognised will often not be found.
+/// Recall of the worst patch below which a colour is likely to be missed.
 const TOO_LITTLE: f64 = 0.3;
 
 impl Confusion {
-    /// Counts what `classify` takes the samples for: an index into `names`, or anything else for
-    /// none. Samples count by the index of their class in `names`.
+    /// Counts the results of `classify`, which returns an index into `names`, or anything else for none. The
+    /// classes of samples are indices into `names`.
     pub fn new(names: Vec<String>, samples: &Samples, classify: impl Fn([u8; 3]) -> u8) -> Self {
         let colors = names.len();
         let mut counts = vec![vec![0; colors + 1]; colors];
@@ -52,13 +52,13 @@ impl Confusion {
         Self { names, counts, worst_patch, false_pixels }
     }
 
-    /// Part of a colour's pixels that are taken for it; `None` without pixels.
+    /// Correctly classified part of a colour's pixels; `None` without pixels.
     pub fn recall(&self, class: usize) -> Option<f64> {
         let all: u64 = self.counts[class].iter().sum();
         (all > 0).then(|| self.counts[class][class] as f64 / all as f64)
     }
 
-    /// The table to read.
+    /// The table as text.
     pub fn text(&self) -> String {
         let width = self.names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(6);
         let mut text = format!("{:<width$}", "");
@@ -82,7 +82,7 @@ impl Confusion {
         text
     }
 
-    /// What is likely to go wrong on the pitch.
+    /// Likely failures on the pitch.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         for (class, name) in self.names.iter().enumerate() {

@@ -1,14 +1,14 @@
-//! Labels: what is to be seen in pictures, as somebody who looked at them wrote it down.
+//! Labels: contents of pictures, as a person has marked them.
 //!
-//! One JSON file for any number of pictures; `docs/labels.md` describes it for people. Keys that are
-//! not known are left alone, so a file may carry notes for other programs.
+//! One JSON file describes any number of pictures; `docs/labels.md` explains it for people. Unknown keys are
+//! ignored, so a file may carry notes for other programs.
 
 use common::input;
 use common::messages::Team;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Why a file of labels cannot be used.
+/// A file of labels cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LabelsError {
     /// The file cannot be read.
@@ -16,30 +16,30 @@ pub enum LabelsError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The text is not what it should be.
+    /// The text does not have the format.
     #[error("{}: {source}; docs/labels.md describes the format", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// Where and why.
+        /// Position and reason.
         source: serde_json::Error,
     },
-    /// A number no picture has.
+    /// A coordinate that no picture has.
     #[error("{}: image {image}: {what} = {value} lies outside any picture", path.display())]
     Number {
         /// The file.
         path: PathBuf,
         /// The picture's name.
         image: String,
-        /// Which number.
+        /// The coordinate's name.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// One robot cannot be in two places.
+    /// A robot is labelled twice in a picture.
     #[error("{}: image {image}: {team} {id} is labelled twice", path.display(), team = team.name())]
     Twice {
         /// The file.
@@ -63,15 +63,15 @@ pub struct Labels {
 /// The labels of one picture. Pixels: the centre of the top-left pixel is (0, 0), x right, y down.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct ImageLabels {
-    /// The picture, from the folder of the labels; after [`Labels::load`], from here.
+    /// The picture, relative to the folder of the labels; after [`Labels::load`], to the working directory.
     pub file: PathBuf,
-    /// All robots in the picture; absent when nobody looked for them.
+    /// All robots in the picture; absent if robots were not labelled.
     #[serde(default)]
     pub robots: Option<Vec<RobotLabel>>,
-    /// The ball: absent when nobody looked for it, `null` when there is none.
+    /// The ball: absent if it was not labelled, `null` if there is none.
     #[serde(default, deserialize_with = "present")]
     pub ball: Option<Option<BallLabel>>,
-    /// Places of a known colour.
+    /// Areas of a known colour.
     #[serde(default)]
     pub samples: Vec<SampleLabel>,
 }
@@ -79,17 +79,17 @@ pub struct ImageLabels {
 /// A robot.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct RobotLabel {
-    /// Whose it is.
+    /// Its team.
     pub team: Team,
     /// Its number in the team.
     pub id: u32,
-    /// Centre of its top.
+    /// Centre of its top, column.
     pub x_px: f64,
-    /// Centre of its top.
+    /// Centre of its top, row.
     pub y_px: f64,
-    /// Its heading as it appears in the picture: 0 right, 90 up on the screen.
+    /// Heading as it appears in the picture: 0 right, 90 up on the screen.
     pub heading_deg: f64,
-    /// How well it can be seen.
+    /// Visibility.
     #[serde(default)]
     pub quality: Quality,
 }
@@ -97,21 +97,21 @@ pub struct RobotLabel {
 /// The ball.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct BallLabel {
-    /// Its centre.
+    /// Centre, column.
     pub x_px: f64,
-    /// Its centre.
+    /// Centre, row.
     pub y_px: f64,
-    /// How well it can be seen.
+    /// Visibility.
     #[serde(default)]
     pub quality: Quality,
 }
 
-/// A place where the picture shows a colour, or the background.
+/// An area of the picture that shows a colour, or the background.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct SampleLabel {
-    /// Name of the colour; "background" for what is none of them.
+    /// Name of the colour, or "background".
     pub color: String,
-    /// The part of the picture that shows it.
+    /// The area.
     #[serde(flatten)]
     pub area: SampleArea,
 }
@@ -122,14 +122,14 @@ pub struct SampleLabel {
 pub enum SampleArea {
     /// A rectangle: left, top, right and bottom, all four included.
     Rectangle {
-        /// Its sides.
+        /// Left, top, right and bottom.
         rect_px: [f64; 4],
     },
     /// A disc.
     Disc {
-        /// Its centre.
+        /// Centre, column.
         x_px: f64,
-        /// Its centre.
+        /// Centre, row.
         y_px: f64,
         /// Its radius.
         #[serde(default = "default_radius")]
@@ -137,25 +137,25 @@ pub enum SampleArea {
     },
 }
 
-/// How well something can be seen.
+/// Visibility of a labelled object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Quality {
-    /// Anybody sees it.
+    /// Visible without doubt.
     #[default]
     Clear,
-    /// Hidden, blurred or otherwise beyond what must be found.
+    /// Hidden, blurred or otherwise not required to be found.
     Hard,
 }
 
-/// Name of what is none of the colours.
+/// Name of the background in labels.
 pub const BACKGROUND: &str = "background";
 
 fn default_radius() -> f64 {
     2.0
 }
 
-/// `null` is something else than nothing.
+/// Distinguishes `null` from an absent key.
 fn present<'de, D: serde::Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<Option<BallLabel>>, D::Error> {
@@ -163,7 +163,7 @@ fn present<'de, D: serde::Deserializer<'de>>(
 }
 
 impl Labels {
-    /// Reads a file; its pictures' names are completed by its folder.
+    /// Reads a file; the pictures' names are prefixed by its folder.
     pub fn load(path: &Path) -> Result<Self, LabelsError> {
         let text = input::read_text(path, input::LABELS)
             .map_err(|source| LabelsError::Read { path: path.into(), source })?;
@@ -176,7 +176,7 @@ impl Labels {
         Ok(labels)
     }
 
-    /// Checks a text; `path` is its name in complaints.
+    /// Checks a text; error messages refer to it as `path`.
     pub fn parse(text: &str, path: &Path) -> Result<Self, LabelsError> {
         let labels: Self = serde_json::from_str(text)
             .map_err(|source| LabelsError::Format { path: path.into(), source })?;
@@ -189,7 +189,7 @@ impl Labels {
 
 impl ImageLabels {
     fn check(&self, path: &Path) -> Result<(), LabelsError> {
-        /// Pictures have at most so many rows and columns.
+        /// Limit of coordinates, px.
         const FARTHEST: f64 = 100_000.0;
         let number = |what: &'static str, value: f64| {
             if value.abs() <= FARTHEST {

@@ -1,17 +1,17 @@
-//! What is learned from pictures, off line: nothing here runs while a match is on.
+//! Learning colours from pictures, off line: nothing here runs during a match.
 //!
-//! * [`labels`]: what somebody says is to be seen in pictures.
-//! * [`samples`]: pixels of known colour, out of labelled pictures.
+//! * [`labels`]: marked contents of pictures.
+//! * [`samples`]: pixels of known colour, from labelled pictures.
 //! * [`scene`]: camera, pitch and robots, prepared for many pictures.
 //! * [`separate`]: from samples to the bounds of colours.
-//! * [`confusion`]: how well bounds tell samples apart.
-//! * [`palette`]: colours to begin with when there are no samples.
+//! * [`confusion`]: separation of samples by given bounds.
+//! * [`palette`]: initial colours without samples.
 //! * [`candidates`]: patches guessed from pictures without labels.
 //! * [`blobs`]: connected pixels of one class.
 //!
-//! Everything here is a pure function of what it is given, except [`labels::Labels::load`].
+//! All functions are pure, except [`labels::Labels::load`].
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod blobs;

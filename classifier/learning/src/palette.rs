@@ -1,38 +1,38 @@
-//! Colours to begin with, when nothing is known but what they are called and look like.
+//! Initial colours, made from the names and display colours in the configuration alone.
 
 use common::config::ColorConfig;
 
-/// How saturated something must be to be looked at, in HSI.
+/// Minimum HSI saturation of pixels, by kind of colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeastSaturation {
-    /// Colours of teams and ball: large patches of strong paint.
+    /// For colours of teams and ball: large patches of strong paint.
     pub strong: f64,
-    /// All others.
+    /// For all others.
     pub weak: f64,
 }
 
-/// The feature that tells a colour from the others.
+/// The feature that separates a colour from the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tone {
-    /// Hues, from one to another, in degrees.
+    /// Range of hues, degrees.
     Hue([f64; 2]),
-    /// White, grey and black: the mean of the channels, from one grey level to another.
+    /// White, grey and black: range of the mean of the channels, grey levels.
     Grey([f64; 2]),
 }
 
-/// Looks that are less saturated are those of white, grey or black.
+/// Saturation of `looks` below which a colour is white, grey or black.
 const LEAST_HUE_SATURATION: f64 = 0.07;
-/// The brightness of a pitch of which nothing is known.
+/// Assumed colour of an unknown pitch.
 const ANY_PITCH: [f64; 3] = [60.0; 3];
-/// Brightest channel below which paint is too dark for a hue, when a box is made of `looks` alone.
+/// Maximum of the channels below which paint is too dark for a hue, where only `looks` bounds it.
 const DARKEST: f64 = 20.0;
-/// Paint that looks grey is at most so saturated under a lamp that does.
+/// Maximum saturation of grey paint under a coloured lamp.
 const MOST_GREY_SATURATION: f64 = 0.2;
 
-/// Divides all hues among the colours that have one, and all grey levels among those that have none:
-/// each gets what is nearer to what it looks like than to what any other does. Greys share the levels
-/// with the pitch, whose colour is `pitch_rgb`; hues do not, since a colour may well have that of the
-/// pitch and be more saturated. Colours that look the same get nothing.
+/// Divides all hues among the colours that have one, and all grey levels among the others: each value goes to
+/// the colour whose `looks` is nearest. The pitch, of colour `pitch_rgb`, takes part in the division of grey
+/// levels, but not of hues, since a colour may have the pitch's hue and be more saturated. Colours with equal
+/// `looks` get nothing.
 pub fn tones(colors: &[ColorConfig], pitch_rgb: Option<[f64; 3]>) -> Vec<Option<Tone>> {
     let grey = |color: &ColorConfig| {
         (saturation(color.looks) < LEAST_HUE_SATURATION).then(|| mean(color.looks.map(f64::from)))
@@ -72,7 +72,7 @@ pub fn tones(colors: &[ColorConfig], pitch_rgb: Option<[f64; 3]>) -> Vec<Option<
     colors.iter().map(tone).collect()
 }
 
-/// The colours with what [`tones`] gives them, and as saturated as is asked for.
+/// The colours bounded by their [`tones`] and by a minimum saturation.
 pub fn by_tone(
     colors: &[ColorConfig],
     pitch_rgb: Option<[f64; 3]>,
@@ -105,9 +105,8 @@ pub fn by_tone(
     colors.iter().zip(tones).filter_map(with_tone).collect()
 }
 
-/// The least values of the channels that a pixel of these hues has, if the largest of them is at
-/// least [`DARKEST`]: in a vivid colour one channel is near zero, and which one it is depends on the
-/// hue.
+/// The minimum of each channel over pixels of these hues whose greatest channel is at least [`DARKEST`]. In a
+/// vivid colour one channel is near zero; the hue determines which one.
 fn darkest([from, to]: [f64; 2]) -> [u8; 3] {
     let extent = if to - from >= 360.0 { 360.0 } else { (to - from).rem_euclid(360.0) };
     let mut least = [1.0f64; 3];
@@ -134,7 +133,7 @@ fn saturation(rgb: [u8; 3]) -> f64 {
     if sum == 0.0 { 0.0 } else { 1.0 - 3.0 * red.min(green).min(blue) / sum }
 }
 
-/// The hue as in the classifier's second look; `None` for grey.
+/// Hue as in the classifier's second look; `None` for grey.
 pub fn hue_deg(rgb: [u8; 3]) -> Option<f64> {
     let [red, green, blue] = rgb.map(f32::from);
     let vector = [2.0 * red - green - blue, 3f32.sqrt() * (green - blue)];

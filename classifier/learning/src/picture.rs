@@ -1,4 +1,4 @@
-//! Pictures in full colour, as the classifier sees them.
+//! Demosaiced pictures, as the classifier sees them.
 
 use common::geometry::ImagePoint;
 
@@ -7,32 +7,32 @@ use common::geometry::ImagePoint;
 pub struct Picture {
     /// Pixels in a row.
     pub width: usize,
-    /// Row by row, without padding.
+    /// Pixels row by row, without padding.
     pub rgb: Vec<[u8; 3]>,
 }
 
 impl Picture {
-    /// From rows of three bytes a pixel.
+    /// From rows of three bytes per pixel.
     ///
     /// # Panics
     ///
-    /// When `width` is 0 or does not divide the number of pixels.
+    /// If `width` is 0 or does not divide the number of pixels.
     pub fn new(width: usize, bytes: &[u8]) -> Self {
         assert!(width > 0 && bytes.len().is_multiple_of(3 * width), "not a picture");
         Self { width, rgb: bytes.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect() }
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.rgb.len() / self.width
     }
 
-    /// Where a pixel is.
+    /// Position of a pixel.
     pub fn point(&self, index: usize) -> ImagePoint {
         ImagePoint::new((index % self.width) as f64, (index / self.width) as f64)
     }
 
-    /// Index and place of all pixels within a distance of a point.
+    /// Index and position of all pixels within a distance of a point.
     pub fn around(
         &self,
         center: ImagePoint,
@@ -53,8 +53,8 @@ impl Picture {
         })
     }
 
-    /// The same picture, each channel through a table of its own; `tables_at` has those for a column
-    /// and row.
+    /// The picture with each channel of each pixel replaced by its entry in a table; `tables_at` gives the
+    /// tables for a column and row.
     pub fn corrected<'a>(&self, tables_at: impl Fn(usize, usize) -> &'a [[u8; 256]; 3]) -> Self {
         let correct = |(index, rgb): (usize, &[u8; 3])| {
             let tables = tables_at(index % self.width, index / self.width);

@@ -1,8 +1,8 @@
-//! Samples: pixels of which is known what they show, out of labelled pictures.
+//! Samples: pixels of known colour, from labelled pictures.
 //!
-//! Where a robot is labelled, the layout says which of its pixels show which patch. Pixels near the
-//! edge of a patch show a mixture and are left out, and so is everything else on a robot, whose sides
-//! and rims may have any colour. What lies on the pitch and on no robot is background.
+//! For a labelled robot, the layout tells which of its pixels show which patch. Pixels near the edge of a
+//! patch are mixtures and are left out, like everything else on a robot, whose sides and rims may have any
+//! colour. Everything on the pitch and on no robot is background.
 
 use crate::labels::{BACKGROUND, ImageLabels, Quality, RobotLabel, SampleArea};
 use crate::picture::Picture;
@@ -10,7 +10,7 @@ use crate::scene::Scene;
 use common::config::{Config, PatchRole};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
-/// Why labels give no samples.
+/// Labels cannot be used for samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SamplesError {
     /// A label names a colour that is not configured.
@@ -18,9 +18,9 @@ pub enum SamplesError {
     UnknownColor {
         /// The picture.
         image: String,
-        /// What it is called.
+        /// Name in the label.
         color: String,
-        /// The names there are.
+        /// The configured names.
         known: String,
     },
     /// A label names a robot that is not configured.
@@ -38,55 +38,55 @@ pub enum SamplesError {
 /// A pixel inside a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sample {
-    /// What it looks like.
+    /// Its colour in the picture.
     pub rgb: [u8; 3],
-    /// What it is: index of the configured colour.
+    /// Index of the configured colour.
     pub class: u8,
-    /// Pixels of one patch have one number; numbers rise.
+    /// Number of its patch; never decreases.
     pub patch: u32,
 }
 
-/// A pixel at the rim of patches, which shows a mixture.
+/// A pixel at the rim of patches, which is a mixture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rim {
-    /// What it looks like.
+    /// Its colour in the picture.
     pub rgb: [u8; 3],
-    /// Bit i: it lies beside a patch of class i, and may be taken for it.
+    /// Bit i is set if it lies beside a patch of class i: classifying it as such is no error.
     pub beside: u32,
 }
 
-/// What is known about colours from a set of pictures.
+/// Samples of a set of pictures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Samples {
     /// Pixels inside patches.
     pub pixels: Vec<Sample>,
     /// Pixels at the rims of patches.
     pub rims: Vec<Rim>,
-    /// Colours of the background, and how many pixels a picture have each. Colours are coarse: a
-    /// value stands for [`BACKGROUND_STEP`] neighbouring ones.
+    /// Colours of the background, with the number of pixels per picture. Colours are quantised: a value
+    /// stands for [`BACKGROUND_STEP`] neighbouring ones.
     pub background: Vec<([u8; 3], f64)>,
-    /// Patches seen so far.
+    /// Number of patches.
     pub patches: u32,
-    /// Pictures seen so far.
+    /// Number of pictures.
     pub pictures: u32,
 }
 
-/// Backgrounds are kept in steps of so many grey levels.
+/// Quantisation of background colours, grey levels.
 pub const BACKGROUND_STEP: u8 = 8;
 
-/// This much of a patch's rim shows a mixture: in pixels, demosaicing reaches one to each side.
+/// Width of the mixture at a patch's edge, px: demosaicing reaches one pixel to each side.
 const RIM_PX: f64 = 0.75;
-/// A rim reaches so far from a patch.
+/// Reach of a rim around a patch, px.
 const RIM_REACH_PX: f64 = 2.0;
-/// Up to this multiple of half a robot's size from its centre nothing is background: its corners,
-/// and its sides as the camera sees them.
+/// Radius around a robot that is no background, in half sizes of the robot: covers its corners, and its sides
+/// as the camera sees them.
 const ROBOT_REACH: f64 = 2.0;
-/// The same for the ball, in radii.
+/// Radius around the ball that is no background, in radii of the ball.
 const BALL_REACH: f64 = 2.2;
-/// Within this fraction of its radius the ball shows its colour.
+/// Part of the ball's radius within which it shows its colour.
 const BALL_CORE: f64 = 0.7;
 
-/// Gathers samples from one picture after the other.
+/// Gathers samples picture by picture.
 pub struct Gatherer<'a> {
     config: &'a Config,
     scene: &'a Scene,
@@ -94,13 +94,13 @@ pub struct Gatherer<'a> {
     background: Background,
 }
 
-/// How many pixels of the background have which colour.
+/// Histogram of background colours.
 pub(crate) struct Background {
-    /// Counts, indexed by coarse red, green and blue.
+    /// Counts, indexed by quantised red, green and blue.
     counts: Vec<u64>,
 }
 
-/// Coarse values of a channel.
+/// Quantised values of a channel.
 const COARSE: usize = 256 / BACKGROUND_STEP as usize;
 
 impl Default for Background {
@@ -115,7 +115,7 @@ impl Background {
         self.counts[coarse.iter().fold(0, |index, value| index * COARSE + value)] += 1;
     }
 
-    /// The colours, each in the middle of its step, and how many pixels of a picture have them.
+    /// The colours, each at the middle of its quantisation step, with their pixels per picture.
     pub fn finish(&self, pictures: usize) -> Vec<([u8; 3], f64)> {
         let color = |index: usize| {
             [COARSE * COARSE, COARSE, 1]
@@ -126,18 +126,17 @@ impl Background {
     }
 }
 
-/// What a pixel is known to show.
+/// Known content of a pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Shows {
     Nothing,
-    /// Something that is not to be learned.
+    /// Content that must not be learned.
     Mixture,
     Color(u8),
 }
 
 impl<'a> Gatherer<'a> {
-    /// For the configured colours; `scene` is that of a configuration with the same layout, geometry
-    /// and camera.
+    /// For the configured colours; `scene` must be made for the same layout, geometry and camera.
     pub fn new(config: &'a Config, scene: &'a Scene) -> Self {
         Self { config, scene, samples: Samples::default(), background: Background::default() }
     }
@@ -187,7 +186,7 @@ impl<'a> Gatherer<'a> {
         Ok(())
     }
 
-    /// Everything gathered.
+    /// All samples.
     pub fn finish(mut self) -> Samples {
         self.samples.background = self.background.finish(self.samples.pictures.max(1) as usize);
         self.samples
@@ -297,7 +296,7 @@ impl<'a> Gatherer<'a> {
     }
 }
 
-/// The pose on the field of a robot whose top is labelled in the picture.
+/// Pose on the field of a robot whose top is labelled in the picture.
 pub fn pose_of(camera: &CameraModel, label: &RobotLabel, height_mm: f64) -> Pose {
     const AHEAD_PX: f64 = 4.0;
     let (sin, cos) = label.heading_deg.to_radians().sin_cos();
@@ -317,7 +316,7 @@ pub fn robot_point(pose: &Pose, place: FieldPoint) -> [f64; 2] {
     [cos * dx + sin * dy, cos * dy - sin * dx]
 }
 
-/// Pixels of a marked part of the picture.
+/// Pixels of a labelled area.
 fn area(picture: &Picture, area: &SampleArea) -> Vec<usize> {
     match *area {
         SampleArea::Rectangle { rect_px: [left, top, right, bottom] } => (0..picture.rgb.len())
@@ -344,7 +343,7 @@ mod tests {
         Labels::parse(&text, Path::new("labels.json")).unwrap().images.remove(0)
     }
 
-    /// A picture of the default pitch in which every pixel has the colour of what it shows.
+    /// A picture of the default pitch in which every pixel has the display colour of its content.
     fn painted(config: &Config, robot: &Pose, classes: &[usize]) -> Picture {
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let mut picture = Picture { width: 640, rgb: vec![[10; 3]; 640 * 480] };
@@ -383,7 +382,7 @@ mod tests {
             assert!(own.clone().all(|sample| sample.rgb == config.colors[class].looks));
         }
         assert_eq!(samples.patches, 2);
-        // Nothing of the robot is background.
+        // No pixel of the robot is background.
         assert_eq!(samples.background.len(), 1, "{:?}", samples.background);
     }
 

@@ -1,5 +1,5 @@
-//! What is the same for all pictures of a camera: which pixels are on the pitch, and what a robot's
-//! top looks like. Asking the geometry and the layout for each pixel takes long, so it is done once.
+//! Data common to all pictures of a camera: the pixels on the pitch, and maps of the robots' tops. Evaluating
+//! geometry and layout for each pixel takes long, so it is done once.
 
 use common::config::{Config, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
@@ -10,28 +10,28 @@ use common::layout::{Outlines, reach_mm};
 pub struct Scene {
     /// The camera.
     pub camera: CameraModel,
-    /// Pixel by pixel, row by row: whether a robot's top may be there.
+    /// For each pixel, row by row, whether a robot's top can be there.
     pub is_on_pitch: Vec<bool>,
-    /// Robots' tops, each with its patches.
+    /// Robots' tops: layout and map.
     tops: Vec<(Vec<PatchConfig>, TopMap)>,
 }
 
-/// Pixels of which the place on the field is asked for at once.
-const TOGETHER: usize = 8;
+/// Pixels projected to the field at once.
+const PIXELS_AT_ONCE: usize = 8;
 
 impl Scene {
-    /// Fails when the geometry is unusable.
+    /// Fails if the geometry is unusable.
     pub fn new(config: &Config) -> Result<Self, GeometryError> {
         let (width, height) = (config.camera.width, config.camera.height);
         let camera = CameraModel::new(&config.geometry, width, height)?;
         let mut is_on_pitch = Vec::with_capacity((width * height) as usize);
         for row in 0..height {
-            for first in (0..width).step_by(TOGETHER) {
-                let points: [ImagePoint; TOGETHER] = std::array::from_fn(|index| {
+            for first in (0..width).step_by(PIXELS_AT_ONCE) {
+                let points: [ImagePoint; PIXELS_AT_ONCE] = std::array::from_fn(|index| {
                     ImagePoint::new(f64::from(first) + index as f64, row.into())
                 });
                 let places = camera.fields_from_image(points, config.robots.height_mm);
-                let count = TOGETHER.min((width - first) as usize);
+                let count = PIXELS_AT_ONCE.min((width - first) as usize);
                 is_on_pitch.extend(places[..count].iter().map(|&place| is_in_play(config, place)));
             }
         }
@@ -45,17 +45,17 @@ impl Scene {
         Ok(Self { camera, is_on_pitch, tops })
     }
 
-    /// The drawing of patches that robots of the configuration have.
+    /// The map of a configured robot's top with these patches.
     ///
     /// # Panics
-    /// If none has them.
+    /// If no configured robot has them.
     pub fn top_map(&self, patches: &[PatchConfig]) -> &TopMap {
         let top = self.tops.iter().find(|(known, _)| known == patches);
         &top.expect("the patches are those of a configured robot").1
     }
 }
 
-/// Whether robots and balls are looked for at a place: the field, its margin, and the goals.
+/// Whether a place is in play: on the field, in its margin, or in the goals.
 fn is_in_play(config: &Config, place: FieldPoint) -> bool {
     let field = &config.field;
     let (x, y) = (place.x_mm.abs(), place.y_mm.abs());
@@ -64,7 +64,7 @@ fn is_in_play(config: &Config, place: FieldPoint) -> bool {
         || (x <= length + field.goal_depth_mm && y <= field.goal_width_mm / 2.0 + field.margin_mm)
 }
 
-/// Which patch shows at which point of a robot's top: a drawing of the layout.
+/// Map of a robot's top: the patch at each point.
 #[derive(Debug, Clone)]
 pub struct TopMap {
     cells: Vec<u8>,
@@ -89,7 +89,7 @@ impl TopMap {
         Self { cells: cells.collect(), side, reach_mm }
     }
 
-    /// The patch that shows at a point (x forward, y left), to half a cell.
+    /// The patch at a point (x forward, y left), to half a cell.
     pub fn patch_at(&self, point: [f64; 2]) -> Option<usize> {
         let [column, row] = point.map(|value| ((value + self.reach_mm) / CELL_MM).floor());
         let is_inside = |cell: f64| cell >= 0.0 && cell < self.side as f64;

@@ -1,22 +1,25 @@
-//! The fast kernel for mosaics.
+//! The vector kernel for Bayer mosaics.
 //!
-//! It goes over the rows in pairs, and over each pair in two steps.
+//! It interpolates colours bilinearly (eqs. 1–3 of the paper) and classifies them with the tables of section
+//! 4.2. Interpolating every pixel exactly would waste most of the work, since almost all of a pitch is
+//! background. So rows are processed in pairs, each pair in two steps.
 //!
-//! 1. The whole rows, a register full of pixels at a time: demosaic roughly, look up in the
-//!    [prefilter](super::prefilter), and note the blocks where something may be, with a bit for each
-//!    pixel. Nothing but these notes is written, and no branch depends on the picture.
-//! 2. The noted blocks: demosaic exactly, classify the pixels whose bit is set with the same tables
-//!    and the same code as [`scalar`](super::scalar), and join them to runs.
+//! 1. Find, in whole rows, a register full of pixels at a time: interpolate with byte averages, at most one
+//!    above the exact value, look up each channel in the [prefilter](super::prefilter) tables, which allow
+//!    for that error, AND the three entries, and note each block with a passing pixel, with a bit for each
+//!    pixel. Only these notes are written, and no branch depends on the picture.
+//! 2. Classify, in noted blocks: interpolate exactly, classify the pixels whose bit is set with the same
+//!    tables and the same code as [`scalar`](super::scalar), and join them into runs.
 
 use super::classes::Classes;
 use super::demosaic::{at_colored_sites, at_green_sites, rough_colors};
 use super::filters::{BlockFilters, RowFilters};
 use super::lanes::{Lanes, MAX_LANES, MIN_LANES};
 use super::light::RowLight;
-use super::look_rows;
 use super::planes::{MARGIN, Planes, Ring};
 use super::prefilter::Prefilter;
 use super::scalar::{Sites, after, before};
+use super::second_look_rows;
 use super::{RowRuns, RunWriter, Setup, Written};
 use crate::ClassTables;
 use crate::mask::Span;
@@ -25,7 +28,7 @@ use common::messages::Run;
 use fearless_simd::prelude::*;
 use std::ops::Range;
 
-/// Memory that the kernel reuses from row to row and frame to frame.
+/// Allocations reused from row to row and frame to frame.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     ring: Ring,
@@ -35,7 +38,7 @@ pub struct Scratch {
     light: RowLight,
 }
 
-/// Of the pixels of a block in even and in odd columns: red, green and blue.
+/// Red, green and blue of a block's pixels in even and in odd columns.
 #[derive(Debug, Clone)]
 struct Colors([[[u8; MAX_LANES]; 3]; 2]);
 
@@ -45,15 +48,15 @@ impl Default for Colors {
     }
 }
 
-/// A block in which something may be.
+/// A block with pixels that pass the prefilter.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Noted {
-    /// Which one of the row.
+    /// Number of the block in its row.
     pub index: usize,
     pub passing: Passing,
 }
 
-/// Of each of two rows, in even and odd columns: bit i if pixel i has passed the prefilter.
+/// For each of two rows, in even and odd columns: bit i is set if pixel i passes the prefilter.
 pub(super) type Passing = [[u64; 2]; 2];
 
 impl Scratch {
@@ -69,7 +72,7 @@ impl Scratch {
     }
 }
 
-/// As [`scalar::classify`](super::scalar::classify) of a Bayer picture.
+/// Classifies a Bayer picture, with the result of [`scalar::classify`](super::scalar::classify).
 #[inline(always)]
 pub fn classify<S: Lanes>(
     simd: S,
@@ -86,7 +89,7 @@ pub fn classify<S: Lanes>(
     scratch.fit(width);
     let Scratch { ring, noted, colors, filters, light } = scratch;
     for upper in (0..height).step_by(2) {
-        // The last row may be alone; then what is found in the one below it does not count.
+        // The last row may have no partner; results for the row below it are ignored.
         let lower = after(upper, height);
         let is_pair = upper + 1 < height;
         let spans = [mask.spans(upper), if is_pair { mask.spans(lower) } else { &[] }];
@@ -106,13 +109,13 @@ pub fn classify<S: Lanes>(
         let sites = [Sites::of(image, upper), Sites::of(image, lower)];
         let pair = Pair { rows, has_red: sites[0].has_red };
         let count = match sites[0].colored_parity {
-            0 => find_apart::<S, 0>(simd, &pair, blocks, filters, noted),
-            _ => find_apart::<S, 1>(simd, &pair, blocks, filters, noted),
+            0 => find_outlined::<S, 0>(simd, &pair, blocks, filters, noted),
+            _ => find_outlined::<S, 1>(simd, &pair, blocks, filters, noted),
         };
         if count == 0 {
             continue;
         }
-        // Where all is in one zone, boxes are looked at with its tables.
+        // Where a row is in one zone, boxes are tested with that zone's tables.
         let zone = filters.only_zone();
         let light = if has_looks || zone.is_none() { light.of_row(zoned, upper) } else { None };
         let tables = zone.map_or(zoned.colors, |zone| &zoned.tables[zone]);
@@ -124,10 +127,18 @@ pub fn classify<S: Lanes>(
             let noted = &noted[..count];
             let (parity, runs) = (sites[index].colored_parity, &mut row_runs);
             match (has_looks, parity) {
-                (false, 0) => classify_row_apart::<S, 0>(simd, &part, noted, index, colors, runs),
-                (false, _) => classify_row_apart::<S, 1>(simd, &part, noted, index, colors, runs),
-                (true, 0) => look_rows::classify_apart::<S, 0>(simd, &part, noted, index, runs),
-                (true, _) => look_rows::classify_apart::<S, 1>(simd, &part, noted, index, runs),
+                (false, 0) => {
+                    classify_row_outlined::<S, 0>(simd, &part, noted, index, colors, runs)
+                }
+                (false, _) => {
+                    classify_row_outlined::<S, 1>(simd, &part, noted, index, colors, runs)
+                }
+                (true, 0) => {
+                    second_look_rows::classify_outlined::<S, 0>(simd, &part, noted, index, runs)
+                }
+                (true, _) => {
+                    second_look_rows::classify_outlined::<S, 1>(simd, &part, noted, index, runs)
+                }
             }
             row_runs.finish();
         }
@@ -138,19 +149,19 @@ pub fn classify<S: Lanes>(
     runs.written()
 }
 
-/// Two rows, and what is needed to look for something in them.
+/// A pair of rows with its neighbours, for step 1.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
-    /// The one above the two, the two, and the one below.
+    /// The row above the pair, the pair, and the row below.
     rows: [Planes<'a>; 4],
-    /// The upper one has red and green sites; otherwise blue and green ones.
+    /// The upper row has red and green sites; otherwise blue and green ones.
     has_red: bool,
 }
 
-/// Step 1 for two rows: notes blocks, returns how many. `P` is the column parity of the upper row's
-/// coloured sites. A function of its own, which has all registers for itself.
+/// Step 1 for two rows: notes blocks and returns their number. `P` is the column parity of the upper row's
+/// coloured sites. Not inlined, so that it has all registers to itself.
 #[inline(never)]
-fn find_apart<S: Lanes, const P: usize>(
+fn find_outlined<S: Lanes, const P: usize>(
     simd: S,
     pair: &Pair,
     blocks: Range<usize>,
@@ -163,7 +174,7 @@ fn find_apart<S: Lanes, const P: usize>(
     )
 }
 
-/// Notes the blocks in which something passes their prefilter.
+/// Notes the blocks in which a pixel passes the block's prefilter.
 #[inline(always)]
 fn find<S: Lanes, const P: usize>(
     simd: S,
@@ -173,7 +184,7 @@ fn find<S: Lanes, const P: usize>(
     noted: &mut [Noted],
 ) -> usize {
     let lanes = S::u8s::LEN;
-    // All of the same length, which spares a check at each access.
+    // Equal lengths spare a bounds check at each access.
     let (first, pixels) = (MARGIN + blocks.start * lanes - 1, blocks.len() * lanes);
     let rows = within(pair.rows, first, pixels);
     let mut count = 0;
@@ -191,7 +202,7 @@ fn find<S: Lanes, const P: usize>(
     count
 }
 
-/// Of each row, in even and odd columns, a bit for each pixel that passes the prefilter.
+/// For each row, in even and odd columns, a bit for each pixel that passes the prefilter.
 #[inline(always)]
 fn passing_of_rows<S: Lanes>(
     simd: S,
@@ -203,7 +214,7 @@ fn passing_of_rows<S: Lanes>(
     let (own, green, other) = (simd.table(own), simd.table(green), simd.table(other));
     let upper_even = simd.passing(upper_even, [own, green, other]);
     let upper_odd = simd.passing(upper_odd, [own, green, other]);
-    // What is red in one row is blue in the other.
+    // A red site in one row has a blue site's column in the other.
     let lower_even = simd.passing(lower_even, [other, green, own]);
     let lower_odd = simd.passing(lower_odd, [other, green, own]);
     [[upper_even, upper_odd], [lower_even, lower_odd]]
@@ -214,7 +225,7 @@ fn is_any([[a, b], [c, d]]: Passing) -> bool {
     a | b | c | d != 0
 }
 
-/// Some pixels of each plane of some rows, and one more before and behind them.
+/// A range of each plane of four rows, and one more pixel before and behind it.
 #[inline(always)]
 fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
     let [row0, row1, row2, row3] = rows;
@@ -227,26 +238,26 @@ fn within(rows: [Planes; 4], begin: usize, pixels: usize) -> [Planes; 4] {
     ]
 }
 
-/// A row, and what is needed to classify it.
+/// A row with its neighbours, for step 2.
 #[derive(Clone, Copy)]
 pub(super) struct Row<'a> {
-    /// The one above, the row, and the one below.
+    /// The row above, the row, and the row below.
     pub rows: [Planes<'a>; 3],
-    /// It has red and green sites; otherwise blue and green ones.
+    /// The row has red and green sites; otherwise blue and green ones.
     pub has_red: bool,
-    /// What is to be looked at.
+    /// Columns to classify.
     pub spans: &'a [Span],
     pub width: usize,
     pub setup: Setup<'a>,
-    /// Corrects its pixels before they are looked at.
+    /// Corrects pixels before they are tested.
     pub light: Option<&'a RowLight>,
-    /// For boxes; of corrected pixels, if there is something to correct.
+    /// Boxes; for corrected pixels where `light` is set.
     tables: &'a ClassTables,
 }
 
-/// [`classify_row`] as a function of its own, which has all registers for itself.
+/// [`classify_row`], not inlined, so that it has all registers to itself.
 #[inline(never)]
-fn classify_row_apart<S: Lanes, const P: usize>(
+fn classify_row_outlined<S: Lanes, const P: usize>(
     simd: S,
     row: &Row,
     noted: &[Noted],
@@ -260,7 +271,7 @@ fn classify_row_apart<S: Lanes, const P: usize>(
     );
 }
 
-/// Step 2 for one of the two rows: those of the noted blocks where something may be in it. `P` is the
+/// Step 2 for one row of the pair: classifies the noted blocks that have passing pixels in it. `P` is the
 /// column parity of the row's coloured sites.
 #[inline(always)]
 fn classify_row<S: Lanes, const P: usize>(
@@ -283,8 +294,9 @@ fn classify_row<S: Lanes, const P: usize>(
         if let Some(light) = row.light {
             let light = light.load(simd, lanes * noted.index);
             (even, odd) = (light.corrected(simd, even), light.corrected(simd, odd));
-            // Drops pixels that only another zone's prefilter let pass: half of them under lamps as uneven as one to two.
-            let Prefilter([red, green, blue]) = &row.setup.looks.boxes.rgb;
+            // Drops pixels that passed only because another zone's prefilter let them: half of them where
+            // light is twice as strong on one side.
+            let Prefilter([red, green, blue]) = &row.setup.second_looks.boxes.rgb;
             let tables = [simd.table(red), simd.table(green), simd.table(blue)];
             passing[0] &= simd.passing(even, tables);
             passing[1] &= simd.passing(odd, tables);
@@ -300,11 +312,11 @@ fn classify_row<S: Lanes, const P: usize>(
         for span in row.spans {
             row.classify(colors, passing, start, span.within(block), &mut classes);
         }
-        classes.hand_in(simd, start, block.end - start, runs);
+        classes.append_to_row(simd, start, block.end - start, runs);
     }
 }
 
-/// Red, green and blue of the pixels in even and in odd columns of a block, which is this one of the row.
+/// Red, green and blue of a block's pixels in even and in odd columns; `index` is the block's number.
 #[inline(always)]
 pub(super) fn exact_colors<S: Lanes, const P: usize>(
     simd: S,
@@ -317,14 +329,14 @@ pub(super) fn exact_colors<S: Lanes, const P: usize>(
     if P == 0 { [colored, green] } else { [green, colored] }
 }
 
-/// Sorts a row's own colour and the other one into red and blue.
+/// Swaps a row's own colour and the other one into the order red, green, blue.
 #[inline(always)]
 fn rgb<S: Lanes>([own, green, other]: [S::u8s; 3], has_red: bool) -> [S::u8s; 3] {
     if has_red { [own, green, other] } else { [other, green, own] }
 }
 
 impl Row<'_> {
-    /// Classifies the pixels of a block that have passed, as far as they are in a span.
+    /// Classifies the pixels of a block that pass and are in a span.
     #[inline(always)]
     fn classify(
         &self,
@@ -347,8 +359,8 @@ impl Row<'_> {
     }
 }
 
-/// Bit i for each column `start + 2 i + parity` of a span that lies in the block that begins in column
-/// `start`.
+/// Bit i is set for each column `start + 2 i + parity` that is in the span; the span lies in the block that
+/// begins in column `start`.
 #[inline(always)]
 pub(super) fn every_other(span: Span, start: usize, parity: usize) -> u64 {
     let index = |column: usize| (column.saturating_sub(start) + 1 - parity) / 2;

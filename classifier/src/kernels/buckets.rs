@@ -1,21 +1,20 @@
-//! Which colours share a bit of the [prefilter](super::prefilter): the colours are sorted into at most as
-//! many buckets as a byte has bits, so that as little as possible passes needlessly.
+//! Assignment of colours to the bits of the [prefilter](super::prefilter): at most eight buckets, merged
+//! greedily so that as little as possible of the colour space passes.
 //!
-//! Sorting takes longer than all else about a prefilter, so it is done once, for the colours as they are
-//! set. Under another light they are other ranges of values, but still much the same ones beside each
-//! other. Which bucket a colour is in decides how much passes, never what does not.
+//! Assigning takes longer than everything else about a prefilter, so it is done once, for the colours as
+//! configured. Under another light their ranges move, but remain similar relative to each other. The
+//! assignment affects only how much passes; it never rejects a pixel of a colour.
 
 use crate::MAX_CLASSES;
 
 const BUCKETS: usize = 8;
 
-/// For each colour the bit of its bucket.
+/// For each colour, the bit of its bucket.
 #[derive(Debug, Clone)]
 pub struct Buckets([u8; MAX_CLASSES]);
 
 impl Buckets {
-    /// For the colours in the exact tables, and for values that are at most `excess` above the exact
-    /// ones.
+    /// For the colours in the exact tables, and for values at most `excess` above the exact ones.
     pub fn new(tables: &[[u32; 256]; 3], excess: u8) -> Self {
         let mut buckets: [Bucket; MAX_CLASSES] =
             std::array::from_fn(|class| Bucket { values: [0; 3], classes: 1 << class });
@@ -42,7 +41,7 @@ impl Buckets {
             count -= 1;
             buckets[second] = buckets[count];
         }
-        // What nothing is known of goes into the first: it may be in tables that come later.
+        // Colours without a range go into the first bucket: later tables may have one.
         let mut bits = [1; MAX_CLASSES];
         for (index, bucket) in buckets[..count].iter().enumerate() {
             for (class, bit) in bits.iter_mut().enumerate() {
@@ -74,9 +73,9 @@ impl Buckets {
 /// Colours that share a bit.
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
-    /// For each channel, bit v is set if a value whose upper six bits are v may belong to one of them.
+    /// For each channel, bit v is set if a value whose upper six bits are v may belong to one of the colours.
     values: [u64; 3],
-    /// Which they are.
+    /// Bit set of the colours.
     classes: u32,
 }
 
@@ -86,13 +85,13 @@ impl Bucket {
         Self { values, classes: self.classes | other.classes }
     }
 
-    /// How much of the colour space passes.
+    /// Part of the colour space that passes, in cells.
     fn volume(&self) -> u64 {
         self.values.iter().map(|values| u64::from(values.count_ones())).product()
     }
 }
 
-/// The two buckets, first one first, that let the least pass needlessly when they become one.
+/// The pair of buckets, first one first, whose merging adds the least volume.
 fn cheapest_pair(buckets: &[Bucket]) -> (usize, usize) {
     let cost = |&(first, second): &(usize, usize)| {
         let (first, second) = (&buckets[first], &buckets[second]);

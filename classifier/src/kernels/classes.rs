@@ -1,4 +1,4 @@
-//! From the classes of a block of pixels to runs.
+//! Runs from the classes of a block of pixels.
 
 use super::RowRuns;
 use super::lanes::{Lanes, MAX_LANES};
@@ -11,12 +11,12 @@ pub const MAX_BLOCK: usize = 2 * MAX_LANES;
 
 /// The classes of a block's pixels.
 pub struct Classes {
-    /// Before them, that of the pixel before the block.
+    /// Class of the pixel before the block, then those of the block.
     bytes: [u8; 1 + MAX_BLOCK],
 }
 
 impl Classes {
-    /// All are background.
+    /// All background.
     #[inline(always)]
     pub fn new() -> Self {
         Self { bytes: [BACKGROUND; 1 + MAX_BLOCK] }
@@ -28,7 +28,7 @@ impl Classes {
         self.bytes[index + 1] = class;
     }
 
-    /// Sets the classes of the pixels in even and in odd columns where they are not background, if there are any.
+    /// Sets the classes of the pixels in even and in odd columns where they are not background.
     #[inline(always)]
     pub fn set_columns<S: Lanes>(&mut self, simd: S, [even, odd]: [Option<S::u8s>; 2]) {
         if even.is_none() && odd.is_none() {
@@ -45,16 +45,22 @@ impl Classes {
     #[inline(always)]
     pub fn set_all<S: Lanes>(&mut self, simd: S, first: usize, classes: S::u8s) {
         let bytes = &mut self.bytes[first + 1..first + 1 + S::u8s::LEN];
-        // Background is above all others.
+        // Background is above all other values.
         classes.min(S::u8s::from_slice(simd, bytes)).store_slice(bytes);
     }
 
-    /// Hands the first `count` pixels in, which begin in column `start`. Where the class changes is
-    /// found by comparing all with themselves, shifted by one. All that begins among a register full of
-    /// pixels is written before all that ends there: in noise that saves a sixth, since nobody has to
-    /// guess which of the two comes next.
+    /// Adds the block's first `count` pixels, which begin in column `start`, to the runs. Comparing the
+    /// classes with themselves shifted by one shows where the class changes. All begins in a register full of
+    /// pixels are written before all ends: in noise that saves a sixth of the time, since no branch must
+    /// predict their order.
     #[inline(always)]
-    pub fn hand_in<S: Lanes>(&mut self, simd: S, start: usize, count: usize, runs: &mut RowRuns) {
+    pub fn append_to_row<S: Lanes>(
+        &mut self,
+        simd: S,
+        start: usize,
+        count: usize,
+        runs: &mut RowRuns,
+    ) {
         runs.skip_to(start);
         self.bytes[0] = runs.class;
         let lanes = S::u8s::LEN;

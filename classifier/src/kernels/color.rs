@@ -1,11 +1,11 @@
-//! The fast kernel for pictures whose pixels have all their colours: RGB and YUV.
+//! The vector kernel for RGB and YUV pictures, whose pixels have all three channels.
 
 use super::classes::Classes;
 use super::filters::BlockFilters;
 use super::lanes::{Lanes, MAX_LANES};
 use super::light::Light;
-use super::looks::{self, PixelLooks};
 use super::prefilter::Prefilter;
+use super::second_look::{self, SecondLookClassifier};
 use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
 use crate::mask::Span;
 use crate::picture::{ColorImage, ColorRow};
@@ -14,16 +14,17 @@ use common::messages::Run;
 use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
 
-/// Memory that the kernel reuses from row to row and frame to frame.
+/// Allocations reused from row to row and frame to frame.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
-    /// A row's three channels, and the same in RGB.
+    /// A row's three channels, and the same converted to RGB.
     channels: [Vec<u8>; 6],
     filters: BlockFilters,
 }
 
 impl Scratch {
-    /// Forgets the last picture, and makes room for one of this width: for whole blocks, and for pixels in pairs.
+    /// Forgets the last picture, and makes room for one of this width: for whole blocks, and for pixels in
+    /// pairs.
     fn fit(&mut self, width: usize) {
         self.filters.begin();
         for channel in &mut self.channels {
@@ -32,7 +33,7 @@ impl Scratch {
     }
 }
 
-/// As [`scalar::classify`](super::scalar::classify) of a picture in RGB or YUV.
+/// Classifies an RGB or YUV picture, with the result of [`scalar::classify`](super::scalar::classify).
 #[inline(always)]
 pub fn classify<S: Lanes>(
     simd: S,
@@ -47,7 +48,7 @@ pub fn classify<S: Lanes>(
     let is_yuv = image.is_yuv();
     let has_rgb_boxes = is_yuv && zoned.colors.has_colors_without_yuv();
     let has_looks = is_yuv && zoned.colors.has_second_looks();
-    let looks = PixelLooks::new(setup);
+    let second_looks = SecondLookClassifier::new(setup);
     scratch.fit(image.width());
     let Scratch { channels: [a, b, c, red, green, blue], filters } = scratch;
     for row in 0..image.height() {
@@ -88,7 +89,7 @@ pub fn classify<S: Lanes>(
                         if !is_yuv {
                             let light = Light::everywhere(simd, tables.correction());
                             let rgb = light.corrected(simd, load(simd, [a, b, c], start));
-                            if let Some(found) = looks.classify(simd, rgb, pixels) {
+                            if let Some(found) = second_looks.classify(simd, rgb, pixels) {
                                 classes.set_all(simd, 0, found);
                             }
                             continue;
@@ -109,7 +110,7 @@ pub fn classify<S: Lanes>(
                     }
                 }
             }
-            classes.hand_in(simd, start, block.end - start, &mut row_runs);
+            classes.append_to_row(simd, start, block.end - start, &mut row_runs);
         }
         row_runs.finish();
         if runs.is_cut_off {
@@ -119,7 +120,7 @@ pub fn classify<S: Lanes>(
     runs.written()
 }
 
-/// A bit for each pixel that passes the prefilter, of a block that begins in column `start`.
+/// A bit for each pixel that passes the prefilter, in a block that begins in column `start`.
 #[inline(always)]
 fn passing_at<S: Lanes>(
     simd: S,
@@ -130,8 +131,8 @@ fn passing_at<S: Lanes>(
     simd.any_bucket(buckets(simd, load(simd, channels, start), prefilter))
 }
 
-/// The same of pixels of a YUV picture that the zone's second looks may admit, too: from the channels as they are
-/// and those in RGB.
+/// A bit for each pixel of a YUV picture that passes the prefilter and that the zone's second looks may
+/// admit, from its channels and those in RGB.
 #[inline(always)]
 fn passing_looks_yuv<S: Lanes>(
     simd: S,
@@ -142,10 +143,10 @@ fn passing_looks_yuv<S: Lanes>(
 ) -> u64 {
     let (yuv, rgb) = (load(simd, yuv, start), load(simd, rgb, start));
     let light = Light::everywhere(simd, setup.zoned.tables[zone].correction());
-    let keys = looks::keys(simd, light.corrected(simd, rgb));
-    let (prefilters, looks) = (&setup.prefilters[zone], setup.looks);
-    let in_yuv = buckets(simd, yuv, &prefilters.yuv) & looks.yuv.admitting(simd, keys);
-    let in_rgb = buckets(simd, rgb, &prefilters.rgb) & looks.rgb.admitting(simd, keys);
+    let keys = second_look::keys(simd, light.corrected(simd, rgb));
+    let (prefilters, second_looks) = (&setup.prefilters[zone], setup.second_looks);
+    let in_yuv = buckets(simd, yuv, &prefilters.yuv) & second_looks.yuv.admitting(simd, keys);
+    let in_rgb = buckets(simd, rgb, &prefilters.rgb) & second_looks.rgb.admitting(simd, keys);
     simd.any_bucket(in_yuv) | simd.any_bucket(in_rgb)
 }
 
@@ -161,14 +162,14 @@ fn load<S: Lanes>(simd: S, channels: [&Vec<u8>; 3], start: usize) -> [S::u8s; 3]
     ]
 }
 
-/// The buckets that a prefilter lets pixels pass for.
+/// The buckets for which a prefilter passes pixels.
 #[inline(always)]
 fn buckets<S: Lanes>(simd: S, values: [S::u8s; 3], Prefilter(filter): &Prefilter) -> S::u8s {
     let [first, second, third] = filter;
     simd.buckets(values, [simd.table(first), simd.table(second), simd.table(third)])
 }
 
-/// A row of YUV pixels in RGB.
+/// Converts a row of YUV pixels to RGB.
 #[inline(always)]
 fn convert<S: Lanes>(_: S, yuv: [&Vec<u8>; 3], rgb: [&mut Vec<u8>; 3]) {
     let ([ys, us, vs], [reds, greens, blues]) = (yuv, rgb);
@@ -178,7 +179,7 @@ fn convert<S: Lanes>(_: S, yuv: [&Vec<u8>; 3], rgb: [&mut Vec<u8>; 3]) {
     }
 }
 
-/// A row's three channels, each on its own. Plain loops that the compiler turns into shuffles.
+/// Separates a row into its three channels, with plain loops that the compiler turns into shuffles.
 #[inline(always)]
 fn separate<S: Lanes>(_: S, row: ColorRow, channels: [&mut Vec<u8>; 3]) {
     let [first, second, third] = channels;
@@ -213,7 +214,7 @@ fn separate<S: Lanes>(_: S, row: ColorRow, channels: [&mut Vec<u8>; 3]) {
     }
 }
 
-/// Pixels that come in pairs of four bytes, which `sorted` puts in the order Y, Y, U, V.
+/// Separates pixels that come in pairs of four bytes, which `sorted` puts in the order Y, Y, U, V.
 #[inline(always)]
 fn separate_pairs(row: &[u8], channels: [&mut Vec<u8>; 3], sorted: impl Fn([u8; 4]) -> [u8; 4]) {
     let [ys, us, vs] = channels.map(|channel| channel.as_chunks_mut::<2>().0);

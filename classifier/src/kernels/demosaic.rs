@@ -1,9 +1,9 @@
 //! Bilinear demosaicing (eqs. 1–3) of registers full of sites of one kind.
 //!
-//! In the [planes](super::planes) of a row, a site's neighbours left and right are in the other
-//! plane: one at its own index, and the other one before it (sites in even columns) or behind it (odd
-//! ones). So all means are of whole registers, and nothing has to be picked from them afterwards. The
-//! four Bayer orders are the column parity of the sites that are not green, and who is called red.
+//! In the [planes](super::planes) of a row, a site's left and right neighbours are in the other plane: one at
+//! the same index, the other one at the index before (for sites in even columns) or behind (odd ones). So all
+//! means are taken of whole registers, without shuffles. The four Bayer orders reduce to the column parity of
+//! the sites that are not green, and to whether a row's own colour is red or blue.
 
 use super::lanes::Lanes;
 use super::planes::Planes;
@@ -15,15 +15,15 @@ fn here<S: Lanes>(simd: S, row: Planes, parity: usize, at: usize) -> S::u8s {
     S::u8s::from_slice(simd, &row[parity][at..at + S::u8s::LEN])
 }
 
-/// The neighbours of these pixels, in the other plane: those of the same index, and the others.
+/// The left and right neighbours of these pixels: the one with the same index in the other plane, then the
+/// other.
 #[inline(always)]
 fn beside<S: Lanes>(simd: S, row: Planes, parity: usize, at: usize) -> (S::u8s, S::u8s) {
     (here(simd, row, 1 - parity, at), here(simd, row, 1 - parity, at + 2 * parity - 1))
 }
 
-/// The own colour of the row, green, and the other colour, exactly, of a register full of coloured
-/// sites, which are in columns of this parity. The rows are the one above, the row itself and the one
-/// below.
+/// A row's own colour, green, and the other colour, exactly, for a register full of coloured sites in columns
+/// of this parity. The rows are the one above, the row itself and the one below.
 #[inline(always)]
 pub fn at_colored_sites<S: Lanes>(
     simd: S,
@@ -40,7 +40,7 @@ pub fn at_colored_sites<S: Lanes>(
     [here(simd, row, parity, at), green, other]
 }
 
-/// The same of a register full of green sites.
+/// A row's own colour, green, and the other colour, exactly, for a register full of green sites.
 #[inline(always)]
 pub fn at_green_sites<S: Lanes>(
     simd: S,
@@ -53,31 +53,31 @@ pub fn at_green_sites<S: Lanes>(
     [simd.mean(left, right), here(simd, row, parity, at), simd.mean(up, down)]
 }
 
-/// (a + b + c + d + 2) / 4, rounded down. The mean of two means is that, or 1 more if it had to be
-/// rounded up and one of the two had been rounded up before.
+/// (a + b + c + d + 2) / 4, rounded down. The mean of two rounded means equals that, or exceeds it by 1 if it
+/// was rounded up and one of the two had been rounded up before.
 #[inline(always)]
 fn exact_mean4<S: Lanes>(simd: S, a: S::u8s, b: S::u8s, c: S::u8s, d: S::u8s) -> S::u8s {
     let (ab, cd) = (simd.mean(a, b), simd.mean(c, d));
     simd.mean(ab, cd) - (((a ^ b) | (c ^ d)) & (ab ^ cd) & 1)
 }
 
-/// By how much [`rough_colors`] may be too high.
+/// Maximum error of [`rough_colors`], upwards.
 pub const EXCESS: u8 = 1;
 
-/// The same of all sites of two rows, but means of four may be 1 too high. The rows are the one above the
-/// two, the two, and the one below, each from one pixel before the register; `P` is the column parity
+/// The colours of all sites of two rows, where means of four may be 1 too high. The rows are the one above
+/// the pair, the pair, and the one below, each from one pixel before the register; `P` is the column parity
 /// of the upper row's coloured sites.
 ///
-/// Two rows share what is loaded and what is the mean of left and right: 14 loads and 14 means for
-/// four registers full of pixels.
+/// Two rows share loads and means of left and right neighbours: 14 loads and 14 means for four registers full
+/// of pixels.
 #[inline(always)]
 pub fn rough_colors<S: Lanes, const P: usize>(simd: S, rows: [Planes; 4]) -> [[[S::u8s; 3]; 2]; 2] {
-    // Sites of the upper row's colour and below them, and those between.
+    // Columns of the upper row's coloured sites, and the columns between them.
     let (on0, on1) = (here(simd, rows[0], P, 1), here(simd, rows[1], P, 1));
     let (on2, on3) = (here(simd, rows[2], P, 1), here(simd, rows[3], P, 1));
     let (off0, off1) = (here(simd, rows[0], 1 - P, 1), here(simd, rows[1], 1 - P, 1));
     let (off2, off3) = (here(simd, rows[2], 1 - P, 1), here(simd, rows[3], 1 - P, 1));
-    // Means of left and right.
+    // Means of left and right neighbours.
     let around_on0 = simd.mean(off0, here(simd, rows[0], 1 - P, 2 * P));
     let around_on1 = simd.mean(off1, here(simd, rows[1], 1 - P, 2 * P));
     let around_on2 = simd.mean(off2, here(simd, rows[2], 1 - P, 2 * P));

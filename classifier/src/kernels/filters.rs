@@ -1,20 +1,20 @@
-//! With which prefilter to look at a block of pixels.
+//! Choice of the prefilter for each block of pixels.
 
 use super::Prefilters;
 use crate::zones::Zones;
 
-/// With which prefilter the blocks of a row are looked at. Where a block is in several zones, with one
-/// that lets pass what any of theirs does.
+/// The prefilters of the blocks of a row. A block in several zones has one that passes every pixel that a
+/// prefilter of one of its zones passes.
 #[derive(Debug, Clone, Default)]
 pub struct BlockFilters {
-    /// For each block; empty if all are in one zone.
+    /// Indexed by block; empty if all are in one zone.
     merged: Vec<Prefilters>,
     zone: usize,
-    /// All this holds for the rows before this one.
+    /// Valid for rows `< end_row`.
     end_row: usize,
 }
 
-/// One for all blocks of a row, or one for each.
+/// One prefilter for all blocks of a row, or one for each.
 #[derive(Clone, Copy)]
 pub struct RowFilters<'a> {
     filters: &'a [Prefilters],
@@ -23,12 +23,13 @@ pub struct RowFilters<'a> {
 }
 
 impl BlockFilters {
-    /// Begins with a picture.
+    /// Begins a picture.
     pub fn begin(&mut self) {
         self.end_row = 0;
     }
 
-    /// For a row, which is not above the one asked for before, of so many blocks of `block` pixels.
+    /// The prefilters of a row of `blocks` blocks with `block` pixels each. Rows must be requested from top
+    /// to bottom.
     #[inline(always)]
     pub fn of_row<'a>(
         &'a mut self,
@@ -64,7 +65,7 @@ impl BlockFilters {
         self.end_row = (row / tile + 1) * tile;
         self.zone = usize::from(tiles[0]);
         self.merged.clear();
-        // With the first picture, even if that is in one zone.
+        // Allocates at the first picture, even if that is in one zone.
         self.merged.reserve(blocks);
         if tiles.iter().all(|&zone| zone == tiles[0]) {
             return;
@@ -81,13 +82,13 @@ impl BlockFilters {
 }
 
 impl RowFilters<'_> {
-    /// For a block.
+    /// The prefilter of a block.
     #[inline(always)]
     pub fn of_block(&self, index: usize) -> &Prefilters {
         &self.filters[index * self.step]
     }
 
-    /// The zone that all of the row is in, if it is in one.
+    /// The zone of the whole row, if there is only one.
     #[inline(always)]
     pub fn only_zone(&self) -> Option<usize> {
         self.zone

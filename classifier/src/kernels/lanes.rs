@@ -1,9 +1,9 @@
-//! What the kernels need of an instruction set beyond what the library offers for all of them.
+//! Operations that the kernels need besides those that the library offers for all instruction sets.
 
 use super::prefilter::ChannelFilter;
 #[cfg(target_arch = "x86_64")]
-use crate::look_tables::{Bytes, COLOR_LOG, GREY_LOG};
-use crate::look_tables::{KEYS, LOG};
+use crate::second_look_tables::{Bytes, COLOR_LOG, GREY_LOG};
+use crate::second_look_tables::{KEYS, LOG};
 use fearless_simd::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512, Sse4_2};
@@ -16,18 +16,17 @@ use std::arch::aarch64::*;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
-/// Widest register.
+/// Bytes in the widest register.
 pub const MAX_LANES: usize = 64;
 
-/// Narrowest register.
+/// Bytes in the narrowest register.
 pub const MIN_LANES: usize = 16;
 
-/// Registers of bytes, as many as the machine has room for.
+/// Registers of bytes, as wide as the machine has.
 ///
-/// Everything here, and everything that calls it up to `vectorize`, is `#[inline(always)]`: a
-/// function or closure without it is compiled for the oldest machine, and every instruction becomes
-/// a call. All tests stay green then, and a frame takes eight times as long (two such closures: 693
-/// µs rather than 85).
+/// Everything here, and everything that calls it up to `vectorize`, is `#[inline(always)]`: a function or
+/// closure without it is compiled for the oldest machine, and every instruction becomes a call. All tests
+/// still pass then, but a frame takes eight times as long (two such closures: 693 µs rather than 85).
 pub trait Lanes: Simd {
     /// A channel's table of the prefilter in a register.
     type Table: Copy;
@@ -38,8 +37,8 @@ pub trait Lanes: Simd {
     /// The entry for each value.
     fn look_up(self, table: Self::Table, values: Self::u8s) -> Self::u8s;
 
-    /// (a + b + 1) / 2, rounded down, of each pair of bytes. One instruction wherever there is one,
-    /// which the library does not offer; it would be four of those that it does.
+    /// (a + b + 1) / 2, rounded down, of each pair of bytes. A single instruction on every supported machine,
+    /// which the library does not offer; four of those that it offers.
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
 
     /// The entry for each key, below [`KEYS`].
@@ -48,19 +47,19 @@ pub trait Lanes: Simd {
     /// The [logarithm](LOG) of each value.
     fn log(self, values: Self::u8s) -> Self::u8s;
 
-    /// The table [`COLOR_LOG`] in registers.
+    /// The entry of [`COLOR_LOG`] for each value.
     fn color_log(self, values: Self::u8s) -> Self::u8s;
 
-    /// The table [`GREY_LOG`] in registers.
+    /// The entry of [`GREY_LOG`] for each value.
     fn grey_log(self, values: Self::u8s) -> Self::u8s;
 
-    /// The buckets that the prefilter lets each pixel pass for.
+    /// The buckets for which the prefilter passes each pixel.
     #[inline(always)]
     fn buckets(self, [a, b, c]: [Self::u8s; 3], filters: [Self::Table; 3]) -> Self::u8s {
         self.look_up(filters[0], a) & self.look_up(filters[1], b) & self.look_up(filters[2], c)
     }
 
-    /// A bit for each pixel for which there is a bucket.
+    /// A bit for each pixel with at least one bucket.
     #[inline(always)]
     fn any_bucket(self, buckets: Self::u8s) -> u64 {
         !buckets.simd_eq(0).to_bitmask() & (!0 >> (MAX_LANES - Self::u8s::LEN))
@@ -73,7 +72,7 @@ pub trait Lanes: Simd {
     }
 }
 
-/// A table of 16 entries in each 16 bytes of a register.
+/// A table of 16 entries, repeated in each 16 bytes of a register.
 macro_rules! sixteen_entries {
     () => {
         type Table = Self::u8s;
@@ -93,7 +92,7 @@ macro_rules! sixteen_entries {
             table.swizzle_dyn_within_blocks(keys >> 2)
         }
 
-        /// Value for the upper four bits, and the increment for the lower ones.
+        /// Value for the upper four bits, plus the increment for the lower ones.
         #[inline(always)]
         fn log(self, values: Self::u8s) -> Self::u8s {
             const OF_UPPER: [u8; 16] = {
@@ -144,7 +143,7 @@ impl Lanes for Avx512 {
         table.swizzle_dyn(values >> 2)
     }
 
-    /// Only the lower six bits count.
+    /// The instruction uses the lower six bits only.
     #[inline(always)]
     fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s {
         table.swizzle_dyn(keys)
@@ -177,7 +176,7 @@ impl Lanes for Avx512 {
     }
 }
 
-/// The entry for each value of a table of all bytes: looked up twice among 128 entries, by the lower seven bits.
+/// The entry of a 256-entry table for each value: two look-ups among 128 entries by the lower seven bits.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn map_all(simd: Avx512, table: &Bytes, values: u8x64<Avx512>) -> u8x64<Avx512> {

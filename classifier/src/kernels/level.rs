@@ -1,5 +1,5 @@
-//! Which instructions to use: what the machine has, what was asked for, and whether it can be
-//! trusted.
+//! Choice of the instruction set: the best one that the machine has, or the requested one, if it passes a
+//! test.
 
 use super::lanes::Lanes;
 use super::self_test;
@@ -11,7 +11,7 @@ use fearless_simd::Level;
 use std::fmt;
 use std::sync::OnceLock;
 
-/// Instruction sets that there is a kernel for.
+/// Instruction sets with a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum SimdLevel {
     /// 64 bytes at a time: AVX-512 as of Ice Lake and Zen 4, with VBMI.
@@ -31,7 +31,7 @@ impl SimdLevel {
     pub const ALL: [SimdLevel; 5] =
         [Self::Avx512, Self::Avx2, Self::Sse42, Self::Neon, Self::Scalar];
 
-    /// Its name, as in `TOUCHLINE_SIMD`.
+    /// Its name in `TOUCHLINE_SIMD`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "avx512",
@@ -42,13 +42,13 @@ impl SimdLevel {
         }
     }
 
-    /// The level of this name.
+    /// The level with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|level| level.name() == name)
     }
 
-    /// The levels that this machine has and that have passed their test, fastest first; the last is
-    /// always [`Scalar`](Self::Scalar).
+    /// The levels that this machine has and that pass their test, fastest first; the last one is always
+    /// [`Scalar`](Self::Scalar).
     pub fn available() -> Vec<Self> {
         Self::ALL.into_iter().filter(|level| level.is_present() && level.is_right()).collect()
     }
@@ -74,16 +74,16 @@ impl SimdLevel {
         }
     }
 
-    /// Whether the level does on this machine what the scalar code does, on small test pictures.
-    /// Looked at once in a process, in well below a millisecond: so no mistake of a compiler, a
-    /// library, an emulator or ours can make wrong runs of a team's frames unnoticed.
+    /// Whether the level agrees with the scalar code on this machine, on small test pictures. Tested once in
+    /// a process, in well below a millisecond: an error in a compiler, a library, an emulator or this crate
+    /// cannot go unnoticed into a match.
     pub fn is_right(self) -> bool {
         static VERDICTS: [OnceLock<bool>; SimdLevel::ALL.len()] =
             [const { OnceLock::new() }; SimdLevel::ALL.len()];
         *VERDICTS[self as usize].get_or_init(|| self_test::passes(self))
     }
 
-    /// Picks the code of the level.
+    /// Runs the code of the level.
     pub(super) fn classify(
         self,
         picture: &Picture,
@@ -92,7 +92,7 @@ impl SimdLevel {
         out: &mut [Run],
     ) -> Written {
         let machine = Level::new();
-        /// Returns what a level gives whose token is there; it always is for a present level.
+        /// Returns the result of a level if its token is there, which it always is for a present level.
         macro_rules! run_if_present {
             ($token:expr) => {
                 if let Some(simd) = $token {
@@ -115,7 +115,7 @@ impl SimdLevel {
     }
 }
 
-/// Here the kernels are compiled for their instruction set.
+/// Compiles the kernels for an instruction set.
 fn run<S: Lanes>(
     simd: S,
     picture: &Picture,
@@ -138,21 +138,21 @@ impl fmt::Display for SimdLevel {
     }
 }
 
-/// The level that classifiers of this process use, and what there is to say about that.
+/// The level that classifiers of this process use, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SimdChoice {
     /// The level in use.
     pub level: SimdLevel,
-    /// Why it is not the one that was asked for, or not the machine's best.
+    /// Why it is not the requested one, or not the machine's best.
     pub complaint: Option<String>,
 }
 
-/// Names the level to use instead of the fastest one.
+/// Environment variable that selects a level instead of the fastest one.
 const VARIABLE: &str = "TOUCHLINE_SIMD";
 
 impl SimdChoice {
-    /// The fastest level that works on this machine, or the one that the environment variable
-    /// `TOUCHLINE_SIMD` asks for. Made once; later changes of the variable change nothing.
+    /// The fastest level that works on this machine, or the one selected by the environment variable
+    /// `TOUCHLINE_SIMD`. Decided once; later changes of the variable have no effect.
     pub fn of_process() -> &'static Self {
         static CHOICE: OnceLock<SimdChoice> = OnceLock::new();
         CHOICE.get_or_init(|| {

@@ -1,24 +1,24 @@
-//! [Corrections](Correction) of registers full of pixels, each as its zone needs it.
+//! [Corrections](Correction) of registers full of pixels, each pixel by its zone.
 
 use super::lanes::{Lanes, MAX_LANES};
 use crate::correction::Correction;
 use crate::zones::ZonedTables;
 use fearless_simd::prelude::*;
 
-/// The corrections of a row's pixels. Zones consist of tiles with even sides, so two pixels side by side share
-/// theirs, and one entry is for both.
+/// The corrections of a row's pixels. Tiles have even sides, so two neighbouring pixels share a correction,
+/// and an entry is for both.
 #[derive(Debug, Clone, Default)]
 pub struct RowLight {
     haze: Vec<u8>,
     gains: [Vec<u16>; 3],
     most: [Vec<u8>; 3],
     is_corrected: bool,
-    /// All this holds for the rows before this one.
+    /// Valid for rows `< end_row`.
     end_row: usize,
 }
 
 impl RowLight {
-    /// Begins with a picture of this width.
+    /// Begins a picture of this width.
     pub fn begin(&mut self, width: usize) {
         self.end_row = 0;
         let entries = width.div_ceil(2).next_multiple_of(MAX_LANES);
@@ -29,7 +29,8 @@ impl RowLight {
         }
     }
 
-    /// For a row, which is not above the one asked for before; `None` if nothing is to be corrected.
+    /// The corrections of a row; `None` if nothing is to be corrected. Rows must be requested from top to
+    /// bottom.
     #[inline(always)]
     pub fn of_row(&mut self, zoned: ZonedTables, row: usize) -> Option<&Self> {
         if row >= self.end_row {
@@ -52,7 +53,7 @@ impl RowLight {
             let Correction { haze, gains, most } = correction(zone);
             let entries = self.haze.len();
             let begin = (index * tile / 2).min(entries);
-            // The last tile counts for what fills the last register, too.
+            // The last tile also fills the last register.
             let end =
                 if index + 1 == tiles.len() { entries } else { (begin + tile / 2).min(entries) };
             self.haze[begin..end].fill(haze);
@@ -63,7 +64,7 @@ impl RowLight {
         }
     }
 
-    /// From an entry on, for the pixels in even or odd columns.
+    /// The entries from `at` on, for pixels in even or in odd columns.
     #[inline(always)]
     pub fn load<S: Lanes>(&self, simd: S, at: usize) -> Light<S> {
         let (lanes, half) = (S::u8s::LEN, S::u16s::LEN);
@@ -88,7 +89,7 @@ pub struct Light<S: Lanes> {
 }
 
 impl<S: Lanes> Light<S> {
-    /// The same for all of them.
+    /// The same correction for all pixels.
     #[inline(always)]
     pub fn everywhere(simd: S, Correction { haze, gains, most }: Correction) -> Self {
         let [red, green, blue] = gains;

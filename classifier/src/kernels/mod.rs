@@ -1,7 +1,7 @@
-//! Where the time goes: from pixels to runs.
+//! The kernels: from pixels to runs.
 //!
-//! [`scalar`] is the specification. `bayer` and `color` give the same runs, bit for bit, with whichever
-//! instruction set the machine has; which one that is, [`SimdLevel`] knows.
+//! [`scalar`] is the specification. `bayer` and `color` give the same runs, bit for bit, with the machine's
+//! vector instructions; [`SimdLevel`] chooses them.
 
 mod bayer;
 mod buckets;
@@ -12,11 +12,11 @@ mod filters;
 mod lanes;
 mod level;
 mod light;
-mod look_rows;
-mod looks;
 mod planes;
 mod prefilter;
 pub mod scalar;
+mod second_look;
+mod second_look_rows;
 mod self_test;
 
 use crate::mask::FieldMask;
@@ -25,43 +25,43 @@ use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use buckets::Buckets;
 use common::messages::Run;
-use looks::LookFilter;
 use prefilter::Prefilter;
+use second_look::SecondLookFilter;
 
 pub use level::{SimdChoice, SimdLevel};
 
-/// So many rows before they are needed, rows are asked for: far enough for them to come, and not so
-/// many that the first are gone again.
+/// Prefetch distance, rows: far enough for a row to arrive, and near enough for it not to be evicted again.
 const ROWS_AHEAD: usize = 4;
 
-/// From pictures to runs with the instructions of one [`SimdLevel`].
+/// Turns pictures into runs with the instructions of one [`SimdLevel`].
 #[derive(Debug, Clone)]
 pub struct Kernel {
     level: SimdLevel,
     buckets: [Buckets; 2],
-    /// By zone.
+    /// Indexed by zone.
     prefilters: Vec<Prefilters>,
-    looks: Looks,
+    second_looks: SecondLookSetup,
     scratch: Scratch,
 }
 
 impl Kernel {
-    /// A level that this machine does not have is as good as [`SimdLevel::Scalar`]. It gives the right
-    /// runs for any tables, and is quick with such as are like these: of the same colours under any light.
+    /// Replaces a level that this machine does not have by [`SimdLevel::Scalar`]. Gives the right runs for
+    /// any tables, and is fast for tables of the same colours under any light.
     pub fn new(level: SimdLevel, tables: &ClassTables) -> Self {
         let buckets = [Buckets::new(tables.rgb(), demosaic::EXCESS), Buckets::new(tables.yuv(), 0)];
         let prefilters = vec![Prefilters::new(tables, &buckets)];
-        let looks = Looks::new(tables, &buckets);
-        Self { level, buckets, prefilters, looks, scratch: Scratch::default() }
+        let second_looks = SecondLookSetup::new(tables, &buckets);
+        Self { level, buckets, prefilters, second_looks, scratch: Scratch::default() }
     }
 
-    /// Whose instructions it uses.
+    /// The instruction set in use.
     pub fn level(&self) -> SimdLevel {
         self.level
     }
 
-    /// As [`scalar::classify`]. Other tables than last time cost a microsecond each (those of other
-    /// colours with second looks ten), a wider picture or more zones an allocation.
+    /// Classifies a picture, with the result of [`scalar::classify`]. Each table that differs from the last
+    /// call costs a microsecond (ten for other colours with second looks), a wider picture or more zones an
+    /// allocation.
     pub fn classify(
         &mut self,
         picture: &Picture,
@@ -78,37 +78,37 @@ impl Kernel {
                 *prefilters = new(tables);
             }
         }
-        if self.looks.boxes.version != colors.version() {
-            self.looks = Looks::new(colors, &self.buckets);
+        if self.second_looks.boxes.version != colors.version() {
+            self.second_looks = SecondLookSetup::new(colors, &self.buckets);
         }
-        let (prefilters, looks) = (&self.prefilters, &self.looks);
-        let setup = Setup { zoned, prefilters, looks, buckets: &self.buckets[0], mask };
+        let (prefilters, second_looks) = (&self.prefilters, &self.second_looks);
+        let setup = Setup { zoned, prefilters, second_looks, buckets: &self.buckets[0], mask };
         self.level.classify(picture, setup, &mut self.scratch, out)
     }
 }
 
-/// Memory that the fast kernels reuse.
+/// Reused allocations of the vector kernels.
 #[derive(Debug, Clone, Default)]
 struct Scratch {
     bayer: bayer::Scratch,
     color: color::Scratch,
 }
 
-/// What the fast kernels work with besides the picture.
+/// Input of the vector kernels besides the picture.
 #[derive(Clone, Copy)]
 struct Setup<'a> {
-    /// Decide in the end.
+    /// The exact tables, which decide.
     zoned: ZonedTables<'a>,
-    /// By zone.
+    /// Indexed by zone.
     prefilters: &'a [Prefilters],
-    looks: &'a Looks,
-    /// Tables for colours in RGB.
+    second_looks: &'a SecondLookSetup,
+    /// Assignment of colours in RGB to prefilter bits.
     buckets: &'a Buckets,
-    /// The pixels to look at.
+    /// The pixels to classify.
     mask: &'a FieldMask,
 }
 
-/// What belongs to a version of the tables.
+/// Prefilters of one version of the tables.
 #[derive(Debug, Clone, Copy)]
 struct Prefilters {
     version: u64,
@@ -127,34 +127,34 @@ impl Prefilters {
 }
 
 impl Prefilters {
-    /// Lets pass what the other does, too.
+    /// Also passes every pixel that `other` passes.
     fn add(&mut self, other: &Self) {
         self.rgb.add(&other.rgb);
         self.yuv.add(&other.yuv);
     }
 }
 
-/// Data for colours with second looks, under the light in which they were set.
+/// Data for colours with second looks, for the light in which they were set.
 #[derive(Debug, Clone)]
-struct Looks {
+struct SecondLookSetup {
     boxes: Prefilters,
-    rgb: LookFilter,
-    yuv: LookFilter,
+    rgb: SecondLookFilter,
+    yuv: SecondLookFilter,
 }
 
-impl Looks {
+impl SecondLookSetup {
     fn new(colors: &ClassTables, buckets: &[Buckets; 2]) -> Self {
         let [rgb, yuv] = buckets;
         let tables = &colors.second_looks().tables;
         Self {
             boxes: Prefilters::new(colors, buckets),
-            rgb: LookFilter::new(tables, rgb),
-            yuv: LookFilter::new(tables, yuv),
+            rgb: SecondLookFilter::new(tables, rgb),
+            yuv: SecondLookFilter::new(tables, yuv),
         }
     }
 }
 
-/// What a kernel has written to its list of runs.
+/// Result of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Written {
     /// Valid runs at the beginning of the list.
@@ -163,13 +163,13 @@ pub struct Written {
     pub is_cut_off: bool,
 }
 
-/// Fills a list of runs up to its capacity. A run is written in two steps, where it begins and where it
-/// ends: so neither needs to know of the other, and no branch depends on what comes after what.
+/// Fills a list of runs up to its capacity. A run's begin and its end are written separately, so neither
+/// needs to know of the other, and no branch depends on their order.
 struct RunWriter<'a> {
     out: &'a mut [Run],
-    /// So many runs have begun …
+    /// Number of runs begun.
     begun: usize,
-    /// … and so many have ended: as many, or one less.
+    /// Number of runs ended: equal to `begun`, or one less.
     ended: usize,
     is_cut_off: bool,
 }
@@ -179,7 +179,7 @@ impl<'a> RunWriter<'a> {
         Self { out, begun: 0, ended: 0, is_cut_off: false }
     }
 
-    /// Columns and rows of a picture fit 16 bits.
+    /// Columns and rows of a picture fit into 16 bits.
     #[inline(always)]
     fn begin(&mut self, row: usize, column: usize, class: u8) {
         match self.out.get_mut(self.begun) {
@@ -192,7 +192,7 @@ impl<'a> RunWriter<'a> {
         }
     }
 
-    /// What found no room to begin has none to end.
+    /// A run that found no room to begin has none to end.
     #[inline(always)]
     fn end(&mut self, column: usize) {
         if let Some(slot) = self.out.get_mut(self.ended) {
@@ -208,13 +208,13 @@ impl<'a> RunWriter<'a> {
     }
 }
 
-/// Joins the classified pixels of one row, handed in from left to right, to runs.
+/// Joins the classified pixels of one row, added from left to right, into runs.
 struct RowRuns<'w, 'a> {
     runs: &'w mut RunWriter<'a>,
     row: usize,
-    /// Of the run that is still open; none if it is background.
+    /// Class of the open run; background if there is none.
     class: u8,
-    /// All columns before this one have been handed in.
+    /// All columns before this one have been added.
     reached: usize,
 }
 
@@ -224,7 +224,7 @@ impl<'w, 'a> RowRuns<'w, 'a> {
         Self { runs, row, class: BACKGROUND, reached: 0 }
     }
 
-    /// Hands in a pixel. Those left out are background.
+    /// Adds a pixel. Skipped pixels are background.
     #[inline(always)]
     fn add(&mut self, column: usize, class: u8) {
         self.skip_to(column);
@@ -237,14 +237,14 @@ impl<'w, 'a> RowRuns<'w, 'a> {
         self.reached = column + 1;
     }
 
-    /// A run begins here.
+    /// Begins a run.
     #[inline(always)]
     fn begin(&mut self, column: usize, class: u8) {
         self.runs.begin(self.row, column, class);
         self.class = class;
     }
 
-    /// From the column reached so far to this one there is background, if there is anything.
+    /// Declares the columns from the last one reached to this one as background, if there are any.
     #[inline(always)]
     fn skip_to(&mut self, column: usize) {
         if column != self.reached {
@@ -253,14 +253,14 @@ impl<'w, 'a> RowRuns<'w, 'a> {
         }
     }
 
-    /// A run ends here, before what may begin here.
+    /// Ends a run; called before the run that may begin in the same column.
     #[inline(always)]
     fn end(&mut self, column: usize) {
         self.runs.end(column);
         self.class = BACKGROUND;
     }
 
-    /// Ends the run that is still open, if there is one. To be called at the end of the row.
+    /// Ends the open run, if there is one. Must be called at the end of the row.
     #[inline(always)]
     fn finish(&mut self) {
         if self.class != BACKGROUND {

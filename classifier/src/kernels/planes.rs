@@ -1,9 +1,8 @@
-//! The rows of a mosaic, taken apart into even and odd columns.
+//! Rows of a mosaic, separated into even and odd columns.
 //!
-//! In a plane of its own every second pixel of a row stands beside the next of its colour, so a
-//! register holds nothing but sites of one kind, and what is computed for it is needed for all of
-//! it. Each row is copied once; that also settles stride, samples of two bytes, the mirrored edges
-//! and a rest that fills no register, which the code behind it need not know of.
+//! In such a plane, neighbours are sites of the same colour. So a register holds sites of one kind only, and
+//! a result computed for a register is needed for all of it. Each row is copied once; the copy also removes
+//! stride, two-byte samples, mirrored edges and incomplete registers from the code that follows.
 
 use super::ROWS_AHEAD;
 use super::lanes::{Lanes, MAX_LANES};
@@ -12,30 +11,30 @@ use crate::picture::{BayerImage, narrowed};
 use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
 
-/// Rows that are held at once: two, the one above and the one below.
+/// Rows held at once: a pair, the row above and the row below.
 const ROWS: usize = 4;
 
-/// Before the first and behind the last pixel of a plane: a neighbour, and what keeps the first pixel
-/// at the beginning of a cache line.
+/// Bytes before the first and behind the last pixel of a plane: room for a neighbour, and alignment of the
+/// first pixel to a cache line.
 pub const MARGIN: usize = MAX_LANES;
 
-/// A row's even and odd columns. Pixel 0 of each is at [`MARGIN`]; there is one more on both sides,
-/// and room for whole registers.
+/// A row's even and odd columns. Pixel 0 of each is at [`MARGIN`]; each has one more pixel on both sides, and
+/// room for whole registers.
 pub type Planes<'a> = [&'a [u8]; 2];
 
-/// The last rows of a picture, as planes.
+/// The latest rows of a picture, as planes.
 #[derive(Debug, Clone, Default)]
 pub struct Ring {
     bytes: Vec<u8>,
-    /// From the first byte in a cache line of its own.
+    /// Index of the first byte aligned to a cache line.
     first: usize,
     plane_bytes: usize,
-    /// Which row of the picture is held in which place.
+    /// The picture's row in each slot.
     held: [Option<usize>; ROWS],
 }
 
 impl Ring {
-    /// Forgets all rows, and makes room for those of a picture of this width.
+    /// Forgets all rows, and makes room for a picture of this width.
     pub fn fit(&mut self, width: usize) {
         self.held = [None; ROWS];
         self.plane_bytes = MARGIN + width.div_ceil(2).next_multiple_of(MAX_LANES) + MARGIN;
@@ -46,7 +45,7 @@ impl Ring {
         self.first = self.bytes.as_ptr().align_offset(MAX_LANES).min(MAX_LANES);
     }
 
-    /// Takes a row in, in the place of the one four rows before.
+    /// Copies a row into the slot of the row four above it.
     #[inline(always)]
     pub fn hold<S: Lanes>(&mut self, simd: S, image: &BayerImage, row: usize) {
         if self.held[row % ROWS] == Some(row) {
@@ -75,7 +74,7 @@ impl Ring {
                 }
             }
         }
-        // Column −1 is odd; which kind the one behind the last is depends.
+        // Column −1 is odd; the parity of the column behind the last one depends on the width.
         odd[MARGIN - 1] = odd[MARGIN + before(0) / 2];
         let mirrored = MARGIN + after(width - 1, width) / 2;
         let behind = if width.is_multiple_of(2) { even } else { odd };
@@ -93,8 +92,8 @@ impl Ring {
     }
 }
 
-/// Even and odd bytes, each on their own, where there is room for whole registers. As many bytes `ahead`
-/// are asked for meanwhile.
+/// Separates even and odd bytes; `even` and `odd` have room for whole registers. Prefetches as many bytes of
+/// `ahead`.
 #[inline(always)]
 fn separate<S: Lanes>(simd: S, [bytes, ahead]: [&[u8]; 2], even: &mut [u8], odd: &mut [u8]) {
     let lanes = S::u8s::LEN;
@@ -106,8 +105,9 @@ fn separate<S: Lanes>(simd: S, [bytes, ahead]: [&[u8]; 2], even: &mut [u8], odd:
         prefetch(ahead);
         separate_registers(simd, pair, even, odd);
     }
-    // The rest of the pairs: with as much of what is before it as fills the registers. Filled up in memory
-    // of its own, it would have to be waited for (3 % of a picture of 2448 columns).
+    // The remaining pairs, together with enough of the preceding ones to fill the registers: rows are long
+    // enough for that, and a buffer filled up in memory would stall the load (3 % of a picture of 2448
+    // columns).
     let (whole, rest) = (bytes.len() & !1, pairs.remainder());
     match whole.checked_sub(2 * lanes) {
         Some(begin) if !rest.is_empty() => {
@@ -128,7 +128,7 @@ fn separate<S: Lanes>(simd: S, [bytes, ahead]: [&[u8]; 2], even: &mut [u8], odd:
     }
 }
 
-/// The same for two registers full of bytes.
+/// Separates two registers full of bytes.
 #[inline(always)]
 fn separate_registers<S: Lanes>(simd: S, pair: &[u8], even: &mut [u8], odd: &mut [u8]) {
     let (first, second) = pair.split_at(S::u8s::LEN);

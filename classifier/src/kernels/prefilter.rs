@@ -1,18 +1,16 @@
-//! A cheap test that finds the few pixels worth looking at.
+//! A cheap test that finds the few pixels that may have a colour.
 //!
-//! Most of a pitch is background, and that it is can be seen without knowing which colour it is not.
-//! So the colours are sorted into at most eight buckets, one bit each, and for every channel there is
-//! one small table that tells for a coarse value in which buckets' ranges it may lie. The AND of the
-//! three entries is zero for what is certainly background. It errs on the other side only: what
-//! passes is looked at exactly.
+//! Most of a pitch is background, which is recognised without knowing each colour. The colours are sorted
+//! into at most eight buckets, one bit each, and each channel has a small table of the buckets whose ranges
+//! may hold a coarse value. The AND of the three entries is zero only for background; pixels that pass are
+//! tested exactly.
 //!
-//! These are the three tables of section 4.2 once more, with bytes for entries, and so few of them
-//! that a vector register holds a whole table and one shuffle instruction looks up a register full
-//! of pixels.
+//! These are the three tables of section 4.2 again, with entries of one byte and so few of them that a vector
+//! register holds a whole table and one shuffle instruction looks up a register full of pixels.
 
 use super::buckets::Buckets;
 
-/// For the three channels of a picture.
+/// Filters of the three channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Prefilter(pub [ChannelFilter; 3]);
 
@@ -27,14 +25,13 @@ pub struct ChannelFilter {
 }
 
 impl Prefilter {
-    /// For the colours in the exact tables, sorted into any buckets, and for values that are at most
-    /// `excess` above the exact ones. Made anew for each zone when the light changes, so it takes well
-    /// below a microsecond.
+    /// For the colours in the exact tables, sorted into `buckets`, and for values at most `excess` above the
+    /// exact ones. Rebuilt for each zone when the light changes, in well below a microsecond.
     pub fn new(tables: &[[u32; 256]; 3], buckets: &Buckets, excess: u8) -> Self {
         Self([0, 1, 2].map(|channel: usize| ChannelFilter::new(&tables[channel], buckets, excess)))
     }
 
-    /// Lets pass what the other does, too.
+    /// Also passes every pixel that `other` passes.
     pub fn add(&mut self, other: &Self) {
         for (own, other) in self.0.iter_mut().zip(&other.0) {
             own.coarse.iter_mut().zip(other.coarse).for_each(|(own, other)| *own |= other);
@@ -50,7 +47,7 @@ impl ChannelFilter {
         let (mut classes_before, mut bits_before) = (0, 0);
         for (index, (bits, values)) in fine.iter_mut().zip(table.as_chunks::<4>().0).enumerate() {
             let [a, b, c, d] = values;
-            // What is too high may be of one of the values before.
+            // A value that is too high may belong to one of the values below.
             let lower = &table[(4 * index).saturating_sub(usize::from(excess))..4 * index];
             let classes = lower.iter().fold(a | b | c | d, |all, classes| all | classes);
             if classes != classes_before {
@@ -62,7 +59,7 @@ impl ChannelFilter {
         Self { coarse, fine }
     }
 
-    /// For the colours in a table by six bits.
+    /// For a table indexed by six bits.
     pub fn of_six_bits(entries: &[u32; 64], buckets: &Buckets) -> Self {
         let fine = entries.map(|classes| buckets.of(classes));
         let mut coarse = [0; 16];
@@ -112,7 +109,7 @@ mod tests {
             let [boxes, others] = [bounds, sorted_as].map(|bounds| -> Vec<[[u8; 2]; 3]> {
                 bounds.iter().map(|b| b.map(|(a, b)| [a.min(b), a.max(b)])).collect()
             });
-            // The buckets may be those of other colours.
+            // The buckets may have been made for other colours.
             let buckets = Buckets::new(&tables(&others), excess);
             let filter = Prefilter::new(&tables(&boxes), &buckets, excess);
             for ranges in boxes {

@@ -1,4 +1,8 @@
-//! The specification: plain code, one pixel after the other.
+//! The specification of classification: plain code, one pixel after the other.
+//!
+//! Missing channels of a Bayer pixel are interpolated bilinearly, as means of two or four neighbours (eqs.
+//! 1–3 of the paper); the tables of section 4.2 classify the result ([`ClassTables`]); and adjacent pixels of
+//! one class in a row are joined into a run.
 
 use super::{RowRuns, RunWriter, Written};
 use crate::ClassTables;
@@ -8,9 +12,9 @@ use crate::yuv::rgb_from_yuv;
 use crate::zones::ZonedTables;
 use common::messages::Run;
 
-/// Lists the runs of a picture, as many as fit into `out`; what lies behind them is untouched.
-/// Pixels outside the mask are background, though their neighbours are interpolated from them. Each
-/// is classified with the tables of its zone.
+/// Lists the runs of a picture, as many as fit into `out`; the rest of `out` is untouched. Pixels outside the
+/// mask are background, though their neighbours are interpolated from them. Each pixel is classified with the
+/// tables of its zone.
 pub fn classify(
     picture: &Picture,
     zoned: ZonedTables,
@@ -35,7 +39,7 @@ pub fn classify(
     runs.written()
 }
 
-/// Hands out column and class of every pixel of a stretch of a row, from left to right.
+/// Calls `pixel` with column and class of every pixel of a span, from left to right.
 #[inline(always)]
 fn for_each_class(
     picture: &Picture,
@@ -62,8 +66,8 @@ fn for_each_class(
     }
 }
 
-/// Replaces `rgb` by the demosaiced picture, three bytes a pixel, row by row without padding: what
-/// the classifier sees, for overlays and for choosing colours.
+/// Replaces `rgb` by the demosaiced picture, three bytes per pixel, row by row without padding: the colours
+/// that the classifier sees, for overlays and for choosing colours.
 pub fn demosaic(image: &BayerImage, rgb: &mut Vec<u8>) {
     rgb.clear();
     rgb.reserve(3 * image.width() * image.height());
@@ -73,7 +77,7 @@ pub fn demosaic(image: &BayerImage, rgb: &mut Vec<u8>) {
     }
 }
 
-/// Replaces `rgb` by the picture in red, green and blue, as [`demosaic`], whatever its format.
+/// Replaces `rgb` by the picture in red, green and blue, as [`demosaic`] does, for any format.
 pub fn to_rgb(picture: &Picture, rgb: &mut Vec<u8>) {
     match picture {
         Picture::Bayer(image) => demosaic(image, rgb),
@@ -94,7 +98,7 @@ fn color_at(image: &ColorImage, column: usize, row: usize) -> [u8; 3] {
     if image.is_yuv() { rgb_from_yuv(color) } else { color }
 }
 
-/// Hands out column and interpolated colour of the pixels of a stretch of a row, from left to right.
+/// Calls `pixel` with column and interpolated colour of every pixel of a span, from left to right.
 #[inline(always)]
 fn for_each_pixel(image: &BayerImage, row: usize, span: Span, pixel: impl FnMut(usize, [u8; 3])) {
     match image.shift() {
@@ -105,11 +109,11 @@ fn for_each_pixel(image: &BayerImage, row: usize, span: Span, pixel: impl FnMut(
     }
 }
 
-/// The samples of a row as bytes.
+/// The samples of a row, as bytes.
 pub(super) trait Samples: Copy {
-    /// How many there are.
+    /// Number of samples.
     fn count(self) -> usize;
-    /// The value of one of them.
+    /// Value of a sample.
     fn at(self, column: usize) -> u8;
 }
 
@@ -125,7 +129,7 @@ impl Samples for &[u8] {
     }
 }
 
-/// Two bytes a sample.
+/// A row with two bytes per sample.
 #[derive(Clone, Copy)]
 struct DeepRow<'a> {
     row: &'a [u8],
@@ -144,8 +148,8 @@ impl Samples for DeepRow<'_> {
     }
 }
 
-/// A row and its neighbours. Beyond the edges the picture is mirrored without repeating the edge
-/// itself (−1 → 1, n → n − 2), which puts the colours where the pattern would continue.
+/// A row and its neighbours. Beyond the edges the picture is mirrored without repeating the edge itself (−1 →
+/// 1, n → n − 2), which continues the colour pattern.
 #[derive(Clone, Copy)]
 pub(super) struct ThreeRows<S> {
     pub above: S,
@@ -154,12 +158,12 @@ pub(super) struct ThreeRows<S> {
     pub sites: Sites,
 }
 
-/// Where a row's colours are.
+/// Position of a row's colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Sites {
     /// The row has red and green sites; otherwise blue and green ones.
     pub has_red: bool,
-    /// Whether its red or blue sites are in even columns (0) or odd ones (1).
+    /// Column parity of the red or blue sites: 0 for even, 1 for odd columns.
     pub colored_parity: usize,
 }
 
@@ -182,17 +186,17 @@ impl<S: Samples> ThreeRows<S> {
         }
     }
 
-    /// The colours of a row alternate between green and one other, so the inner loop goes by pairs
-    /// and has no decisions to make; the columns before and behind the pairs go the slow way.
+    /// The colours of a row alternate between green and one other, so the inner loop takes pairs and needs no
+    /// decisions; columns before and behind the pairs are handled one by one.
     #[inline(always)]
     fn for_each_pixel(&self, span: Span, mut pixel: impl FnMut(usize, [u8; 3])) {
         let mut column = span.begin;
-        // A pair begins at a coloured site with a neighbour to the left …
+        // A pair begins at a coloured site with a neighbour to the left,
         while column < span.end && (column == 0 || column % 2 != self.sites.colored_parity) {
             pixel(column, self.pixel(column));
             column += 1;
         }
-        // … and ends at a green one with a neighbour to the right.
+        // and ends at a green site with a neighbour to the right.
         while column + 1 < span.end && column + 2 < self.here.count() {
             pixel(column, self.at_colored_site(column - 1, column, column + 1));
             pixel(column + 1, self.at_green_site(column, column + 1, column + 2));
@@ -214,8 +218,8 @@ impl<S: Samples> ThreeRows<S> {
         }
     }
 
-    /// Where red or blue is known: green is the mean of the four direct neighbours (eq. 1), the
-    /// other colour that of the four diagonal ones (eq. 3).
+    /// At a site of red or blue: green is the mean of the four direct neighbours (eq. 1), the other colour
+    /// the mean of the four diagonal ones (eq. 3).
     #[inline(always)]
     fn at_colored_site(&self, left: usize, column: usize, right: usize) -> [u8; 3] {
         let Self { above, here, below, .. } = self;
@@ -224,9 +228,9 @@ impl<S: Samples> ThreeRows<S> {
         self.rgb(here.at(column), green, other)
     }
 
-    /// Where green is known: the row's colour is the mean of the neighbours left and right, the
-    /// other one that of those above and below (eq. 2; which of the two the paper writes down
-    /// depends on the row).
+    /// At a green site: the row's own colour is the mean of the left and right neighbours, the other colour
+    /// the mean of those above and below (eq. 2; the paper writes down one of the two, which depends on the
+    /// row).
     #[inline(always)]
     fn at_green_site(&self, left: usize, column: usize, right: usize) -> [u8; 3] {
         let Self { above, here, below, .. } = self;
@@ -235,32 +239,32 @@ impl<S: Samples> ThreeRows<S> {
         self.rgb(own, here.at(column), other)
     }
 
-    /// Sorts the row's own colour and the other one into red and blue.
+    /// Swaps a row's own colour and the other one into the order red, green, blue.
     #[inline(always)]
     fn rgb(&self, own: u8, green: u8, other: u8) -> [u8; 3] {
         if self.sites.has_red { [own, green, other] } else { [other, green, own] }
     }
 }
 
-/// The row or column before, mirrored at the edge.
+/// Index of the row or column before, mirrored at the edge.
 #[inline(always)]
 pub(super) fn before(index: usize) -> usize {
     if index == 0 { 1 } else { index - 1 }
 }
 
-/// The row or column behind, mirrored at the edge.
+/// Index of the row or column behind, mirrored at the edge.
 #[inline(always)]
 pub(super) fn after(index: usize, count: usize) -> usize {
     if index + 1 == count { count - 2 } else { index + 1 }
 }
 
-/// Mean, a half rounded up.
+/// Mean, rounded half up.
 #[inline(always)]
 fn mean2(a: u8, b: u8) -> u8 {
     ((u16::from(a) + u16::from(b) + 1) >> 1) as u8
 }
 
-/// Mean, a half rounded up.
+/// Mean, rounded half up.
 #[inline(always)]
 fn mean4(a: u8, b: u8, c: u8, d: u8) -> u8 {
     ((u16::from(a) + u16::from(b) + u16::from(c) + u16::from(d) + 2) >> 2) as u8

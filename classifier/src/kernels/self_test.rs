@@ -8,12 +8,12 @@ use crate::{ClassTables, MAX_CLASSES};
 use common::config::ColorConfig;
 use common::messages::{BayerOrder, PixelFormat, PixelLayout, Run};
 
-/// Two blocks of the widest registers, a rest of a block, and an odd number of columns.
+/// Two blocks of the widest registers, a partial block, and an odd number of columns.
 const WIDTH: u32 = 151;
 const HEIGHT: u32 = 5;
 
-/// Whether the level gives the same runs as the scalar code: all Bayer orders, and a format of each
-/// other kind, with different sets of colours.
+/// Whether the level gives the same runs as the scalar code, with different sets of colours: for all Bayer
+/// orders, and for a format of each other kind.
 pub fn passes(level: SimdLevel) -> bool {
     let mut random = Random(0x1234_5678_9abc_def1);
     let orders = BayerOrder::ALL.map(|order| PixelLayout { format: PixelFormat::Bayer8, order });
@@ -21,7 +21,7 @@ pub fn passes(level: SimdLevel) -> bool {
         .map(|format| PixelLayout { format, order: BayerOrder::Grbg });
     let mask = FieldMask::everything(WIDTH, HEIGHT);
     let mut zones = Zones::tiled(WIDTH as usize, HEIGHT as usize, 18);
-    zones.of_tiles_mut().iter_mut().enumerate().for_each(|(tile, zone)| *zone = tile as u8 / 2 % 2);
+    zones.by_tile_mut().iter_mut().enumerate().for_each(|(tile, zone)| *zone = tile as u8 / 2 % 2);
     let mut expected = vec![Run::default(); (WIDTH * HEIGHT) as usize];
     let mut got = expected.clone();
     [5, MAX_CLASSES].into_iter().all(|count| {
@@ -51,7 +51,7 @@ pub fn passes(level: SimdLevel) -> bool {
 struct Random(u64);
 
 impl Random {
-    /// A linear congruential generator's upper bits.
+    /// The upper bits of a linear congruential generator.
     fn byte(&mut self) -> u8 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (self.0 >> 56) as u8
@@ -62,7 +62,8 @@ impl Random {
         [a.min(b), a.max(b)]
     }
 
-    /// Half of the colours have a box in YUV, every fourth a second look, and every eighth nothing else.
+    /// Half of the colours have a box in YUV, every fourth a second look, and every eighth only a second
+    /// look.
     fn color(&mut self, count: usize) -> ColorConfig {
         let has_yuv = count > 5 || self.byte() < 128;
         let has_look = self.byte() < 64;

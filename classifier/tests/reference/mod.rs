@@ -1,12 +1,12 @@
-//! The classifier once more, written from the definitions with no thought of speed, and sharing no
-//! code with the library: what every kernel is compared with.
+//! A second classifier, written from the definitions without regard to speed, which shares no code with the
+//! library: the reference of every kernel.
 #![allow(dead_code)] // every test uses a part of it
 
 use common::config::ColorConfig;
 use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
 use proptest::prelude::*;
 
-/// A frame as it travels: header and padded pixels.
+/// A frame as it is transmitted: header and padded pixels.
 #[derive(Debug, Clone)]
 pub struct Frame {
     pub header: FrameHeader,
@@ -36,8 +36,8 @@ impl Frame {
         BayerOrder::from_number(self.header.bayer_order).expect("test frames have an order")
     }
 
-    /// The mean, a half rounded up, of those of the 3×3 pixels around (and the pixel itself) that
-    /// have the wanted colour; the pixel alone if it has it.
+    /// The mean, rounded half up, over the sites of a channel among the 3×3 pixels around a pixel; the pixel
+    /// itself if it is one.
     fn channel(&self, x: i64, y: i64, channel: usize) -> u8 {
         let mirror = |i: i64, n: u32| {
             let last = i64::from(n) - 1;
@@ -59,7 +59,7 @@ impl Frame {
         ((around.iter().sum::<u32>() + count / 2) / count) as u8
     }
 
-    /// Three bytes a pixel.
+    /// Three bytes per pixel.
     pub fn rgb(&self) -> Vec<u8> {
         let mut rgb = Vec::new();
         for y in 0..i64::from(self.header.height) {
@@ -75,7 +75,7 @@ impl Frame {
         self.rgb().chunks_exact(3).map(|rgb| label([rgb[0], rgb[1], rgb[2]], colors)).collect()
     }
 
-    /// The runs that must come out.
+    /// The expected runs.
     pub fn runs(&self, colors: &[ColorConfig]) -> Vec<Run> {
         runs_of_labels(&self.labels(colors), self.header.width)
     }
@@ -158,7 +158,7 @@ pub fn color(red: [u8; 2], green: [u8; 2], blue: [u8; 2]) -> ColorConfig {
 }
 
 fn range() -> impl Strategy<Value = [u8; 2]> {
-    // Half of them one-sided: boxes that hold something.
+    // Half of them one-sided, so that many boxes hold something.
     prop_oneof![
         any::<(u8, u8)>().prop_map(|(a, b)| [a.min(b), a.max(b)]),
         any::<u8>().prop_map(|low| [low, 255]),
@@ -166,9 +166,9 @@ fn range() -> impl Strategy<Value = [u8; 2]> {
     ]
 }
 
-/// A colour of any kind but in YUV.
+/// A colour of any kind except in YUV.
 pub fn any_color() -> impl Strategy<Value = ColorConfig> {
-    // Bounds off the round values, which a colour may meet exactly: there the reference is inexact.
+    // Bounds off round values, which a colour may meet exactly: there the reference is inexact.
     let hue = (0u16..360, 0u16..360).prop_map(|(a, b)| [f64::from(a) + 0.37, f64::from(b) + 0.37]);
     let saturation = (0u16..50, 0u16..100)
         .prop_map(|(low, extent)| [low, low + extent].map(|v| f64::from(v) / 100.0 + 0.0037));
@@ -180,8 +180,8 @@ pub fn any_color() -> impl Strategy<Value = ColorConfig> {
         })
 }
 
-/// Writes a picture of colours in a format; the chroma of pixels that share one is that of the top
-/// left of them. Padding is noise.
+/// Writes a picture of colours in a format. Pixels that share chroma have that of the top-left one. Padding
+/// is noise.
 pub fn encode(
     header: &FrameHeader,
     noise: &mut Noise,

@@ -3,7 +3,7 @@
 use common::config::Config;
 use common::geometry::ImagePoint;
 use common::messages::Run;
-use learning::candidates::wanted;
+use learning::candidates::expected_patches;
 use learning::labels::ImageLabels;
 use learning::scene::Scene;
 
@@ -76,7 +76,7 @@ pub fn covered_px(config: &Config, scene: &Scene) -> Vec<f64> {
             / scene.camera.pixel_area_mm2(middle, robots.height_mm);
         config.colors.len()
     ];
-    for wanted in wanted(config) {
+    for wanted in expected_patches(config) {
         let area_mm2 = scene.camera.pixel_area_mm2(middle, wanted.height_mm);
         covered[usize::from(wanted.class)] = wanted.total_mm2 / area_mm2;
     }

@@ -48,12 +48,12 @@ impl Lessons {
         let mut lattice = Lattice::new(&config.camera);
         let mut lit = Vec::with_capacity(self.list.len());
         for lesson in &self.list {
-            lattice.look_at(&Frame::Bayer(lesson.image(config)?));
+            lattice.sample(&Frame::Bayer(lesson.image(config)?));
             let gains: Gains =
                 lamp.as_ref().and_then(|lamp| lamp.gains(&lattice)).unwrap_or(NO_GAINS);
             lit.push(match &mut shaded {
                 Some(shaded) => {
-                    shaded.look_at(&lattice);
+                    shaded.measure(&lattice);
                     let (zones, tables) = (shaded.zones(), ShadedTables::corrections(gains));
                     lesson.picture.corrected(|column, row| &tables[zones.at(column, row)])
                 }
@@ -73,7 +73,7 @@ impl Lessons {
         let mut lattice = Lattice::new(&config.camera);
         let mut logs = [0.0; 3];
         for lesson in &self.list {
-            lattice.look_at(&Frame::Bayer(lesson.image(config)?));
+            lattice.sample(&Frame::Bayer(lesson.image(config)?));
             let Some(rgb) = probe.measure(&lattice) else {
                 common::tell!(
                     "touchline: {}: the pitch is too dark to tell the light from it; the colours \

@@ -15,7 +15,7 @@ use common::config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::list_pictures;
 use learning::labels::{ImageLabels, Labels};
 use learning::samples::Samples;
-use learning::separate::{self, Wishes};
+use learning::separate::{self, Objective};
 use lessons::Lessons;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -111,7 +111,7 @@ fn measured_unevenness(
 
 /// Bounds for the colours that are shown. What is worn and not shown stays as it is, behind the others.
 fn learn_from(config: &Config, samples: &Samples) -> Vec<ColorConfig> {
-    let mut learned = separate::learn(&config.colors, samples, &Wishes::default());
+    let mut learned = separate::learn(&config.colors, samples, &Objective::default());
     for color in &config.colors {
         let is_known = learned.iter().any(|known| known.name == color.name);
         if !is_known && is_worn(config, &color.name) {

@@ -37,8 +37,8 @@ pub fn measure(
     let mut apart: Vec<Pair> = Vec::new();
     for (lesson, labels) in lessons.list.iter().zip(labels) {
         let picture = &lesson.picture;
-        lattice.look_at(&Frame::Bayer(lesson.image(config)?));
-        shading.look_at(&lattice);
+        lattice.sample(&Frame::Bayer(lesson.image(config)?));
+        shading.measure(&lattice);
         // A picture of the floor's brightness has its samples where the picture has them.
         let mut floor = picture.clone();
         for (index, level) in floor.rgb.iter_mut().enumerate() {

@@ -1,11 +1,11 @@
-//! Where to put one bound.
+//! Optimum of a single bound.
 
 use super::bounds::{BINS, Side};
 
-/// The bin at which a bound gains most, when all that is beyond it is left out and every gain is
-/// spread around its place, falling off exponentially.
+/// The bin at which a bound gains most, where everything beyond it is left out and every gain is spread
+/// around its place with exponential tails.
 pub(super) fn best_bound(gain_at: &[f64; BINS], spread_bins: f64, side: Side) -> u8 {
-    // Twice a one-sided exponential is a two-sided one, and takes two passes instead of a kernel.
+    // A causal and an anticausal exponential make a two-sided one: two passes instead of a kernel.
     let keep = (-1.0 / spread_bins.max(1e-3)).exp();
     let mut smooth = [0.0; BINS];
     let mut carried = 0.0;
@@ -24,7 +24,7 @@ pub(super) fn best_bound(gain_at: &[f64; BINS], spread_bins: f64, side: Side) ->
     smooth[BINS - 1] += gain_at.iter().fold(0.0, |sum, gain| sum * keep + gain) * tail;
 
     let (mut sum, mut best, mut best_sum) = (0.0, side.end(), f64::NEG_INFINITY);
-    // Start at the end that admits nothing.
+    // Starts at the end that admits nothing.
     for step in 0..=u8::MAX {
         let bin = match side {
             Side::Low => u8::MAX - step,

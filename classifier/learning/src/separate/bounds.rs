@@ -1,4 +1,4 @@
-//! The ten bounds of one colour, in bins.
+//! The ten bounds of a colour, in bins.
 
 use super::points::{Point, TURN};
 use super::quantile;
@@ -8,15 +8,15 @@ use common::config::ColorConfig;
 pub(super) const AXES: usize = 5;
 pub(super) const HUE: usize = 3;
 pub(super) const SATURATION: usize = 4;
-/// Places a bound can have.
+/// Possible positions of a bound.
 pub(super) const BINS: usize = 256;
 const LAST: u8 = (BINS - 1) as u8;
-/// Bins of hue in a turn of [`TURN`].
+/// Width of a bin of hue, where a turn is [`TURN`].
 const HUE_BIN: f64 = TURN / BINS as f64;
-/// Hues whose mean direction is shorter than this, of 1 for a single hue, are those of a grey.
+/// Length of the mean direction of hues (1 for a single hue) below which a colour is grey.
 const LEAST_COHERENCE: f64 = 0.6;
 
-/// Which end of a range.
+/// End of a range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Side {
     Low = 0,
@@ -24,7 +24,7 @@ pub(super) enum Side {
 }
 
 impl Side {
-    /// The bin that leaves nothing out.
+    /// The bin that excludes nothing.
     pub fn end(self) -> u8 {
         match self {
             Side::Low => 0,
@@ -33,7 +33,7 @@ impl Side {
     }
 }
 
-/// Which bounds a point fails: a bit each.
+/// Bit set of the bounds that a point fails.
 pub(super) type Fails = u16;
 
 /// The bit of a bound.
@@ -44,8 +44,8 @@ pub(super) fn bit(axis: usize, side: Side) -> Fails {
 /// The bounds of red, green and blue.
 pub(super) const BOX: Fails = 0b11_1111;
 
-/// One colour's bounds: first and last bin, both included. Hue is measured from the middle of the
-/// samples' hues, which lies in the middle of the bins.
+/// One colour's bounds: first and last bin, both included. Hue is measured relative to the middle of the
+/// samples' hues, which is put into the middle of the bins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
     pub bins: [[u8; 2]; AXES],
@@ -53,7 +53,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// The narrowest bounds that hold all but a few of a colour's own samples.
+    /// The narrowest bounds that contain all but a few of a colour's own samples.
     pub fn around(own: &[&Point]) -> Self {
         let mut direction = [0.0, 0.0];
         let mut length = 0.0;
@@ -77,7 +77,7 @@ impl Bounds {
         bounds
     }
 
-    /// Where a point lies on an axis; grey has no hue.
+    /// Position of a point on an axis; `None` for the hue of grey.
     pub fn bin(&self, point: &Point, axis: usize) -> Option<u8> {
         match axis {
             HUE => {
@@ -107,7 +107,7 @@ impl Bounds {
         self.bins[axis] != [0, LAST]
     }
 
-    /// The bounds as configured.
+    /// The bounds in the form of the configuration.
     pub fn color(&self, color: &ColorConfig, looks: [u8; 3]) -> ColorConfig {
         let edge =
             |bin: u8, beyond: u8| f64::from(u16::from(bin) + u16::from(beyond)) / BINS as f64;

@@ -1,17 +1,16 @@
-//! No box is wider than a colour's samples are in any light.
+//! Limits on boxes where no background bounds them.
 
 use super::bounds::Bounds;
 use super::points::Point;
 
-/// The part of a colour's samples at either end that may be chance.
+/// Part of a colour's samples at either end that is ignored as chance.
 const CHANCE: f64 = 0.01;
-/// How much darker and brighter than its samples a colour may become.
+/// Darkest and brightest light relative to that of the samples.
 const LIGHTS: [f64; 2] = [0.4, 1.6];
 
-/// Closes a box around a colour's samples: in each channel from the darkest of them in the darkest
-/// light to the brightest of them in the brightest light, and twice `margin` grey levels beyond.
-/// Where no background was there to move a bound, it would otherwise stay open, and floors that no
-/// picture has shown would pass.
+/// Closes a box around a colour's samples: each channel from the darkest sample in the darkest light to the
+/// brightest one in the brightest light, plus twice `margin` grey levels on either side. A bound that no
+/// background has moved would otherwise stay open, and unseen floors would pass.
 pub(super) fn close<'a>(
     bounds: &mut Bounds,
     own: impl Iterator<Item = &'a Point> + Clone,

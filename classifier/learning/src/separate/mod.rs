@@ -1,20 +1,19 @@
-//! From samples to bounds: boxes in red, green and blue, and sectors in hue and saturation, that
-//! hold one colour each, leave out the others and the background, and have the widest margins.
+//! From samples to bounds: boxes in red, green and blue, and sectors in hue and saturation, that contain one
+//! colour each, exclude the others and the background, and have the widest margins.
 //!
-//! A pixel's class is that of the first colour all of whose ten bounds it meets, so what a bound is
-//! worth can be told for every value it could have: moving it gives the pixels it passes to this
-//! colour, or to whatever comes behind it. [`learn`] takes one bound after the other, adds up what
-//! each sample would gain, smooths that over the distance by which colours wander (so that a bound
-//! between two well separated colours ends up in the middle of the gap, where the two tails are
-//! equal), and moves the bound to the best place; again and again, until nothing changes much
-//! (coordinate ascent). Samples count by patch, not by pixel, and patches that are not recognised
-//! well count more in the next round: of twenty well lit patches and a dark one, it is the dark one
-//! that needs the bound.
+//! The bounds maximise the weighted number of correctly classified samples by coordinate ascent. A pixel's
+//! class is the first colour all of whose ten bounds it meets, so the score of every position of one bound
+//! can be computed exactly while all others stay: moving it gives the pixels it passes to this colour, or to
+//! the next one that admits them. [`learn`] takes one bound after the other, sums the gains of all samples by
+//! position, convolves them with a two-sided exponential as wide as colours wander, which puts a bound
+//! between two well separated colours into the middle of the gap, where the tails are equal, and moves the
+//! bound to the best position. This is repeated a fixed number of rounds. Samples are weighted by patch, not
+//! by pixel, and patches with a low recall weigh more in the next round, similar to boosting: of twenty well
+//! lit patches and a dark one, the dark one needs the bound.
 //!
-//! The box in red, green and blue is what the classifier asks first, of every pixel of a frame, and
-//! hue and saturation of what it lets pass take much longer. So background inside a colour's box
-//! costs something even where hue or saturation turn it away. In the end each box is closed around
-//! the samples in any light.
+//! In a match, the box in red, green and blue is tested first, for every pixel of a frame; hue and saturation
+//! of the pixels it passes take much longer. So background inside a colour's box has a cost even where hue or
+//! saturation exclude it. Finally each box is closed around the samples in any light.
 
 mod best_bound;
 mod bounds;
@@ -31,27 +30,27 @@ use points::Point;
 
 /// Weights of the learning objective.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wishes {
-    /// How far red, green and blue of a colour may wander beyond its samples, in grey levels …
+pub struct Objective {
+    /// Variation of red, green and blue beyond the samples, grey levels.
     pub spread: f64,
-    /// … its hue, in degrees …
+    /// Variation of hue, degrees.
     pub hue_spread_deg: f64,
-    /// … and its saturation.
+    /// Variation of saturation.
     pub saturation_spread: f64,
-    /// What all pixels of a picture's background count against all samples of a colour, if they
-    /// were taken for a colour.
+    /// Cost of all background pixels of a picture classified as a colour, where all samples of a colour weigh
+    /// 1.
     pub background_weight: f64,
-    /// The same if they were in a colour's box, and only hue or saturation turned them away.
+    /// Cost of all background pixels of a picture that are in a colour's box and excluded by hue or
+    /// saturation only.
     pub second_look_weight: f64,
-    /// What all pixels at the rims of patches count, if they were taken for a colour that is not
-    /// beside them.
+    /// Cost of all rim pixels classified as a colour that is not beside them.
     pub rim_weight: f64,
-    /// Elsewhere on the pitch samples may be so many times as bright; and what each counts then,
-    /// against 1 for what was seen.
+    /// Brightness factors that samples may have elsewhere on the pitch, each with its weight, where seen
+    /// samples weigh 1.
     pub other_lights: [(f64, f64); 3],
 }
 
-impl Default for Wishes {
+impl Default for Objective {
     fn default() -> Self {
         Self {
             spread: 6.0,
@@ -67,24 +66,23 @@ impl Default for Wishes {
 
 const ROUNDS: u32 = 8;
 
-/// Learns bounds for the colours that `samples` show, and returns them in the order in which they
-/// are to be looked at: most saturated first. Those that are not shown are left out. Samples name
-/// colours by their place in `colors`.
-pub fn learn(colors: &[ColorConfig], samples: &Samples, wishes: &Wishes) -> Vec<ColorConfig> {
-    let mut learner = Learner::new(colors.len(), samples, wishes);
+/// Learns bounds for the colours in `samples`, and returns them in the order of evaluation: most saturated
+/// first. Colours without samples are left out. The classes of samples are indices into `colors`.
+pub fn learn(colors: &[ColorConfig], samples: &Samples, objective: &Objective) -> Vec<ColorConfig> {
+    let mut learner = Learner::new(colors.len(), samples, objective);
     for round in 0..ROUNDS {
         learner.improve(round);
     }
     learner.close_boxes();
     let learned = learner.order.iter().filter_map(|&class| {
         let bounds = learner.bounds[class]?;
-        Some(bounds.color(&colors[class], looks(samples, class as u8)))
+        Some(bounds.color(&colors[class], display_color(samples, class as u8)))
     });
     learned.collect()
 }
 
-/// What a colour looks like: the median of each channel.
-fn looks(samples: &Samples, class: u8) -> [u8; 3] {
+/// Display colour: the median of each channel.
+fn display_color(samples: &Samples, class: u8) -> [u8; 3] {
     [0, 1, 2].map(|channel: usize| {
         let own = samples.pixels.iter().filter(|sample| sample.class == class);
         let mut values: Vec<f64> = own.map(|sample| f64::from(sample.rgb[channel])).collect();
@@ -93,34 +91,34 @@ fn looks(samples: &Samples, class: u8) -> [u8; 3] {
 }
 
 struct Learner<'a> {
-    wishes: &'a Wishes,
+    objective: &'a Objective,
     points: Vec<Point>,
-    /// For each point the colours that admit it: bit i for the colour at place i of the order.
+    /// For each point, a bit set of the colours that admit it: bit i for position i of the order.
     admitted: Vec<u32>,
     patch_count: usize,
     /// Indexed by class; `None` without samples.
     bounds: Vec<Option<Bounds>>,
-    /// Classes with samples, in the order in which they are looked at.
+    /// Classes with samples, in the order of evaluation.
     order: Vec<usize>,
-    /// What a pixel of the background costs that is taken for a colour, and that is in a box.
+    /// Cost of a background pixel that is classified as a colour, and of one that is in a box.
     background_costs: [f32; 2],
 }
 
-/// A point for which it matters whether a colour takes it, as that colour's bounds see it.
+/// A point whose score depends on whether a colour admits it, in that colour's bins.
 struct Candidate {
     bins: [Option<u8>; AXES],
     fails: Fails,
-    /// Gained when the colour takes it.
+    /// Gained when the colour admits it.
     gain: f32,
-    /// Lost when the colour's box holds it and the colour does not take it.
+    /// Lost when the colour's box holds it and the colour does not admit it.
     box_cost: f32,
 }
 
 impl<'a> Learner<'a> {
-    fn new(classes: usize, samples: &Samples, wishes: &'a Wishes) -> Self {
-        let points = points::points(samples, wishes);
+    fn new(classes: usize, samples: &Samples, objective: &'a Objective) -> Self {
+        let points = points::points(samples, objective);
         let of_class = |class: usize| -> Vec<&Point> {
-            let is_own = |point: &&Point| point.class == Some(class as u8) && !point.is_imagined;
+            let is_own = |point: &&Point| point.class == Some(class as u8) && !point.is_derived;
             points.iter().filter(is_own).collect()
         };
         let bounds: Vec<Option<Bounds>> = (0..classes)
@@ -140,9 +138,9 @@ impl<'a> Learner<'a> {
         order.sort_by(|&a, &b| saturations[b].total_cmp(&saturations[a]));
         let background = points.iter().filter(|point| point.is_background());
         let background = background.map(|point| f64::from(point.pixels)).sum::<f64>().max(1.0);
-        let costs = [wishes.background_weight, wishes.second_look_weight];
+        let costs = [objective.background_weight, objective.second_look_weight];
         let mut learner = Self {
-            wishes,
+            objective,
             admitted: vec![0; points.len()],
             points,
             patch_count: samples.patches as usize,
@@ -154,9 +152,9 @@ impl<'a> Learner<'a> {
         learner
     }
 
-    /// Moves every bound once or twice.
+    /// Moves every bound twice, with new weights.
     fn improve(&mut self, round: u32) {
-        self.weigh(round);
+        self.reweight(round);
         for position in 0..self.order.len() {
             let class = self.order[position];
             let Some(mut bounds) = self.bounds[class] else { continue };
@@ -173,7 +171,7 @@ impl<'a> Learner<'a> {
         }
     }
 
-    /// Notes which points the colour at a place of the order admits.
+    /// Updates the points that the colour at a position of the order admits.
     fn admit(&mut self, position: usize) {
         let Some(bounds) = self.bounds[self.order[position]] else { return };
         for (point, admitted) in self.points.iter().zip(&mut self.admitted) {
@@ -182,14 +180,14 @@ impl<'a> Learner<'a> {
         }
     }
 
-    /// Sets the points' weights: each class 1 in all, shared among its patches by how badly they
-    /// are recognised; the background little at first, since a colour that begins with too wide
-    /// bounds must shrink, not vanish.
-    fn weigh(&mut self, round: u32) {
+    /// Sets the points' weights: 1 for each class, shared among its patches by how badly they are recognised.
+    /// The background fades in over the first rounds, since a colour with too wide initial bounds must
+    /// shrink, not vanish.
+    fn reweight(&mut self, round: u32) {
         let (mut pixels, mut right) = (vec![0.0; self.patch_count], vec![0.0; self.patch_count]);
         let mut patches_of_class = vec![0.0; self.bounds.len()];
         for (point, &admitted) in self.points.iter().zip(&self.admitted) {
-            let Some(class) = point.class.filter(|_| !point.is_imagined) else { continue };
+            let Some(class) = point.class.filter(|_| !point.is_derived) else { continue };
             let patch = point.patch as usize;
             if pixels[patch] == 0.0 {
                 patches_of_class[usize::from(class)] += 1.0;
@@ -211,19 +209,19 @@ impl<'a> Learner<'a> {
                     };
                     point.pixels * share / pixels[patch] / patches_of_class[usize::from(class)]
                 }
-                None if point.is_imagined => point.pixels,
+                None if point.is_derived => point.pixels,
                 None => point.pixels * self.background_costs[0] * fade_in,
             };
         }
     }
 
-    /// The class of the first of some places of the order.
+    /// The class at the lowest position in a bit set of positions.
     fn first(&self, places: u32) -> Option<u8> {
         self.order.get(places.trailing_zeros() as usize).map(|&class| class as u8)
     }
 
-    /// The points for which it matters whether the colour at a place of the order takes them; what an
-    /// earlier one has, this one cannot get.
+    /// The points whose score depends on the colour at a position of the order. Points that an earlier colour
+    /// admits depend on it only by their cost in its box.
     fn candidates(&self, position: usize, bounds: &Bounds) -> Vec<Candidate> {
         let class = self.order[position] as u8;
         let mut candidates = Vec::new();
@@ -247,7 +245,7 @@ impl<'a> Learner<'a> {
         candidates
     }
 
-    /// Moves one bound of a colour to where most is gained, all others staying where they are.
+    /// Moves one bound of a colour to the best position, with all others fixed.
     fn move_bound(
         &self,
         bounds: &mut Bounds,
@@ -256,16 +254,16 @@ impl<'a> Learner<'a> {
         candidates: &mut [Candidate],
     ) {
         let spread_bins = match axis {
-            HUE => self.wishes.hue_spread_deg / 360.0,
-            SATURATION => self.wishes.saturation_spread,
-            _ => self.wishes.spread / BINS as f64,
+            HUE => self.objective.hue_spread_deg / 360.0,
+            SATURATION => self.objective.saturation_spread,
+            _ => self.objective.spread / BINS as f64,
         } * BINS as f64;
         let own = bit(axis, side);
         let is_of_box = own & BOX != 0;
         let mut gain_at = [0.0; BINS];
         for candidate in candidates.iter() {
             let fails = candidate.fails & !own;
-            // Grey has no place among hues.
+            // Grey has no hue.
             let Some(bin) = candidate.bins[axis] else { continue };
             if fails == 0 {
                 gain_at[usize::from(bin)] += f64::from(candidate.gain);
@@ -289,14 +287,14 @@ impl<'a> Learner<'a> {
     fn close_boxes(&mut self) {
         for class in self.order.iter().copied() {
             let Some(bounds) = &mut self.bounds[class] else { continue };
-            let is_own = |point: &&Point| point.class == Some(class as u8) && !point.is_imagined;
+            let is_own = |point: &&Point| point.class == Some(class as u8) && !point.is_derived;
             let own = self.points.iter().filter(is_own);
-            closing::close(bounds, own, self.wishes.spread);
+            closing::close(bounds, own, self.objective.spread);
         }
     }
 }
 
-/// The value below which a part of them lies. Sorts them.
+/// The quantile at `part`. Sorts the values.
 fn quantile(values: &mut [f64], part: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let index = (part * values.len() as f64) as usize;

@@ -1,32 +1,32 @@
-//! What bounds are judged by: samples, the same samples in other light, rims and background.
+//! Points that bounds are scored by: samples, samples in other light, rims and background.
 
-use super::Wishes;
+use super::Objective;
 use crate::samples::{Rim, Sample, Samples};
 
-/// Pixels of one patch are much alike: this many, spread over the patch, say what all of it says.
+/// Samples used per patch: pixels of one patch are much alike, so this many, spread over it, represent all.
 const MOST_PER_PATCH: usize = 48;
-/// Rims are many and count little; this many are enough.
+/// Rim pixels used: they are many and weigh little.
 const MOST_RIMS: usize = 12_000;
-/// A turn of hue.
+/// A full turn of hue.
 pub(super) const TURN: f64 = 65536.0;
 
-/// A colour that bounds admit or not, and what that is worth.
+/// A colour, and the value of admitting it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Point {
     pub rgb: [u8; 3],
     /// In 256ths.
     pub saturation: u8,
-    /// In 65536ths of a turn; `None` for grey, which no bound in hue admits.
+    /// In 65536ths of a turn; `None` for grey, which no hue bound admits.
     pub hue: Option<u16>,
     /// `None` for background and rims.
     pub class: Option<u8>,
-    /// Bit i: taking it for class i costs nothing.
+    /// Bit set of the classes that the point may have at no cost.
     indifferent: u32,
     pub patch: u32,
-    /// How many pixels look like this; how much it counts, for a rim and for a sample in other light.
+    /// Number of pixels of this colour; for a rim or a sample in other light, its weight.
     pub pixels: f32,
-    /// A sample in other light, or a rim: its being recognised or not is no measure of a patch.
-    pub is_imagined: bool,
+    /// A sample in other light, or a rim: does not count in the recall of a patch.
+    pub is_derived: bool,
     pub weight: f32,
 }
 
@@ -46,14 +46,14 @@ impl Point {
             indifferent: 0,
             patch,
             pixels,
-            is_imagined: false,
+            is_derived: false,
             weight: 0.0,
         }
     }
 
-    /// Whether it is a pixel of the background, and no rim.
+    /// Whether it is a background pixel, not a rim.
     pub fn is_background(&self) -> bool {
-        self.class.is_none() && !self.is_imagined
+        self.class.is_none() && !self.is_derived
     }
 
     /// Gain of classifying the point as this class.
@@ -74,29 +74,29 @@ fn saturation(rgb: [u8; 3]) -> f64 {
     f64::from(colored) / f64::from(sum.max(1))
 }
 
-/// The points that samples make. Samples in other light are a third of the samples for each light.
-pub(super) fn points(samples: &Samples, wishes: &Wishes) -> Vec<Point> {
+/// The points made from samples. For each light, a third of the samples is used.
+pub(super) fn points(samples: &Samples, objective: &Objective) -> Vec<Point> {
     let seen = thinned(samples);
     let mut points: Vec<Point> = seen
         .iter()
         .map(|sample| Point::new(sample.rgb, Some(sample.class), sample.patch, 1.0))
         .collect();
-    let lights = wishes.other_lights.len();
-    for (number, (light, counts)) in wishes.other_lights.into_iter().enumerate() {
-        let imagined = seen.iter().skip(number).step_by(lights).map(|sample| {
+    let lights = objective.other_lights.len();
+    for (number, (light, counts)) in objective.other_lights.into_iter().enumerate() {
+        let derived = seen.iter().skip(number).step_by(lights).map(|sample| {
             let rgb = sample.rgb.map(|value| (f64::from(value) * light).min(255.0) as u8);
             let counts = (counts * lights as f64) as f32;
             let point = Point::new(rgb, Some(sample.class), sample.patch, counts);
-            Point { is_imagined: true, ..point }
+            Point { is_derived: true, ..point }
         });
-        points.extend(imagined);
+        points.extend(derived);
     }
     let rims: Vec<&Rim> =
         samples.rims.iter().step_by(samples.rims.len().div_ceil(MOST_RIMS).max(1)).collect();
-    let rim_pixels = (wishes.rim_weight / rims.len().max(1) as f64) as f32;
+    let rim_pixels = (objective.rim_weight / rims.len().max(1) as f64) as f32;
     points.extend(rims.iter().map(|rim| Point {
         indifferent: rim.beside,
-        is_imagined: true,
+        is_derived: true,
         ..Point::new(rim.rgb, None, 0, rim_pixels)
     }));
     let background = samples.background.iter();

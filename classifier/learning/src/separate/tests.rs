@@ -17,7 +17,7 @@ fn color(name: &str) -> ColorConfig {
     }
 }
 
-/// A few shades around each of these, each a patch of its own.
+/// A few shades around each colour, each one a patch of its own.
 fn samples(classes: &[&[[u8; 3]]], background: &[[u8; 3]]) -> Samples {
     let mut samples = Samples { pictures: 1, ..Samples::default() };
     for (class, patches) in (0u8..).zip(classes) {
@@ -56,7 +56,7 @@ fn learned() -> Vec<ColorConfig> {
         &[&[RED, dark(RED)], &[VIOLET, dark(VIOLET)], &[GREEN, dark(GREEN)]],
         &[FLOOR, [20, 20, 20], [200, 200, 200]],
     );
-    learn(&colors, &samples, &Wishes::default())
+    learn(&colors, &samples, &Objective::default())
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn colors_are_told_apart_and_from_the_floor() {
 
 #[test]
 fn margins_are_wide_and_even() {
-    // The gap between red (0°) and violet (about 280°) belongs to both in equal parts.
+    // The gap between red (0°) and violet (about 280°) is shared in equal parts.
     let colors = learned();
     let hue_of = |name: &str| {
         let color = colors.iter().find(|color| color.name == name).unwrap();
@@ -89,7 +89,7 @@ fn margins_are_wide_and_even() {
 fn what_is_not_shown_is_left_out() {
     let colors = ["red", "blue"].map(color);
     let samples = samples(&[&[RED]], &[FLOOR]);
-    let learned = learn(&colors, &samples, &Wishes::default());
+    let learned = learn(&colors, &samples, &Objective::default());
     assert_eq!(learned.len(), 1);
     assert_eq!(learned[0].name, "red");
 }

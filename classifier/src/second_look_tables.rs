@@ -1,30 +1,31 @@
-//! Second looks as tables: which colours' bounds on hue and saturation a pixel may meet, found by four
-//! look-ups and three ANDs.
+//! The second look as tables: four look-ups and three ANDs find the colours whose bounds on hue and
+//! saturation a pixel may meet.
 //!
-//! Boxes in RGB hardly bound a hue: red, green and blue of a dim orange, of a bright one and of a grey
-//! floor lie in the same ranges. Ratios do. With m the least of R, G and B,
+//! A box in RGB hardly bounds a hue: red, green and blue of a dim orange, of a bright one and of a grey floor
+//! lie in the same ranges. Ratios of channels do bound it. With m = min(R, G, B),
 //!
-//! * hue depends only on the ratios (R − m) : (G − m) : (B − m), so on how far each channel stays behind
-//!   the greatest of the three;
-//! * saturation depends only on the ratio of m to (R − m) + (G − m) + (B − m).
+//! * hue depends only on the ratios (R − m) : (G − m) : (B − m), that is, on each channel's share of the
+//!   greatest of the three;
+//! * saturation depends only on the ratio of the grey m to the colour (R − m) + (G − m) + (B − m).
 //!
-//! Ratios are differences of logarithms, and logarithms of bytes are a table. So a pixel has four *keys*
-//! below [`KEYS`]: how many steps of [`LOG`] each channel stays behind the greatest, and how many
-//! the colour in a pixel is stronger than the grey. For each key there is a table with a bit for each colour that
-//! admits some pixel with that key. What is left after the AND of the four is a superset of the colours that
-//! admit the pixel. Which of them do, [`SecondLook`] decides.
+//! A ratio is a difference of logarithms, and the logarithm of a byte is a table entry. So a pixel has four
+//! *keys*, small integers below [`KEYS`]: log(max − m) − log(c − m) for each channel c, in sixteenths of an
+//! octave, and half the number of steps by which the logarithm of the colour exceeds that of the grey. For
+//! each key there is a table of bit sets: bit i is set if colour i admits some pixel with that key. The AND
+//! of the four entries is a superset of the colours that admit the pixel; [`SecondLook`] decides which of
+//! them do.
 //!
-//! Tables are made from ranges of ratios, not from pixels: a value of [`LOG`] stands for a range of bytes,
-//! a key for a range of quotients of them, and a hue bound is compared with the hues at both ends.
+//! The tables are made from ranges of ratios, not from pixels: an entry of [`LOG`] stands for a range of
+//! bytes, a key for a range of quotients of them, and a hue bound is compared with the hues at both ends.
 
 use crate::MAX_CLASSES;
 use crate::second_look::{SecondLook, saturation_of};
 
-/// A key is below this.
+/// Number of values of a key.
 pub(crate) const KEYS: usize = 64;
 
-/// 0 for 0; else 128 and the logarithm to the base 2 in sixteenths, where mantissas count as they are (so
-/// 1.5 is half an octave above 1). Rises with the value.
+/// Logarithm to the base 2 in sixteenths of an octave, plus 128, with linear mantissas (1.5 is half an octave
+/// above 1); 0 for 0. Not decreasing.
 pub(crate) const LOG: Bytes = {
     let mut table = [0; 256];
     let mut value = 1;
@@ -37,7 +38,7 @@ pub(crate) const LOG: Bytes = {
     Bytes(table)
 };
 
-/// The same in eighths, for grey.
+/// Logarithm of the grey, in eighths of an octave.
 pub(crate) const GREY_LOG: Bytes = {
     let mut table = [0; 256];
     let mut value = 1;
@@ -48,8 +49,8 @@ pub(crate) const GREY_LOG: Bytes = {
     Bytes(table)
 };
 
-/// The same for colour, so much higher that the key for saturation is in the middle where there is as much
-/// of it as of grey; but 0 for none.
+/// Logarithm of the colour, in eighths of an octave; 0 for 0. Offset so that the key for saturation is in the
+/// middle of its range where there is as much colour as grey.
 pub(crate) const COLOR_LOG: Bytes = {
     let mut table = [0; 256];
     let mut value = 1;
@@ -60,21 +61,21 @@ pub(crate) const COLOR_LOG: Bytes = {
     Bytes(table)
 };
 
-/// A table of all bytes that is not spread over more cache lines than need be.
+/// A table with an entry for each byte, aligned to cache lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(align(64))]
 pub(crate) struct Bytes(pub [u8; 256]);
 
 impl Bytes {
-    /// The entry for a value.
+    /// The entry for a byte.
     pub const fn of(&self, value: u8) -> u8 {
         self.0[value as usize]
     }
 }
 
-/// The keys of a pixel, as [`crate::kernels`] compute them of many at once: for red, green and blue 0 where
-/// the channel is the greatest and 63 where it is the least; for saturation 0 where there is no colour, 63
-/// where there is hardly any grey.
+/// The keys of a pixel, as [`crate::kernels`] computes them for registers full of pixels. For red, green and
+/// blue: 0 where the channel is the greatest, 63 where it is the least. For saturation: 0 without colour, 63
+/// with hardly any grey.
 #[cfg(test)]
 pub(crate) fn keys([red, green, blue]: [u8; 3]) -> [u8; 4] {
     let least = red.min(green).min(blue);
@@ -86,8 +87,8 @@ pub(crate) fn keys([red, green, blue]: [u8; 3]) -> [u8; 4] {
     [r, g, b, key(COLOR_LOG.of(color as u8), GREY_LOG.of(least))]
 }
 
-/// From the logarithms of the greatest channel and of another, both without what all three share; or from
-/// those of half of what the channels have above the least one, rounded up, and of that.
+/// Difference of two logarithms, limited to 0..[`KEYS`]. Of max − m and c − m for a channel c, or of half of
+/// the colour (rounded up) and of the grey.
 const fn key(of_more: u8, of_less: u8) -> u8 {
     let key = of_more.saturating_sub(of_less);
     if key < KEYS as u8 { key } else { KEYS as u8 - 1 }
@@ -103,7 +104,7 @@ impl Ratio {
     }
 }
 
-/// Both ends of the ratios that a key stands for; `None` if there is none.
+/// Lowest and highest ratio that a key stands for; `None` if no pixel has the key.
 type Range = Option<[Ratio; 2]>;
 
 const fn widened(range: Range, low: Ratio, high: Ratio) -> Range {
@@ -116,8 +117,7 @@ const fn widened(range: Range, low: Ratio, high: Ratio) -> Range {
     }
 }
 
-/// Where in a table that rises the value changes: the least and the greatest byte of each value, and how
-/// many values there are.
+/// Steps of a table that does not decrease: lowest and highest byte of each value, and the number of values.
 const fn steps(table: &Bytes) -> ([[u16; 2]; 256], usize) {
     let (mut steps, mut count) = ([[0; 2]; 256], 0);
     let mut value = 0;
@@ -132,7 +132,7 @@ const fn steps(table: &Bytes) -> ([[u16; 2]; 256], usize) {
     (steps, count)
 }
 
-/// Indexed by a channel's key: admitted share of the greatest channel.
+/// For each key of a channel, the shares (c − m) / (max − m) that it stands for.
 const CHANNEL_PARTS: [Range; KEYS] = {
     let mut parts = [None; KEYS];
     let (steps, count) = steps(&LOG);
@@ -151,10 +151,10 @@ const CHANNEL_PARTS: [Range; KEYS] = {
     parts
 };
 
-/// Indexed by the saturation key: the saturations it stands for.
+/// For each key of saturation, the saturations that it stands for.
 const SATURATIONS: [Range; KEYS] = {
     let mut saturations = [None; KEYS];
-    // Without any colour it is 0, that of black too.
+    // Saturation is 0 without colour, and for black.
     saturations[0] = Some([Ratio(0, 1), Ratio(0, 1)]);
     let ((colors, color_count), (greys, grey_count)) = (steps(&COLOR_LOG), steps(&GREY_LOG));
     let mut color = 1;
@@ -173,12 +173,12 @@ const SATURATIONS: [Range; KEYS] = {
     saturations
 };
 
-/// For each key the colours, a bit each, that may admit a pixel with it.
+/// For each of the four keys, a bit set of the colours that may admit a pixel with it.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LookTables(pub [[u32; KEYS]; 4]);
+pub(crate) struct SecondLookTables(pub [[u32; KEYS]; 4]);
 
-impl LookTables {
-    /// For the second looks of the colours whose bits are set, and other colours, which admit everything.
+impl SecondLookTables {
+    /// For the second looks of the colours in the bit set `bits`; the colours in `others` admit everything.
     pub fn new(looks: &[SecondLook; MAX_CLASSES], bits: u32, others: u32) -> Self {
         let mut tables = [[others; KEYS]; 4];
         let [channels @ .., saturations] = &mut tables;
@@ -208,8 +208,7 @@ impl LookTables {
     }
 }
 
-/// Whether a second look may admit a pixel of which a channel has such a part of the greatest one, both
-/// without what all three share.
+/// Whether a second look may admit a pixel whose share (c − m) / (max − m) for a channel c is in this range.
 fn may_admit_parts(look: &SecondLook, channel: usize, [low, high]: [Ratio; 2]) -> bool {
     let [next, last] = [(channel + 1) % 3, (channel + 2) % 3];
     let of = |values: [(usize, u16); 2]| {
@@ -217,7 +216,7 @@ fn may_admit_parts(look: &SecondLook, channel: usize, [low, high]: [Ratio; 2]) -
         values.into_iter().for_each(|(channel, value)| rgb[channel] = value as u8);
         rgb
     };
-    // One of the others is the greatest, and the third the least.
+    // One of the other channels is the greatest, and the third is the least.
     let is_between = [next, last].into_iter().any(|greatest| {
         let [a, b] = [low, high].map(|Ratio(part, all)| of([(channel, part), (greatest, all)]));
         look.may_admit_hue(a, b)
@@ -252,13 +251,13 @@ mod tests {
         SecondLook::new(&color).unwrap()
     }
 
-    fn tables(look: SecondLook) -> LookTables {
+    fn tables(look: SecondLook) -> SecondLookTables {
         let mut looks = [SecondLook::ANY; MAX_CLASSES];
         looks[3] = look;
-        LookTables::new(&looks, 1 << 3, !(1 << 3))
+        SecondLookTables::new(&looks, 1 << 3, !(1 << 3))
     }
 
-    /// Every pixel whose channels are among these.
+    /// All pixels with channels from these values.
     fn pixels(values: &[u8]) -> impl Iterator<Item = [u8; 3]> {
         let count = values.len();
         (0..count.pow(3))

@@ -1,26 +1,26 @@
 //! Second looks at registers full of pixels.
 //!
-//! What the [prefilter](super::prefilter) lets pass is first looked up in the tables of
-//! [`crate::look_tables`]: without bounds on red, green and blue worth the name that is nearly all of a
-//! picture, and what of it has the hue and saturation of a colour is little. Where there is some, the
-//! bounds of those colours decide, of all pixels of the register at once: they are sums of two products of
-//! 16 bits, for which there is an instruction.
+//! Without tight bounds on red, green and blue, the [prefilter](super::prefilter) passes nearly all of a
+//! picture, of which little has the hue and saturation of a colour. So passing pixels are first looked up in
+//! the tables of [`crate::second_look_tables`]. Where some pass again, the bounds of their colours decide for
+//! all pixels of the register at once: a bound is a sum of two products of 16-bit integers, for which there
+//! is an instruction.
 
 use super::Setup;
 use super::buckets::Buckets;
 use super::lanes::Lanes;
 use super::prefilter::{ChannelFilter, Prefilter};
-use crate::look_tables::{KEYS, LookTables};
 use crate::second_look::{Bound, SecondLook};
+use crate::second_look_tables::{KEYS, SecondLookTables};
 use crate::{BACKGROUND, ClassTables};
 use fearless_simd::prelude::*;
 
-/// The buckets, a bit each, whose colours may admit a pixel with each of the four keys.
+/// For each of the four keys, the buckets whose colours may admit a pixel with that key, a bit each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LookFilter([ChannelFilter; 4]);
+pub struct SecondLookFilter([ChannelFilter; 4]);
 
-impl LookFilter {
-    pub fn new(tables: &LookTables, buckets: &Buckets) -> Self {
+impl SecondLookFilter {
+    pub fn new(tables: &SecondLookTables, buckets: &Buckets) -> Self {
         Self(tables.0.each_ref().map(|table| ChannelFilter::of_six_bits(table, buckets)))
     }
 
@@ -34,7 +34,7 @@ impl LookFilter {
     }
 }
 
-/// The [keys](crate::look_tables) of pixels.
+/// The [keys](crate::second_look_tables) of pixels.
 #[inline(always)]
 pub fn keys<S: Lanes>(simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 4] {
     let least = red.min(green).min(blue);
@@ -49,30 +49,35 @@ pub fn keys<S: Lanes>(simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 4] {
     [red, green, blue, key::<S>(simd.color_log(color), simd.grey_log(least))]
 }
 
-/// Table key from two logarithms.
+/// Key from two logarithms.
 #[inline(always)]
 fn key<S: Lanes>(of_more: S::u8s, of_less: S::u8s) -> S::u8s {
     of_more.saturating_sub(of_less).min(KEYS as u8 - 1)
 }
 
-/// The tables that classify pixels where colours have second looks.
+/// The tables that classify pixels if colours have second looks.
 #[derive(Clone, Copy)]
-pub struct PixelLooks<'a> {
+pub struct SecondLookClassifier<'a> {
     colors: &'a ClassTables,
     boxes: &'a Prefilter,
-    looks: &'a LookFilter,
+    second_looks: &'a SecondLookFilter,
     buckets: &'a Buckets,
 }
 
-impl<'a> PixelLooks<'a> {
+impl<'a> SecondLookClassifier<'a> {
     #[inline(always)]
     pub fn new(setup: Setup<'a>) -> Self {
-        let Setup { zoned, looks, buckets, .. } = setup;
-        Self { colors: zoned.colors, boxes: &looks.boxes.rgb, looks: &looks.rgb, buckets }
+        let Setup { zoned, second_looks, buckets, .. } = setup;
+        Self {
+            colors: zoned.colors,
+            boxes: &second_looks.boxes.rgb,
+            second_looks: &second_looks.rgb,
+            buckets,
+        }
     }
 
-    /// The classes of those pixels of a register whose bits are set, under the light in which the colours were set;
-    /// [`BACKGROUND`] for the others. `None` if there are none.
+    /// The classes of those pixels of a register whose bits are set, under the light in which the colours
+    /// were set; [`BACKGROUND`] for the others. `None` if all are background.
     #[inline(always)]
     pub fn classify<S: Lanes>(self, simd: S, rgb: [S::u8s; 3], pixels: u64) -> Option<S::u8s> {
         if pixels == 0 {
@@ -80,20 +85,20 @@ impl<'a> PixelLooks<'a> {
         }
         let Prefilter([red, green, blue]) = self.boxes;
         let boxes = simd.buckets(rgb, [simd.table(red), simd.table(green), simd.table(blue)]);
-        let buckets = boxes & self.looks.admitting(simd, keys(simd, rgb));
+        let buckets = boxes & self.second_looks.admitting(simd, keys(simd, rgb));
         let pixels = pixels & simd.any_bucket(buckets);
         if pixels == 0 {
             return None;
         }
-        Some(classify_apart(simd, self, &rgb, &buckets, pixels))
+        Some(classify_outlined(simd, self, &rgb, &buckets, pixels))
     }
 }
 
-/// [`classify_exactly`] as a function of its own, which has all registers for itself.
+/// [`classify_exactly`], not inlined, so that it has all registers to itself.
 #[inline(never)]
-fn classify_apart<S: Lanes>(
+fn classify_outlined<S: Lanes>(
     simd: S,
-    with: PixelLooks,
+    with: SecondLookClassifier,
     rgb: &[S::u8s; 3],
     buckets: &S::u8s,
     pixels: u64,
@@ -104,16 +109,16 @@ fn classify_apart<S: Lanes>(
     )
 }
 
-/// The first of the colours in each pixel's buckets whose box holds it and whose second look admits it.
+/// The first colour in each pixel's buckets whose box holds it and whose second look admits it.
 #[inline(always)]
 fn classify_exactly<S: Lanes>(
     simd: S,
-    with: PixelLooks,
+    with: SecondLookClassifier,
     rgb: [S::u8s; 3],
     buckets: S::u8s,
     pixels: u64,
 ) -> S::u8s {
-    let seen = Seen::new(simd, rgb);
+    let seen = HueSaturation::new(simd, rgb);
     let mut classes = S::u8s::splat(simd, BACKGROUND);
     // An earlier colour replaces a later one.
     let colors = &with.colors.second_looks().classes;
@@ -134,13 +139,13 @@ fn classify_exactly<S: Lanes>(
     classes
 }
 
-/// What [bounds](Bound) look at, of a quarter of the pixels each: pairs of two values.
-struct Seen<S: Lanes> {
+/// Operands of [bounds](Bound), a quarter of the pixels each, as pairs of 16-bit integers.
+struct HueSaturation<S: Lanes> {
     hue: [S::i16s; 4],
     saturation: [S::i16s; 4],
 }
 
-impl<S: Lanes> Seen<S> {
+impl<S: Lanes> HueSaturation<S> {
     #[inline(always)]
     fn new(simd: S, [red, green, blue]: [S::u8s; 3]) -> Self {
         let least = red.min(green).min(blue);
@@ -202,7 +207,7 @@ mod tests {
     use crate::correction::Correction;
     use crate::kernels::lanes::MAX_LANES;
     use crate::kernels::light::Light;
-    use crate::look_tables::{self, Bytes, COLOR_LOG, GREY_LOG, LOG};
+    use crate::second_look_tables::{self, Bytes, COLOR_LOG, GREY_LOG, LOG};
     use fearless_simd::Level;
 
     /// Calls a function with each instruction set that this machine has.
@@ -261,7 +266,7 @@ mod tests {
                     for lane in 0..S::u8s::LEN {
                         let rgb = [0, 1, 2].map(|c| correction.of(c, channels[c][lane]));
                         let found = found.each_ref().map(|keys| keys[lane]);
-                        assert_eq!(found, look_tables::keys(rgb), "{rgb:?}");
+                        assert_eq!(found, second_look_tables::keys(rgb), "{rgb:?}");
                     }
                 }
             }

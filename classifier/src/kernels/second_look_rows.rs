@@ -1,17 +1,17 @@
-//! The second step of the kernel for [mosaics](super::bayer) where colours have second looks: the noted
-//! blocks are demosaiced exactly and classified a register full of pixels at a time ([`looks`](super::looks)).
+//! Step 2 of the kernel for [mosaics](super::bayer) if colours have second classifier: noted blocks are demosaiced
+//! exactly and classified a register full of pixels at a time ([`second_look`](super::second_look)).
 
 use super::RowRuns;
 use super::bayer::{Noted, Row, every_other, exact_colors};
 use super::classes::Classes;
 use super::lanes::Lanes;
-use super::looks::PixelLooks;
+use super::second_look::SecondLookClassifier;
 use crate::mask::Span;
 use fearless_simd::prelude::*;
 
-/// [`classify`] as a function of its own, which has all registers for itself.
+/// [`classify`], not inlined, so that it has all registers to itself.
 #[inline(never)]
-pub fn classify_apart<S: Lanes, const P: usize>(
+pub fn classify_outlined<S: Lanes, const P: usize>(
     simd: S,
     row: &Row,
     noted: &[Noted],
@@ -24,8 +24,8 @@ pub fn classify_apart<S: Lanes, const P: usize>(
     );
 }
 
-/// Classifies those of the noted blocks of a row where something may be, as it is with `index` among two. `P`
-/// is the column parity of its coloured sites.
+/// Classifies the noted blocks that have passing pixels in a row; `index` is its index in the pair. `P` is
+/// the column parity of its coloured sites.
 #[inline(always)]
 fn classify<S: Lanes, const P: usize>(
     simd: S,
@@ -35,7 +35,7 @@ fn classify<S: Lanes, const P: usize>(
     runs: &mut RowRuns,
 ) {
     let lanes = S::u8s::LEN;
-    let looks = PixelLooks::new(row.setup);
+    let classifier = SecondLookClassifier::new(row.setup);
     for noted in noted {
         let start = 2 * lanes * noted.index;
         let end = row.width.min(start + 2 * lanes);
@@ -49,18 +49,18 @@ fn classify<S: Lanes, const P: usize>(
             let light = light.load(simd, lanes * noted.index);
             (even, odd) = (light.corrected(simd, even), light.corrected(simd, odd));
         }
-        let even = looks.classify(simd, even, passing[0]);
-        let odd = looks.classify(simd, odd, passing[1]);
+        let even = classifier.classify(simd, even, passing[0]);
+        let odd = classifier.classify(simd, odd, passing[1]);
         if even.is_none() && odd.is_none() {
             continue;
         }
         let mut classes = Classes::new();
         classes.set_columns(simd, [even, odd]);
-        classes.hand_in(simd, start, end - start, runs);
+        classes.append_to_row(simd, start, end - start, runs);
     }
 }
 
-/// Mask of the pixels that are in spans.
+/// Mask of the pixels in spans.
 #[inline(always)]
 fn within_spans(passing: [u64; 2], spans: &[Span], block: Span) -> [u64; 2] {
     if let [span] = spans
