@@ -1,26 +1,27 @@
-//! The Kalman filter of the ball: constant velocity, less what rolling costs
-//! ([`constant_velocity`]).
+//! The Kalman filter of the ball: constant velocity with rolling friction ([`constant_velocity`]).
 //!
-//! Two hypotheses: rolling, and struck, when a kick may change the velocity by metres per second
-//! within a frame.
+//! The state is (x, y, vx, vy), measured are x and y; prediction is x̂⁻ = A x̂, P⁻ = A P Aᵀ + Q, and
+//! correction is eq. (14) of the paper with H = [I 0]. Two hypotheses differ in Q: a rolling ball hardly
+//! accelerates, a kick changes the velocity by metres per second within a frame. They are combined by the
+//! interacting-multiple-model scheme ([`imm`](crate::imm)).
 
-use crate::blend::{Blend, Wrap};
 use crate::constant_velocity::{self, ConstantVelocity, no_angles};
 use crate::gaussian::Gaussian;
+use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::FilterConfig;
 use common::messages::BALL_HYPOTHESES;
 use nalgebra::{Matrix2, Vector2, Vector4};
 
-/// No ball is faster; used to tell whether two sightings can be of the same ball.
+/// Limit of a ball's speed, used to tell whether two sightings can be of the same ball.
 const MAX_SPEED_MM_S: f64 = 6000.0;
 
 /// The constants of the filter, from the configuration, in mm and s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallMotion {
     noise: Matrix2<f64>,
-    /// Acceleration noise by hypothesis.
+    /// Acceleration noise of each hypothesis.
     accelerations: [f64; BALL_HYPOTHESES],
     rolling: ConstantVelocity,
 }
@@ -36,17 +37,17 @@ impl BallMotion {
         }
     }
 
-    /// What is believed `dt_s` later under one of the hypotheses (by its index).
+    /// Predicts a belief by `dt_s` under one of the hypotheses (by its index).
     pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
         self.rolling.predict(belief, self.accelerations[hypothesis], dt_s);
     }
 
-    /// Where the ball rolls to.
+    /// The state of a rolling ball after `dt_s`.
     pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
         self.rolling.advance(state, dt_s)
     }
 
-    /// How fast its position changes.
+    /// Rate of change of its position.
     pub fn rates(&self, belief: &Gaussian<4>) -> Rates<2> {
         ConstantVelocity::rates(belief)
     }
@@ -55,15 +56,15 @@ impl BallMotion {
 impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
     const WRAP: Wrap<4> = no_angles::<4>;
     const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
-    /// From rolling, struck to the same.
-    const ODDS: [[f64; BALL_HYPOTHESES]; BALL_HYPOTHESES] = [[0.98, 0.02], [0.9, 0.1]];
+    /// Transition probabilities between two frames: rows from rolling, struck; columns to the same.
+    const TRANSITIONS: [[f64; BALL_HYPOTHESES]; BALL_HYPOTHESES] = [[0.98, 0.02], [0.9, 0.1]];
 
     fn noise(&self) -> &Matrix2<f64> {
         &self.noise
     }
 
-    fn initial(&self, measured: &Vector2<f64>) -> Blend<4, BALL_HYPOTHESES> {
-        Blend::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
+    fn initial(&self, measured: &Vector2<f64>) -> Imm<4, BALL_HYPOTHESES> {
+        Imm::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
     }
 
     fn reach(&self, dt_s: f64) -> Vector2<f64> {
@@ -90,7 +91,7 @@ mod tests {
         assert!((end[2] - 700.0).abs() < 1e-9 && (end[3] + 350.0).abs() < 1e-9, "{end}");
         // 300 / −ln 0.7
         assert!((end[0] - 841.1019).abs() < 1e-3, "{end}");
-        // However it is cut.
+        // In any number of steps.
         let cut = (0..10).fold(start, |state, _| motion.advance(&state, 0.1));
         assert!((cut - end).norm() < 1e-9);
     }

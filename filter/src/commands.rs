@@ -1,27 +1,26 @@
-//! Which command acts on a robot at which time.
+//! Selection of the command that acts on a robot at a given time.
 //!
-//! A command acts `filter.actuation_delay_ms` after it was sent, until a later one does, or until it
-//! is older than `filter.command_timeout_ms`. The queue lives in the `world` message with the rest
-//! of the track, so its capacity is fixed: commands that follow each other faster than the queue
-//! can hold for the length of the delay are put together.
+//! A command acts `filter.actuation_delay_ms` after it was sent, until a later one does, or until it is older
+//! than `filter.command_timeout_ms`. The queue is part of the track in the `world` message, so its capacity
+//! is fixed: commands that follow each other faster than the queue can hold over the delay are merged.
 
 use common::config::FilterConfig;
 use common::messages::{MAX_QUEUED_COMMANDS, QueuedCommand};
 
-/// When commands act.
+/// Times at which commands act.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandTiming {
-    /// From sending a command until the robot acts on it.
+    /// From sending a command until the robot obeys it.
     pub delay_ns: u64,
-    /// From sending a command until it no longer counts.
+    /// From sending a command until it expires.
     pub timeout_ns: u64,
-    /// Commands closer together than this share one place in the queue.
+    /// Commands closer together than this share a place in the queue.
     pub spacing_ns: u64,
 }
 
-/// Longest stretch that is integrated in one step, so that pauses do not turn a curve into a line.
+/// Limit of an integration step, so that pauses do not turn a curve into a line.
 const MAX_SEGMENT_NS: u64 = 50_000_000;
-/// Capture to filter and one frame at 30 fps: for so long beyond the delay the queue must reach.
+/// Reach of the queue beyond the delay: latency from capture to filter, and one frame at 30 fps.
 const QUEUE_MARGIN_NS: u64 = 60_000_000;
 
 impl CommandTiming {
@@ -49,7 +48,7 @@ pub fn ns_from_ms(ms: f64) -> u64 {
     (ms * 1e6).round() as u64
 }
 
-/// The commands that act or will act on one robot, by the time they were sent.
+/// The commands that act or will act on a robot, by the time they were sent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CommandQueue {
     entries: [QueuedCommand; MAX_QUEUED_COMMANDS],
@@ -57,7 +56,7 @@ pub struct CommandQueue {
 }
 
 impl CommandQueue {
-    /// The commands of a message, put in order. Those behind the count are not looked at.
+    /// The commands of a message, sorted. Commands behind the count are ignored.
     pub fn from_message(commands: &[QueuedCommand]) -> Self {
         let mut queue = Self::default();
         for command in commands {
@@ -71,13 +70,13 @@ impl CommandQueue {
         &self.entries[..self.count]
     }
 
-    /// The whole array, for a message; what is behind [`entries`](Self::entries) is zero.
+    /// The whole array, for a message; zero behind [`entries`](Self::entries).
     pub fn array(&self) -> [QueuedCommand; MAX_QUEUED_COMMANDS] {
         self.entries
     }
 
-    /// Adds a command. One that closely follows another (see [`CommandTiming::spacing_ns`]) replaces
-    /// its speeds and so acts a little early; when the queue is full, the oldest goes.
+    /// Adds a command. One that closely follows another (see [`CommandTiming::spacing_ns`]) replaces its
+    /// speeds and so acts a little early; if the queue is full, the oldest is removed.
     pub fn insert(&mut self, command: QueuedCommand, timing: &CommandTiming) {
         self.insert_at_own_place(command, timing.spacing_ns);
     }
@@ -104,7 +103,7 @@ impl CommandQueue {
         self.count += 1;
     }
 
-    /// Forgets what can no longer act at or after `t_ns`.
+    /// Removes commands that can no longer act at or after `t_ns`.
     pub fn prune(&mut self, t_ns: u64, timing: &CommandTiming) {
         let superseded =
             self.entries().partition_point(|e| timing.starts_ns(e) <= t_ns).saturating_sub(1);
@@ -119,14 +118,14 @@ impl CommandQueue {
         self.count -= count;
     }
 
-    /// The command that acts at `t_ns`: the newest that has started, unless it is too old.
+    /// The command that acts at `t_ns`: the newest that has started, unless it has expired.
     pub fn acting(&self, t_ns: u64, timing: &CommandTiming) -> Option<&QueuedCommand> {
         let started = self.entries().partition_point(|e| timing.starts_ns(e) <= t_ns);
         self.entries()[..started].last().filter(|command| t_ns < timing.ends_ns(command))
     }
 
-    /// Cuts the time between two instants where commands start or end to act: durations in seconds,
-    /// each with the command that acts throughout.
+    /// Divides the time between two instants where commands start or end to act: durations in seconds, each
+    /// with the command that acts throughout.
     pub fn segments<'a>(
         &'a self,
         from_ns: u64,
@@ -231,7 +230,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is inserted, the queue stays ordered and the newest command of all is in it.
+        /// After any insertions, the queue is sorted and contains the newest command.
         #[test]
         fn any_order_of_commands_is_survived(
             commands in prop::collection::vec((0u64..400, -9.0..9.0), 1..60),
@@ -250,7 +249,7 @@ mod tests {
             prop_assert_eq!(CommandQueue::from_message(queue.entries()), queue);
         }
 
-        /// Segments fill the time between two instants exactly, at any times.
+        /// Segments fill the time between two instants exactly.
         #[test]
         fn segments_fill_the_time(
             sent in prop::collection::vec(any::<u64>(), 0..20),

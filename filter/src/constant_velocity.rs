@@ -1,24 +1,24 @@
-//! Motion in the plane with a velocity that stays, but for what friction takes of it.
+//! Motion in the plane at constant velocity, reduced by friction.
 //!
-//! State (x, y, vx, vy). Over a time T the velocity falls by the factor φ = (1 − friction)^T and
-//! carries the thing T·ψ·v, ψ = (φ − 1)/(T·ln(1 − friction)); the model is linear. Noise is white
-//! acceleration, as for a free robot.
+//! The state is (x, y, vx, vy). Over a time T the velocity is multiplied by φ = (1 − friction)^T and the
+//! position moves by T·ψ·v, with ψ = (φ − 1)/(T·ln(1 − friction)); the model is linear. Process noise is
+//! white acceleration, as for a free robot.
 
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
 use common::config::FilterConfig;
 use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 
-/// Friction that would stop a thing at once is taken as this, to keep the logarithm finite.
+/// Limit of friction, which keeps the logarithm finite.
 const MAX_FRICTION_PER_S: f64 = 0.999;
-/// Uncertainty of the velocity of a thing seen for the first time.
+/// Initial standard deviation of the velocity.
 const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
-/// A state that is farther from 0 than this, in mm and s, is none.
+/// Limit of the components of a state, in mm and s.
 const MOST: f64 = 1e6;
-/// How many deviations of a measurement a thing may seem to have gone farther than it has.
+/// Tolerance of the distance between two sightings, standard deviations of a measurement.
 const SIGMAS: f64 = 6.0;
 
-/// How a thing moves that nobody steers, in mm and s.
+/// Motion model of an object without commands, in mm and s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConstantVelocity {
     /// −ln(1 − friction): the rate at which the speed decays.
@@ -26,14 +26,14 @@ pub struct ConstantVelocity {
 }
 
 impl ConstantVelocity {
-    /// Of a thing that loses this fraction of its speed in a second.
+    /// For an object that loses this fraction of its speed in a second.
     pub fn new(friction_per_s: f64) -> Self {
         let friction = friction_per_s.clamp(0.0, MAX_FRICTION_PER_S);
         Self { decay_per_s: -(-friction).ln_1p() }
     }
 
-    /// What is believed `dt_s` later of a thing whose velocity changes at random, with accelerations of
-    /// `acceleration_mm_s2` (1σ) that last for [`FilterConfig::NOISE_LASTS_S`].
+    /// Predicts a belief by `dt_s`, with random accelerations of `acceleration_mm_s2` (1σ) that last for
+    /// [`FilterConfig::NOISE_LASTS_S`].
     pub fn predict(&self, belief: &mut Gaussian<4>, acceleration_mm_s2: f64, dt_s: f64) {
         let a = self.transition(dt_s);
         let density = acceleration_mm_s2.powi(2) * FilterConfig::NOISE_LASTS_S;
@@ -49,12 +49,12 @@ impl ConstantVelocity {
         belief.symmetrise();
     }
 
-    /// Where it moves to.
+    /// The state after `dt_s`, without noise.
     pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
         self.transition(dt_s) * state
     }
 
-    /// How fast its position changes.
+    /// Rate of change of the position.
     pub fn rates(belief: &Gaussian<4>) -> Rates<2> {
         Rates {
             mean: belief.mean.fixed_rows::<2>(2).into_owned(),
@@ -74,7 +74,7 @@ impl ConstantVelocity {
     }
 }
 
-/// What is believed of a thing seen for the first time.
+/// The belief after a first measurement.
 pub fn first_seen(measured: &Vector2<f64>, noise: &Matrix2<f64>) -> Gaussian<4> {
     let speed_variance = INITIAL_SPEED_SIGMA_MM_S.powi(2);
     let variances = Vector4::new(noise[(0, 0)], noise[(1, 1)], speed_variance, speed_variance);
@@ -84,15 +84,15 @@ pub fn first_seen(measured: &Vector2<f64>, noise: &Matrix2<f64>) -> Gaussian<4> 
     }
 }
 
-/// How far apart two sightings of a thing can be that goes `most_mm` at most between them.
+/// Maximum distance between two sightings of an object that moves by at most `most_mm` between them.
 pub fn reach(noise: &Matrix2<f64>, most_mm: f64) -> Vector2<f64> {
     noise.diagonal().map(|variance| most_mm + SIGMAS * variance.sqrt())
 }
 
-/// Beyond these there is no state.
+/// Limits of a valid state.
 pub fn limits() -> Vector4<f64> {
     Vector4::repeat(MOST)
 }
 
-/// No component of such a state is an angle.
+/// For states without angles: wraps nothing.
 pub fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}

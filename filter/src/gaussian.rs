@@ -1,7 +1,7 @@
 //! A normal distribution over a state, and its correction by a measurement.
 //!
-//! The first components of every state here are what is measured (eq. 9 of the paper: `H = [I 0]`),
-//! so a measurement of `Z` components corrects a state of `N ≥ Z`. For `N = Z` this is eq. (14).
+//! The measured quantities are the first components of every state (eq. 9 of the paper: `H = [I 0]`), so a
+//! measurement of `Z` components corrects a state of `N ≥ Z`. For `N = Z` this is eq. (14).
 
 use nalgebra::{SMatrix, SVector};
 
@@ -14,24 +14,23 @@ pub struct Gaussian<const N: usize> {
     pub covariance: SMatrix<f64, N, N>,
 }
 
-/// How far a measurement lies from what was predicted, and how surprising that is.
+/// Difference between a measurement and its prediction, and how improbable it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation<const Z: usize> {
     /// Measured minus predicted, angles wrapped.
     pub difference: SVector<f64, Z>,
     /// Inverse of the covariance S of `difference`.
     pub precision: SMatrix<f64, Z, Z>,
-    /// Squared Mahalanobis distance: `difference` in units of its own uncertainty. In the mean it
-    /// is `Z` when the model is right (then also called normalised innovation squared).
+    /// Squared Mahalanobis distance: `difference` in units of its own uncertainty, also called normalised
+    /// innovation squared. Its mean is `Z` if the model is right.
     pub distance2: f64,
     /// Logarithm of the probability density of the measurement.
     pub ln_density: f64,
 }
 
 impl<const N: usize> Gaussian<N> {
-    /// The innovation of a measurement that differs by `difference` from the mean, with noise of the
-    /// given covariance (R). `None` when the covariance is not usable
-    /// (not positive definite, or not finite).
+    /// The innovation of a measurement that differs by `difference` from the mean, with noise covariance R.
+    /// `None` if its covariance is unusable (not positive definite, or not finite).
     pub fn innovation<const Z: usize>(
         &self,
         difference: SVector<f64, Z>,
@@ -66,7 +65,7 @@ impl<const N: usize> Gaussian<N> {
         let mut keep = SMatrix::<f64, N, Z>::identity();
         keep -= gain;
         let before = &self.covariance;
-        // (I − KH) P, without what is 0.
+        // (I − KH) P, without the terms that are 0.
         let kept = SMatrix::<f64, N, N>::from_fn(|row, column| {
             let kept = sum((0..Z).map(|k| keep[(row, k)] * before[(k, column)]));
             if row < Z { kept } else { kept + before[(row, column)] }
@@ -116,11 +115,11 @@ impl<const N: usize> Gaussian<N> {
         rows
     }
 
-    /// Whether this can be a belief at all: finite, no mean beyond its limit, no negative or endless
-    /// variance, no correlation beyond ±1. What comes from outside is checked with it, and what
-    /// goes out too, so that a successor never refuses what this filter believed.
+    /// Whether this is a valid belief: finite, no mean beyond its limit, no negative or infinite variance, no
+    /// correlation beyond ±1. Applied to input and to output, so that a successor never refuses a belief of
+    /// this filter.
     pub fn is_possible(&self, limits: &SVector<f64, N>) -> bool {
-        /// Slack for rounding in the correlations.
+        /// Tolerance for rounding in the correlations.
         const ROUNDING: f64 = 1.0 + 1e-6;
         /// A standard deviation of a thousand kilometres.
         const MAX_VARIANCE: f64 = 1e18;
@@ -135,13 +134,14 @@ impl<const N: usize> Gaussian<N> {
     }
 }
 
-/// The first term is not added to 0, which would take time.
+/// A sum that does not add its first term to 0, which would take time.
 fn sum(terms: impl Iterator<Item = f64>) -> f64 {
     terms.reduce(|sum, term| sum + term).unwrap_or(0.0)
 }
 
 /// The lower triangle L of a symmetric matrix L·Lᵀ; `None` if it is not positive definite. The library's
-/// gives the same, but not knowing the size it takes several times as long; so it does for the inverse.
+/// function gives the same result, but takes several times as long, since it does not know the size; likewise
+/// the inverse.
 pub fn cholesky<const Z: usize>(matrix: &SMatrix<f64, Z, Z>) -> Option<SMatrix<f64, Z, Z>> {
     let mut l = SMatrix::<f64, Z, Z>::zeros();
     for column in 0..Z {
@@ -153,7 +153,7 @@ pub fn cholesky<const Z: usize>(matrix: &SMatrix<f64, Z, Z>) -> Option<SMatrix<f
             l[(row, column)] = value;
         }
         let square = l[(column, column)];
-        // Nor is NaN.
+        // False for NaN, too.
         let root = if square > 0.0 { square.sqrt() } else { return None };
         l[(column, column)] = root;
         for row in column + 1..Z {
@@ -163,7 +163,7 @@ pub fn cholesky<const Z: usize>(matrix: &SMatrix<f64, Z, Z>) -> Option<SMatrix<f
     Some(l)
 }
 
-/// Inverse of L·Lᵀ: for each column of I, what L takes to it, and what Lᵀ takes to that.
+/// Inverse of L·Lᵀ: for each column e of I, solves L y = e and Lᵀ x = y.
 fn inverse<const Z: usize>(l: &SMatrix<f64, Z, Z>) -> SMatrix<f64, Z, Z> {
     let mut inverse = SMatrix::<f64, Z, Z>::identity();
     for column in 0..Z {
@@ -182,7 +182,7 @@ fn inverse<const Z: usize>(l: &SMatrix<f64, Z, Z>) -> SMatrix<f64, Z, Z> {
     inverse
 }
 
-/// Rows and columns of the upper triangle of an `size`×`size` matrix, row by row.
+/// Rows and columns of the upper triangle of a `size`×`size` matrix, row by row.
 fn upper_triangle(size: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..size).flat_map(move |row| (row..size).map(move |column| (row, column)))
 }
@@ -204,7 +204,7 @@ mod tests {
     }
 
     proptest! {
-        /// With everything measured, correction is eq. (14) as printed.
+        /// If everything is measured, correction is eq. (14) as printed.
         #[test]
         fn correction_is_the_papers(
             entries in prop::array::uniform9(-3.0..3.0),
@@ -230,7 +230,7 @@ mod tests {
             prop_assert!(after.covariance.cholesky().is_some());
         }
 
-        /// Ours is the library's, bit for bit.
+        /// Equal to the library's results, bit for bit.
         #[test]
         fn shortcuts_change_nothing(
             entries in prop::array::uniform25(-3.0..3.0f64),
@@ -269,7 +269,7 @@ mod tests {
             prop_assert_eq!(state, corrected);
         }
 
-        /// Packing loses nothing.
+        /// Packing is lossless.
         #[test]
         fn packing_is_exact(entries in prop::array::uniform9(-3.0..3.0)) {
             let before = gaussian(entries, [1.0, 2.0, 3.0]);

@@ -1,11 +1,10 @@
-//! The filter: from what one frame shows to what is known (section 6.2 of the paper).
+//! The filter: from the detections of one frame to filtered and predicted poses (section 6.2 of the paper).
 //!
 //! * Consumes: `detections`, `commands`; at its start also the last `world` of its predecessor.
 //! * Produces: one `world` for each frame of detections.
-//! * Guarantees: any input is survived. Time is that of the frames' capture stamps; the same inputs
-//!   in the same order give the same output, bit for bit, whether or not the filter was replaced in
-//!   between ([`Filter::resume`]): everything it knows is in the `world` it sends. A step allocates
-//!   no memory.
+//! * Guarantees: no input makes it fail. Time is taken from the frames' capture stamps. The same inputs in
+//!   the same order give the same output, bit for bit, whether or not the filter was replaced in between
+//!   ([`Filter::resume`]), since its whole state is in the `world` it sends. A step allocates no memory.
 //!
 //! # From equations to code
 //!
@@ -25,16 +24,16 @@
 //!
 //! # Beyond the paper
 //!
-//! A robot's commands may be unknown, late, or not obeyed, and robots stand, drive and collide. So
-//! each robot has three filters, one per hypothesis: it does as it is told (or stands, if nobody
-//! tells it anything), it drives freely, it was struck. They are the same filter ([`robot`]) with
-//! different inputs and noises, and are [`blend`]ed by how well they explain what is seen. The ball
-//! ([`ball`]) has two: rolling and struck.
+//! A robot's commands may be unknown, late, or not obeyed, and robots stand, drive and collide. So each robot
+//! has three filters, one per hypothesis: it obeys its command (or stands, without one), it drives freely, it
+//! was struck. They are the same extended Kalman filter ([`robot`]) with different inputs and noises,
+//! combined by the interacting-multiple-model scheme ([`imm`]). The ball ([`ball`]) has two hypotheses:
+//! rolling and struck.
 //!
-//! Robots of which only the team is known are followed without heading ([`unknown`]): like the ball, by
-//! where their team patch is.
+//! Robots of which only the team is known are tracked without heading, by the position of their team patch
+//! ([`unknown`]).
 //!
-//! # The life of a track
+//! # Track states
 //!
 //! | in this frame | status | what happens |
 //! |---|---|---|
@@ -48,20 +47,20 @@
 //! | frame more than a second after the last, or before it | `Initialised` | everything starts over |
 //! | frame of the same instant as the last | `Measured` | corrected once more, not predicted |
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod ball;
-pub mod blend;
 pub mod commands;
 pub mod constant_velocity;
 pub mod gaussian;
+pub mod imm;
 mod message;
-pub mod place;
 pub mod process;
 pub mod robot;
 pub mod rolling;
 pub mod stage;
+pub mod team_patch;
 pub mod track;
 pub mod unknown;
 

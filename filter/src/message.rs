@@ -1,13 +1,13 @@
-//! Tracks as they go out with the `world` message, and back from it.
+//! Conversion of tracks to and from the `world` message.
 //!
-//! Nothing about a track lives anywhere else: what is written here and read back is equal bit for
-//! bit, so a filter that resumes carries on as if it had been there all the time. What is read
-//! back may also be rubbish; a track that cannot be one is refused.
+//! A track has no other state: after writing and reading it is equal bit for bit, so a filter that resumes
+//! continues as if it had not been replaced. Messages that are read may be invalid; impossible tracks are
+//! refused.
 
 use crate::ball::BallMotion;
-use crate::blend::{Blend, Hypothesis};
 use crate::commands::CommandQueue;
 use crate::gaussian::Gaussian;
+use crate::imm::{Hypothesis, Imm};
 use crate::robot::RobotMotion;
 use crate::track::{Motion, Suspect, Track};
 use bytemuck::Zeroable;
@@ -23,20 +23,20 @@ pub type BallTrack = Track<4, BALL_HYPOTHESES, 2>;
 /// A robot's track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotTrack {
-    /// Which robot.
+    /// Its team.
     pub team: Team,
-    /// Which robot of the team.
+    /// Its number in the team.
     pub robot_id: u32,
-    /// Where it is.
+    /// Its pose and motion.
     pub track: Track<5, ROBOT_HYPOTHESES, 3>,
-    /// What it is told to do.
+    /// Its commands.
     pub commands: CommandQueue,
 }
 
 impl RobotTrack {
-    /// What consumers see. `predicted` is the state at the time poses are predicted to.
+    /// The part for consumers. `predicted` is the state at the time to which poses are predicted.
     pub fn state(&self, predicted: &Vector5<f64>, visibility: f32) -> RobotState {
-        let merged = self.track.blend.merged(RobotMotion::WRAP);
+        let merged = self.track.imm.merged(RobotMotion::WRAP);
         let [x_mm, y_mm, orientation, v_mm_s, omega] = merged.mean.into();
         RobotState {
             team: self.team as u32,
@@ -57,13 +57,13 @@ impl RobotTrack {
         }
     }
 
-    /// What a successor needs besides.
+    /// The part for a successor.
     pub fn memory(&self) -> RobotMemory {
-        let Track { blend, t_seen_ns, suspect, .. } = &self.track;
+        let Track { imm, t_seen_ns, suspect, .. } = &self.track;
         RobotMemory {
             hypotheses: std::array::from_fn(|index| {
                 // In place: `map` would move all of them first.
-                let Hypothesis { probability, belief } = &blend.hypotheses[index];
+                let Hypothesis { probability, belief } = &imm.hypotheses[index];
                 RobotHypothesis {
                     probability: *probability,
                     mean: belief.mean.into(),
@@ -79,15 +79,15 @@ impl RobotTrack {
         }
     }
 
-    /// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None`
-    /// if there is none or it cannot be one.
+    /// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None` if there is
+    /// none or it is invalid.
     pub fn from_message(
         state: &RobotState,
         memory: &RobotMemory,
         t_ns: u64,
         motion: &RobotMotion,
     ) -> Option<Self> {
-        let blend = Blend {
+        let imm = Imm {
             hypotheses: memory.hypotheses.map(|hypothesis| Hypothesis {
                 probability: hypothesis.probability,
                 belief: Gaussian::from_packed(hypothesis.mean, &hypothesis.covariance),
@@ -95,7 +95,7 @@ impl RobotTrack {
         };
         let commands = memory.commands.get(..memory.command_count as usize)?;
         let possible = |c: &QueuedCommand| are_possible_speeds(c.left_mm_s, c.right_mm_s);
-        (blend.is_possible(&motion.limits())
+        (imm.is_possible(&motion.limits())
             && memory.t_seen_ns <= t_ns
             && memory.gated_pose.iter().all(|value| value.is_finite())
             && commands.iter().all(possible))
@@ -104,7 +104,7 @@ impl RobotTrack {
             team: Team::from_number(state.team)?,
             robot_id: state.robot_id,
             track: Track {
-                blend,
+                imm,
                 status: present(state.status)?,
                 frames_unseen: state.frames_unseen,
                 frames_gated: state.frames_gated,
@@ -120,14 +120,14 @@ impl RobotTrack {
     }
 }
 
-/// What consumers see of the ball.
+/// The ball's part for consumers.
 pub fn ball_state(
     track: Option<&BallTrack>,
     predicted: &Vector4<f64>,
     visibility: f32,
 ) -> BallState {
     let Some(track) = track else { return BallState::zeroed() };
-    let merged = track.blend.merged(BallMotion::WRAP);
+    let merged = track.imm.merged(BallMotion::WRAP);
     let [x_mm, y_mm, vx_mm_s, vy_mm_s] = merged.mean.into();
     BallState {
         status: track.status as u32,
@@ -144,11 +144,11 @@ pub fn ball_state(
     }
 }
 
-/// What a successor needs besides.
+/// The ball's part for a successor.
 pub fn ball_memory(track: Option<&BallTrack>) -> BallMemory {
     let Some(track) = track else { return BallMemory::zeroed() };
     BallMemory {
-        hypotheses: track.blend.hypotheses.map(|hypothesis| BallHypothesis {
+        hypotheses: track.imm.hypotheses.map(|hypothesis| BallHypothesis {
             probability: hypothesis.probability,
             mean: hypothesis.belief.mean.into(),
             covariance: hypothesis.belief.packed_covariance(),
@@ -161,26 +161,26 @@ pub fn ball_memory(track: Option<&BallTrack>) -> BallMemory {
     }
 }
 
-/// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None` if
-/// there is none or it cannot be one.
+/// The track that was written as `state` and `memory` with a frame captured at `t_ns`; `None` if there is
+/// none or it is invalid.
 pub fn ball_from_message(
     state: &BallState,
     memory: &BallMemory,
     t_ns: u64,
     motion: &BallMotion,
 ) -> Option<BallTrack> {
-    let blend = Blend {
+    let imm = Imm {
         hypotheses: memory.hypotheses.map(|hypothesis| Hypothesis {
             probability: hypothesis.probability,
             belief: Gaussian::from_packed(hypothesis.mean, &hypothesis.covariance),
         }),
     };
-    (blend.is_possible(&motion.limits())
+    (imm.is_possible(&motion.limits())
         && memory.t_seen_ns <= t_ns
         && memory.gated_position.iter().all(|value| value.is_finite()))
     .then_some(())?;
     Some(Track {
-        blend,
+        imm,
         status: present(state.status)?,
         frames_unseen: state.frames_unseen,
         frames_gated: state.frames_gated,
@@ -193,7 +193,7 @@ pub fn ball_from_message(
     })
 }
 
-/// The status with this number, unless it says that there is no track.
+/// The status with this number; `None` if it means that there is no track.
 pub fn present(number: u32) -> Option<TrackStatus> {
     TrackStatus::from_number(number).filter(|&status| status != TrackStatus::Absent)
 }

@@ -11,7 +11,7 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Filter, options, config)?;
-    // Before its input: no output is missed whose input is not.
+    // Before its input, so that it sees the output of every input that it sees.
     let previous = process.bus.newest_only(&topics::WORLD)?;
     let detections = process.bus.subscriber_with_history(&topics::DETECTIONS)?;
     let commands = process.bus.subscriber(&topics::COMMANDS)?;
@@ -21,8 +21,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     if !process.activate()? {
         return Ok(());
     }
-    // The complete state is in the predecessor's last output, which a spare has seen. A filter that
-    // was started from scratch has not; it finds everybody anew within a frame.
+    // The complete state is in the predecessor's last output, which a spare has seen. A filter started from
+    // scratch has not; it finds all robots anew within a frame.
     let now_ns = monotonic_ns();
     let last = previous
         .newest_that(|seen| seen.message().is_some_and(|world| world.frame.is_present(now_ns)))?;

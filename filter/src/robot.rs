@@ -18,46 +18,44 @@
 //! | v, ω | u + φ·(v − u) for each, φ = e^(−T/lag) | – |
 //!
 //! For a [steered](Drive::Steered) robot u is the command, v_u = (v_R + v_L)/2 and
-//! ω_u = (v_R − v_L)/b (eq. 7); with no lag φ = 0 and v̄ = v_u, ω̄ = ω_u: the speeds are simply set,
-//! and no memory of them enters the pose, which leaves the three-state filter of the paper. A
-//! [standing](Drive::Standing) robot is one steered with u = 0. For a [free](Drive::Free) robot
-//! φ = 1: the speeds stay. In between, v̄ = u + ψ·(v − u) with ψ = (1 − φ)·lag/T.
+//! For a [steered](Drive::Steered) robot u is the command, v_u = (v_R + v_L)/2 and ω_u = (v_R − v_L)/b (eq.
+//! 7). Without lag φ = 0 and v̄ = v_u, ω̄ = ω_u: the speeds are set by the command and do not carry over into
+//! the pose, which leaves the three-state filter of the paper. A [standing](Drive::Standing) robot is one
+//! steered with u = 0. For a [free](Drive::Free) robot φ = 1: the speeds persist. In between, v̄ = u + ψ·(v −
+//! u) with ψ = (1 − φ)·lag/T.
 //!
-//! Eq. (11) takes the heading at the start of the interval. A robot that drives 1 m/s and turns
-//! 10 rad/s would so be predicted T²·v·ω/2 = 0.8 mm to one side every frame of 12.5 ms, more than the
-//! noise of the measurement. The heading half way leaves an error of third order, T³·v·ω²/24
-//! (0.008 mm), and costs nothing; when ω = 0 the two are the same. A test holds both statements
-//! against a three-state filter written as the paper prints it.
+//! Eq. (11) takes the heading at the start of the interval. A robot at 1 m/s turning at 10 rad/s would be
+//! predicted T²·v·ω/2 = 0.8 mm to one side in every frame of 12.5 ms, more than the noise of the measurement.
+//! The heading half way leaves an error of third order, T³·v·ω²/24 (0.008 mm), at no cost; for ω = 0 the two
+//! are equal. A test compares both with a three-state filter written as the paper prints it.
 //!
 //! # Noise
 //!
-//! Q of eq. (12) is made of white noises, so that predicting twice over T/2 adds as much as once
-//! over T (with a lag, nearly), and frames may come at any rate. The configured standard deviations
-//! are those of noise that lasts for [`FilterConfig::NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s
-//! then moves a robot by σ·12.5 ms per frame, as one would expect.
+//! Q of eq. (12) is made of white noises, so that predicting twice over T/2 adds as much as once over T (with
+//! a lag, nearly), and frames may come at any rate. The configured standard deviations are those of noise
+//! that lasts for [`FilterConfig::NOISE_LASTS_S`], one frame at 80 fps: a speed noise of σ mm/s moves a robot
+//! by σ·12.5 ms per frame.
 //!
-//! The noises of a steered robot are those of real wheels, which slip. In a synthetic match whose
-//! robots slip as much (`synthetic.slip = 1`) innovations are distributed as they should be
-//! (`tests/match_consistency.rs`); where robots obey to the letter they are far smaller than claimed.
+//! The noises of a steered robot are those of real wheels, which slip. In a synthetic match whose robots slip
+//! as much (`synthetic.slip = 1`) innovations are distributed as predicted (`tests/match_consistency.rs`);
+//! robots that obey exactly have far smaller ones.
 //!
-//! # The error that stays
+//! # Correlated measurement errors
 //!
-//! Eq. (14) takes the errors of successive measurements for independent. They are not: most of the
-//! error of a pose comes from how its edges lie on the pixel grid, and stays the same until they have
-//! moved by a part of a pixel. In the synthetic match most of its variance is of that kind, measured by
-//! centroids or by edges, and its correlation over a distance d falls as e^(−d/0.8 mm), a fifth of a
-//! pixel. A
-//! filter that believes a hundred measurements of a standing robot to be a hundred opinions ends
-//! up at the error of the one place where the robot happens to stand, up to 2° in heading.
+//! Eq. (14) assumes that the errors of successive measurements are independent. They are not: most of the
+//! error of a pose comes from the position of its edges on the pixel grid, and persists until they have moved
+//! by a part of a pixel. In the synthetic match most of the variance is of this kind, measured by centroids
+//! or by edges, and its correlation over a distance d falls as e^(−d/0.8 mm), a fifth of a pixel. A filter
+//! that takes a hundred measurements of a standing robot as independent converges to the error of that one
+//! place, up to 2° in heading.
 //!
-//! Of measurements with correlation ρ between neighbours, (1 + ρ)/(1 − ρ) are worth one. So when a
-//! steered robot's path to the next frame is short, R is that many times larger in eq. (14)
-//! ([`repeats`](RobotMotion::repeats)), and what was learnt on the way to where it stands is kept. How
-//! surprising a measurement is, is judged by the plain R. A free robot's path is not known well
-//! enough for this.
+//! Of measurements with correlation ρ between neighbours, (1 + ρ)/(1 − ρ) are worth one. So if a steered
+//! robot's path to the next frame is short, R is multiplied by that factor in eq. (14)
+//! ([`repeats`](RobotMotion::repeats)), which preserves the estimate made on the way to the standing place.
+//! The gate uses the plain R. A free robot's path is not known well enough for this.
 
-use crate::blend::{Blend, Wrap};
 use crate::gaussian::Gaussian;
+use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::{Config, FilterConfig};
@@ -72,19 +70,19 @@ const THETA: usize = 2;
 const V: usize = 3;
 const OMEGA: usize = 4;
 
-/// What is left of the slip when the wheels are told to stand.
+/// Noise of a robot commanded to stand, relative to that of a driving one.
 const STANDING_SLIP: f64 = 0.05;
-/// Most measurements that count as one. The sensor's noise makes each a little new, and a robot that
-/// is moved in spite of its commands must not be held in place for seconds.
+/// Limit of the measurements that count as one: the sensor's noise makes each slightly independent, and a
+/// robot that is moved against its commands must not be held in place for seconds.
 const MAX_REPEATS: f64 = 30.0;
-/// Uncertainty of the speeds of a robot seen for the first time.
+/// Initial standard deviations of the speeds.
 const INITIAL_V_SIGMA_MM_S: f64 = 1000.0;
 const INITIAL_OMEGA_SIGMA: f64 = 10.0;
-/// No robot is faster; used to tell whether two sightings can be of the same robot.
+/// Limits of a robot's speeds, used to tell whether two sightings can be of the same robot.
 const MAX_V_MM_S: f64 = 4000.0;
 const MAX_OMEGA: f64 = 40.0;
 
-/// What sets the speeds of a robot.
+/// Source of a robot's speeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Drive {
     /// A command.
@@ -94,16 +92,16 @@ pub enum Drive {
         /// v_R,ref
         right_mm_s: f64,
     },
-    /// No command, but the assumption that the robot stands.
+    /// No command; the robot is assumed to stand.
     Standing,
-    /// Nothing known: the speeds persist and change at random.
+    /// Unknown: the speeds persist and change at random.
     Free,
-    /// Hit, or lifted, or pushed: free, with `filter.collision_factor` times the noise.
+    /// Hit, lifted or pushed: free, with `filter.collision_factor` times the noise.
     Struck,
 }
 
 impl Drive {
-    /// The drives behind the hypotheses of a robot's track, in their order, while `command` acts.
+    /// The drives of the hypotheses of a robot's track, in their order, while `command` acts.
     pub fn hypotheses(command: Option<&QueuedCommand>) -> [Drive; ROBOT_HYPOTHESES] {
         let steered = command.map_or(Drive::Standing, |command| Drive::Steered {
             left_mm_s: command.left_mm_s,
@@ -128,13 +126,13 @@ pub struct RobotMotion {
     repeat_distance_mm: f64,
 }
 
-/// One step of a time.
-struct Way {
+/// Quantities of a prediction step.
+struct Step {
     dt_s: f64,
     /// v̄ and ω̄.
     mean_v: f64,
     mean_omega: f64,
-    /// Of θ_m.
+    /// sin θ_m and cos θ_m.
     sin: f64,
     cos: f64,
     u_v: f64,
@@ -166,29 +164,29 @@ impl RobotMotion {
         }
     }
 
-    /// Eqs. (11) and (12): what is believed `dt_s` later. Returns how far the faster wheel rolls
+    /// Eqs. (11) and (12): predicts a belief by `dt_s`. Returns the distance that the faster wheel rolls
     /// meanwhile.
     pub fn predict(&self, belief: &mut Gaussian<5>, drive: Drive, dt_s: f64) -> f64 {
-        let way = self.way(&belief.mean, drive, dt_s);
-        let spread = spread(&way.jacobian(), &belief.covariance);
-        belief.mean = way.end(&belief.mean);
-        belief.covariance = spread + self.process_noise(&way, drive);
+        let step = self.step(&belief.mean, drive, dt_s);
+        let propagated = propagated(&step.jacobian(), &belief.covariance);
+        belief.mean = step.end(&belief.mean);
+        belief.covariance = propagated + self.process_noise(&step, drive);
         belief.symmetrise();
-        (way.mean_v.abs() + 0.5 * self.wheel_base_mm * way.mean_omega.abs()) * dt_s
+        (step.mean_v.abs() + 0.5 * self.wheel_base_mm * step.mean_omega.abs()) * dt_s
     }
 
     /// Eq. (11): f(x̂, u).
     pub fn advance(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Vector5<f64> {
-        self.way(state, drive, dt_s).end(state)
+        self.step(state, drive, dt_s).end(state)
     }
 
     /// Eq. (13): the partial derivatives of [`advance`](Self::advance).
     pub fn jacobian(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Matrix5<f64> {
-        self.way(state, drive, dt_s).jacobian()
+        self.step(state, drive, dt_s).jacobian()
     }
 
-    /// How many measurements in a row have the same error, by hypothesis, when a steered robot's
-    /// wheels roll `path_mm` between them. See the module's notes on the error that stays.
+    /// For each hypothesis, the number of consecutive measurements that share one error, if a steered robot's
+    /// wheels roll `path_mm` between them; see the module's section on correlated measurement errors.
     pub fn repeats(&self, path_mm: f64) -> [f64; ROBOT_HYPOTHESES] {
         let steered = if self.repeat_distance_mm > 0.0 {
             let correlation = (-path_mm / self.repeat_distance_mm).exp();
@@ -199,7 +197,7 @@ impl RobotMotion {
         [steered, 1.0, 1.0]
     }
 
-    /// How fast position and heading change.
+    /// Rates of change of position and heading.
     pub fn rates(&self, belief: &Gaussian<5>) -> Rates<3> {
         let (mean, covariance) = (&belief.mean, &belief.covariance);
         let (sin, cos) = mean[THETA].sin_cos();
@@ -212,8 +210,8 @@ impl RobotMotion {
     }
 
     /// Q of eq. (12).
-    fn process_noise(&self, way: &Way, drive: Drive) -> Matrix5<f64> {
-        let Way { dt_s, sin, cos, .. } = *way;
+    fn process_noise(&self, step: &Step, drive: Drive) -> Matrix5<f64> {
+        let Step { dt_s, sin, cos, .. } = *step;
         let density = |sigma: f64| sigma * sigma * FilterConfig::NOISE_LASTS_S;
         let scale = self.noise_scale(drive);
         let lateral = density(scale * self.lateral) * dt_s;
@@ -242,11 +240,11 @@ impl RobotMotion {
             q[(V, V)] = forward * dt_s;
             q[(OMEGA, OMEGA)] = turning * dt_s;
         } else {
-            // White speed, integrated into the pose; the speed itself forgets what it was as it
-            // approaches the command.
+            // White speed, integrated into the pose; the speed itself converges to the command and loses its
+            // old noise.
             let (slip, angular_slip) = (scale * self.slip, scale * self.angular_slip);
             add(density(slip) * dt_s, density(angular_slip) * dt_s);
-            let forgotten = 1.0 - way.phi * way.phi;
+            let forgotten = 1.0 - step.phi * step.phi;
             q[(V, V)] = slip * slip * forgotten;
             q[(OMEGA, OMEGA)] = angular_slip * angular_slip * forgotten;
         }
@@ -254,7 +252,7 @@ impl RobotMotion {
         q
     }
 
-    /// The noise of a drive in units of the configured one: wheels that stand do not slip.
+    /// Noise of a drive relative to the configured one: standing wheels do not slip.
     fn noise_scale(&self, drive: Drive) -> f64 {
         match drive {
             Drive::Steered { left_mm_s, right_mm_s } => {
@@ -267,8 +265,8 @@ impl RobotMotion {
         }
     }
 
-    /// Where the speeds lead within a time.
-    fn way(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Way {
+    /// Quantities of a step from a state over `dt_s`.
+    fn step(&self, state: &Vector5<f64>, drive: Drive, dt_s: f64) -> Step {
         // u + φ·(v − u) and u + ψ·(v − u), for both speeds.
         let (u_v, u_omega, phi, psi) = match drive {
             Drive::Steered { left_mm_s, right_mm_s } => {
@@ -287,11 +285,11 @@ impl RobotMotion {
         let mean_omega = u_omega + psi * (state[OMEGA] - u_omega);
         let (sin, cos) = (state[THETA] + 0.5 * dt_s * mean_omega).sin_cos();
         let mean_v = u_v + psi * (state[V] - u_v);
-        Way { dt_s, mean_v, mean_omega, sin, cos, u_v, u_omega, phi, psi }
+        Step { dt_s, mean_v, mean_omega, sin, cos, u_v, u_omega, phi, psi }
     }
 }
 
-impl Way {
+impl Step {
     fn end(&self, state: &Vector5<f64>) -> Vector5<f64> {
         let Self { dt_s, mean_v, mean_omega, sin, cos, u_v, u_omega, phi, .. } = *self;
         Vector5::new(
@@ -320,9 +318,9 @@ impl Way {
     }
 }
 
-/// A·P·Aᵀ for a [jacobian](Way::jacobian), of which most is 0; its upper triangle, P being symmetric.
-fn spread(a: &Matrix5<f64>, p: &Matrix5<f64>) -> Matrix5<f64> {
-    // Rows of A·P; those of P are its columns.
+/// A·P·Aᵀ for a [jacobian](Step::jacobian), most of which is 0, and symmetric P; only its upper triangle.
+fn propagated(a: &Matrix5<f64>, p: &Matrix5<f64>) -> Matrix5<f64> {
+    // Rows of A·P; rows of P are its columns.
     let along = |axis: usize| {
         p.column(axis)
             + p.column(THETA) * a[(axis, THETA)]
@@ -336,35 +334,35 @@ fn spread(a: &Matrix5<f64>, p: &Matrix5<f64>) -> Matrix5<f64> {
         p.column(V) * a[(V, V)],
         p.column(OMEGA) * a[(OMEGA, OMEGA)],
     ];
-    let mut spread = Matrix5::zeros();
+    let mut propagated = Matrix5::zeros();
     for (index, row) in rows.iter().enumerate() {
         for axis in [X, Y] {
-            spread[(index, axis)] = row[axis]
+            propagated[(index, axis)] = row[axis]
                 + row[THETA] * a[(axis, THETA)]
                 + row[V] * a[(axis, V)]
                 + row[OMEGA] * a[(axis, OMEGA)];
         }
-        spread[(index, THETA)] = row[THETA] + row[OMEGA] * a[(THETA, OMEGA)];
-        spread[(index, V)] = row[V] * a[(V, V)];
-        spread[(index, OMEGA)] = row[OMEGA] * a[(OMEGA, OMEGA)];
+        propagated[(index, THETA)] = row[THETA] + row[OMEGA] * a[(THETA, OMEGA)];
+        propagated[(index, V)] = row[V] * a[(V, V)];
+        propagated[(index, OMEGA)] = row[OMEGA] * a[(OMEGA, OMEGA)];
     }
-    spread
+    propagated
 }
 
 impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {
     const WRAP: Wrap<5> = wrap_heading::<5>;
     const WRAP_MEASURED: Wrap<3> = wrap_heading::<3>;
-    /// From steered, free, struck to the same. A steered robot becomes free when it does something
-    /// else than it is told, a free one is steered when it stops (or obeys again), and a collision
-    /// lasts for a frame or two.
-    const ODDS: [[f64; ROBOT_HYPOTHESES]; ROBOT_HYPOTHESES] =
+    /// Transition probabilities between two frames: rows from steered, free, struck; columns to the same. A
+    /// steered robot becomes free if it departs from its command, a free one becomes steered if it stops (or
+    /// obeys again), and a collision lasts for a frame or two.
+    const TRANSITIONS: [[f64; ROBOT_HYPOTHESES]; ROBOT_HYPOTHESES] =
         [[0.992, 0.007, 0.001], [0.020, 0.977, 0.003], [0.300, 0.600, 0.100]];
 
     fn noise(&self) -> &Matrix3<f64> {
         &self.noise
     }
 
-    fn initial(&self, measured: &Vector3<f64>) -> Blend<5, ROBOT_HYPOTHESES> {
+    fn initial(&self, measured: &Vector3<f64>) -> Imm<5, ROBOT_HYPOTHESES> {
         let belief = Gaussian {
             mean: Vector5::new(measured[X], measured[Y], measured[THETA], 0.0, 0.0),
             covariance: Matrix5::from_diagonal(&Vector5::new(
@@ -375,7 +373,7 @@ impl Motion<5, ROBOT_HYPOTHESES, 3> for RobotMotion {
                 INITIAL_OMEGA_SIGMA.powi(2),
             )),
         };
-        Blend::new(belief, [0.45, 0.45, 0.10])
+        Imm::new(belief, [0.45, 0.45, 0.10])
     }
 
     fn reach(&self, dt_s: f64) -> Vector3<f64> {

@@ -1,26 +1,30 @@
-//! What a [rolling shutter](common::rolling_shutter) does to measurements.
+//! Compensation of a [rolling shutter](common::rolling_shutter).
 //!
-//! What moves and is seen below the middle of the picture was measured after the frame's time, and
-//! is a little ahead of where it was then: by 5 mm at 2 m/s and 2.5 ms. What is known of its speed takes
-//! that off again.
+//! An object seen in a row that is captured `d` later than the frame's time has moved by `d` times its
+//! velocity meanwhile: 5 mm at 2 m/s and 2.5 ms. The measurement is moved back by that, `z' = z − d·ṙ`, and
+//! its covariance grows by the uncertainty of the rates, `R' = R + d² C`.
 
-use crate::blend::Wrap;
+use crate::imm::Wrap;
 use crate::track::Candidate;
 use nalgebra::{SMatrix, SVector};
 
-/// How fast what is measured changes, and how well that is known: per second, and per second squared.
+/// Rates of change of the measured quantities, per second, and their uncertainty.
 #[derive(Debug, Clone, Copy)]
 pub struct Rates<const Z: usize> {
-    /// Expected.
+    /// Expected rates.
     pub mean: SVector<f64, Z>,
-    /// Its covariance.
+    /// Covariance of the rates.
     pub covariance: SMatrix<f64, Z, Z>,
 }
 
 impl<const Z: usize> Rates<Z> {
-    /// A measurement that was taken `delay_s` after the frame's time, as it would have been at that
-    /// time; `wrap` wraps its angles.
-    pub fn take_off(&self, delay_s: f64, candidate: Candidate<Z>, wrap: Wrap<Z>) -> Candidate<Z> {
+    /// Converts a measurement taken `delay_s` after the frame's time to that time; `wrap` wraps its angles.
+    pub fn at_frame_time(
+        &self,
+        delay_s: f64,
+        candidate: Candidate<Z>,
+        wrap: Wrap<Z>,
+    ) -> Candidate<Z> {
         if delay_s == 0.0 {
             return candidate;
         }

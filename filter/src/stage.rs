@@ -1,4 +1,4 @@
-//! The stage: detections and commands in, world out.
+//! The stage's core: detections and commands in, world out.
 
 use crate::ball::BallMotion;
 use crate::commands::{CommandQueue, CommandTiming};
@@ -16,20 +16,18 @@ use common::messages::{
 use common::rolling_shutter::RollingShutter;
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector5};
 
-/// After a longer pause between two frames, or when time runs backwards, what was known is worth
-/// nothing, and all tracks start over.
+/// Pause between two frames after which, as when time runs backwards, all tracks start over.
 const MAX_PAUSE_NS: u64 = 1_000_000_000;
-/// The tracker needs less than this; a later `t_sent_ns` is not believed.
+/// Limit of the tracker's latency; a later `t_sent_ns` is ignored.
 const MAX_LATENCY_NS: u64 = 1_000_000_000;
-/// Commands sent so much later than the newest frame was captured are not believed.
+/// Commands sent later than this after the newest capture are ignored.
 const MAX_COMMAND_AHEAD_NS: u64 = 1_000_000_000;
-/// Detections further from the middle of the pitch are not believed.
+/// Detections farther from the middle of the pitch are ignored.
 const MAX_DISTANCE_MM: f64 = 100_000.0;
 
-/// Follows every configured robot and the ball from frame to frame.
+/// Tracks every configured robot and the ball from frame to frame.
 ///
-/// All of its state goes out with every [`WorldFrame`] and comes back through
-/// [`resume`](Self::resume).
+/// Its whole state goes out with every [`WorldFrame`] and comes back through [`resume`](Self::resume).
 #[derive(Debug)]
 pub struct Filter {
     identities: Vec<(Team, u32)>,
@@ -38,21 +36,21 @@ pub struct Filter {
     rules: TrackRules,
     timing: CommandTiming,
     shutter: RollingShutter,
-    /// By team and number.
+    /// Sorted by team and number.
     robots: Vec<RobotTrack>,
-    /// Those of which only the team is known, if they are wanted.
+    /// Robots of which only the team is known, if they are tracked.
     unknown: Option<UnknownRobots>,
     ball: Option<BallTrack>,
     /// Capture time of the newest frame.
     t_ns: Option<u64>,
-    /// Its number, or [`WorldFrame::NO_WORLD`].
+    /// Number of the newest frame, or [`WorldFrame::NO_WORLD`].
     seq: u64,
     commands_seq: u64,
-    /// Commands noted since that frame.
+    /// Commands accepted since that frame.
     used: Vec<CommandsName>,
 }
 
-/// Why there can be no filter with this configuration.
+/// The configuration cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// A number that no filter can work with.
@@ -68,7 +66,7 @@ pub enum FilterError {
 }
 
 impl Filter {
-    /// A filter that has seen nothing yet.
+    /// A filter without tracks.
     pub fn new(config: &Config) -> Result<Self, FilterError> {
         check(config)?;
         let mut identities: Vec<(Team, u32)> =
@@ -93,8 +91,8 @@ impl Filter {
         })
     }
 
-    /// Continues from the last output of a predecessor with the same configuration, exactly.
-    /// Whatever in it cannot be a track of a configured robot is left out.
+    /// Continues exactly from the last output of a predecessor with the same configuration. Parts that cannot
+    /// be tracks of configured robots are left out.
     pub fn resume(&mut self, last: &WorldFrame) {
         let t_ns = last.frame.t_capture_ns;
         self.t_ns = Some(t_ns);
@@ -118,14 +116,13 @@ impl Filter {
             message::ball_from_message(&last.ball, &last.ball_memory, t_ns, &self.ball_motion);
     }
 
-    /// Whether there is room to note further commands before the next frame: every `world` names
-    /// those it used, and has places for so many. What does not fit should wait.
+    /// Whether further commands can be accepted before the next frame: every `world` names those it used, and
+    /// has limited room. Further commands should wait.
     pub fn takes_commands(&self) -> bool {
         self.used.len() < MAX_USED_COMMANDS
     }
 
-    /// Notes what robots have been told to do. Commands for robots that have no track are of no use
-    /// to anyone and dropped; so are impossible ones.
+    /// Accepts commands. Those for robots without a track are dropped, and so are invalid ones.
     pub fn command(&mut self, commands: &Commands) {
         let Some(t_ns) = self.t_ns else { return };
         if !self.takes_commands() {
@@ -155,9 +152,8 @@ impl Filter {
         }
     }
 
-    /// Takes in one frame and writes what is believed now. Fills everything but
-    /// `t_detections_taken_ns` and `t_sent_ns`, which are set to 0, and list elements behind their
-    /// count, which are left as they are.
+    /// Processes one frame and writes the result. Fills everything except `t_detections_taken_ns` and
+    /// `t_sent_ns`, which are set to 0, and list elements behind their count, which are left as they are.
     pub fn step(&mut self, detections: &DetectionFrame, out: &mut WorldFrame) {
         let t_ns = detections.frame.t_capture_ns;
         let from_ns = self.start_over_unless_continuous(t_ns);
@@ -170,7 +166,8 @@ impl Filter {
         self.used.clear();
     }
 
-    /// The capture time of the frame that the tracks, if there are any, come from.
+    /// The capture time of the frame that the tracks come from; drops the tracks if the new frame does not
+    /// follow it.
     fn start_over_unless_continuous(&mut self, t_ns: u64) -> u64 {
         let before_ns = self.t_ns.unwrap_or(t_ns);
         if t_ns < before_ns || t_ns - before_ns > MAX_PAUSE_NS {
@@ -203,20 +200,20 @@ impl Filter {
             let track = &mut robot.track;
             let rates = shutter
                 .is_rolling()
-                .then(|| robot_motion.rates(&track.blend.merged(RobotMotion::WRAP)));
+                .then(|| robot_motion.rates(&track.imm.merged(RobotMotion::WRAP)));
             let wrap = RobotMotion::WRAP_MEASURED;
             let seen = seen.map(|(delay_s, it)| match &rates {
-                Some(rates) => rates.take_off(delay_s, it, wrap),
+                Some(rates) => rates.at_frame_time(delay_s, it, wrap),
                 None => it,
             });
             track.observe(seen, &robot_motion.repeats(path_mm), t_ns, robot_motion, rules);
-            track.blend.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
+            track.imm.is_possible(&robot_motion.limits()) && !track.is_forgotten(t_ns, rules)
         });
         for &(team, robot_id) in &self.identities {
             let place = robots
                 .binary_search_by_key(&(team, robot_id), |robot| (robot.team, robot.robot_id));
             if let Err(place) = place
-                // Of something seen for the first time nobody knows how fast it moves.
+                // The speed of an object seen for the first time is unknown.
                 && let Some(first) = best(candidates(team, robot_id).map(|(_, it)| it), rules)
             {
                 let track = Track::start(&first.measured, t_ns, robot_motion);
@@ -244,15 +241,15 @@ impl Filter {
         });
         if let Some(track) = ball {
             predict_ball(track, from_ns, t_ns, ball_motion);
-            let rates = ball_motion.rates(&track.blend.merged(BallMotion::WRAP));
+            let rates = ball_motion.rates(&track.imm.merged(BallMotion::WRAP));
             let seen = candidates
                 .clone()
-                .map(|(delay_s, it)| rates.take_off(delay_s, it, BallMotion::WRAP_MEASURED));
+                .map(|(delay_s, it)| rates.at_frame_time(delay_s, it, BallMotion::WRAP_MEASURED));
             track.observe(seen, &[1.0; BALL_HYPOTHESES], t_ns, ball_motion, rules);
         }
         *ball = ball
             .filter(|track| {
-                track.blend.is_possible(&ball_motion.limits()) && !track.is_forgotten(t_ns, rules)
+                track.imm.is_possible(&ball_motion.limits()) && !track.is_forgotten(t_ns, rules)
             })
             .or_else(|| {
                 best(candidates.map(|(_, it)| it), rules)
@@ -296,32 +293,31 @@ impl Filter {
         out.ball_memory = message::ball_memory(ball);
     }
 
-    /// The paper's prediction over the delay: the state at `to_ns`, led there by the commands that
-    /// are on their way.
+    /// The paper's prediction over the delay: the state at `to_ns` under the commands under way.
     fn predicted_robot(&self, robot: &RobotTrack, from_ns: u64, to_ns: u64) -> Vector5<f64> {
-        let mut blend = robot.track.blend;
+        let mut imm = robot.track.imm;
         for (dt_s, command) in robot.commands.segments(from_ns, to_ns, &self.timing) {
-            for (hypothesis, drive) in blend.hypotheses.iter_mut().zip(Drive::hypotheses(command)) {
+            for (hypothesis, drive) in imm.hypotheses.iter_mut().zip(Drive::hypotheses(command)) {
                 let mean = &mut hypothesis.belief.mean;
                 *mean = self.robot_motion.advance(mean, drive, dt_s);
             }
         }
-        blend.merged_mean(RobotMotion::WRAP)
+        imm.merged_mean(RobotMotion::WRAP)
     }
 
     fn predicted_ball(&self, ball: &BallTrack, from_ns: u64, to_ns: u64) -> Vector4<f64> {
-        let now = ball.blend.merged_mean(BallMotion::WRAP);
+        let now = ball.imm.merged_mean(BallMotion::WRAP);
         self.ball_motion.advance(&now, to_ns.saturating_sub(from_ns) as f64 * 1e-9)
     }
 
-    /// Where the track of a robot is among `robots`, or where it belongs.
+    /// Index of a robot's track in `robots`, or the index at which to insert it.
     fn find(&self, team: Team, robot_id: u32) -> Result<usize, usize> {
         self.robots.binary_search_by_key(&(team, robot_id), |robot| (robot.team, robot.robot_id))
     }
 }
 
-/// Moves a track on in time; how far its wheels have rolled if it did as it was told. Between two
-/// pictures of the same instant nothing moves.
+/// Predicts a track; returns the distance its wheels have rolled if it obeyed. Nothing moves between two
+/// frames of the same instant.
 fn predict_robot(
     robot: &mut RobotTrack,
     from_ns: u64,
@@ -331,14 +327,14 @@ fn predict_robot(
 ) -> f64 {
     let RobotTrack { track, commands, .. } = robot;
     if from_ns < to_ns {
-        track.blend.mix(&RobotMotion::ODDS, RobotMotion::WRAP);
+        track.imm.mix(&RobotMotion::TRANSITIONS, RobotMotion::WRAP);
     }
     let mut path_mm = 0.0;
     for (dt_s, command) in commands.segments(from_ns, to_ns, timing) {
-        let hypotheses = track.blend.hypotheses.iter_mut().zip(Drive::hypotheses(command));
+        let hypotheses = track.imm.hypotheses.iter_mut().zip(Drive::hypotheses(command));
         let paths_mm = hypotheses
             .map(|(hypothesis, drive)| motion.predict(&mut hypothesis.belief, drive, dt_s));
-        // Of all, so that all are predicted; the first is the one that is steered.
+        // Evaluates all, so that all are predicted; the first is the steered one.
         path_mm += paths_mm.reduce(|steered_mm, _| steered_mm).unwrap_or(0.0);
     }
     path_mm
@@ -346,15 +342,15 @@ fn predict_robot(
 
 fn predict_ball(track: &mut BallTrack, from_ns: u64, to_ns: u64, motion: &BallMotion) {
     if from_ns < to_ns {
-        track.blend.mix(&BallMotion::ODDS, BallMotion::WRAP);
+        track.imm.mix(&BallMotion::TRANSITIONS, BallMotion::WRAP);
         let dt_s = (to_ns - from_ns) as f64 * 1e-9;
-        for (index, hypothesis) in track.blend.hypotheses.iter_mut().enumerate() {
+        for (index, hypothesis) in track.imm.hypotheses.iter_mut().enumerate() {
             motion.predict(&mut hypothesis.belief, index, dt_s);
         }
     }
 }
 
-/// The most confident candidate, if it is good enough to start a track.
+/// The most confident candidate, if it suffices to start a track.
 fn best<const Z: usize>(
     candidates: impl Iterator<Item = Candidate<Z>>,
     rules: &TrackRules,
@@ -364,7 +360,7 @@ fn best<const Z: usize>(
         .filter(|candidate| candidate.confidence >= rules.start_confidence)
 }
 
-/// A detection as a measurement (eq. 8) with its covariance; `None` for rubbish.
+/// A detection as a measurement (eq. 8) with its covariance; `None` if it is invalid.
 fn robot_candidate(robot: &DetectedRobot, motion: &RobotMotion) -> Option<Candidate<3>> {
     let orientation = f64::from(robot.orientation);
     let position = position(robot.x_mm, robot.y_mm)?;
@@ -378,8 +374,8 @@ fn robot_candidate(robot: &DetectedRobot, motion: &RobotMotion) -> Option<Candid
     })
 }
 
-/// A detection without a name as a measurement of its team patch. The centre may be anywhere around
-/// that, which the tracker has allowed for by `centers`: no noise, since it stays.
+/// An unidentified detection as a measurement of its team patch. The tracker's covariance allows for the
+/// unknown direction from patch to centre by `centers`, which is removed: that error is constant, not noise.
 fn patch_candidate(
     robot: &DetectedRobot,
     centers: f64,
@@ -394,7 +390,7 @@ fn patch_candidate(
         candidate: Candidate {
             measured: position(robot.x_mm, robot.y_mm)?,
             noise: usable_noise(given).unwrap_or(*noise),
-            // To be seen in one place again and again is what makes a track of it.
+            // Confidence plays no role here: a track is confirmed by being seen repeatedly.
             confidence: confidence(robot.confidence).map(|_| 1.0)?,
         },
     })
@@ -407,8 +403,8 @@ fn ball_candidate(ball: &DetectedBall, motion: &BallMotion) -> Option<Candidate<
     Some(Candidate { measured, noise, confidence: confidence(ball.confidence)? })
 }
 
-/// A covariance that can be one: positive definite, and not beyond measure. Most that come from
-/// elsewhere are all 0, for unknown.
+/// A valid covariance: positive definite, and neither too small nor too large. Other trackers mostly send
+/// zeros, for unknown.
 fn usable_noise<const Z: usize>(noise: SMatrix<f64, Z, Z>) -> Option<SMatrix<f64, Z, Z>> {
     const MAX_VARIANCE: f64 = 1e6;
     const MIN_VARIANCE: f64 = 1e-9;

@@ -1,36 +1,42 @@
-//! The life of a track, the same for robots and the ball: from first sight, through measurements,
-//! outliers, gaps and jumps, until it is forgotten.
+//! The life of a track, the same for robots and the ball: first sight, measurements, outliers, gaps, jumps,
+//! and removal.
+//!
+//! The paper asks for two things beside the filter equations: outliers are ignored, and after a collision the
+//! filter is initialised with the current measurement. Both are decided by the innovation's squared
+//! Mahalanobis distance d² = (z − ẑ)ᵀ S⁻¹ (z − ẑ). A measurement with d² ≤ `filter.gate_chi2` under some
+//! hypothesis corrects the track; one outside is ignored, until `filter.reinit_after` of them in a row agree
+//! with one another, which starts the track over.
 
-use crate::blend::{Blend, Wrap};
 use crate::gaussian::Innovation;
+use crate::imm::{Imm, Wrap};
 use common::config::FilterConfig;
 use common::messages::TrackStatus;
 use nalgebra::{SMatrix, SVector};
 
-/// What a track needs to know about the thing it follows: `N` components of state, the first `Z` of
-/// them measured, `M` hypotheses about its motion.
+/// Motion model of a tracked object: `N` components of state, of which the first `Z` are measured, and `M`
+/// hypotheses.
 pub trait Motion<const N: usize, const M: usize, const Z: usize> {
     /// Wraps the angles of a state.
     const WRAP: Wrap<N>;
     /// Wraps the angles of a measurement.
     const WRAP_MEASURED: Wrap<Z>;
-    /// Odds that one hypothesis takes over from another between two frames.
-    const ODDS: [[f64; M]; M];
+    /// Probabilities of transitions between hypotheses from one frame to the next.
+    const TRANSITIONS: [[f64; M]; M];
 
-    /// Covariance of a measurement that does not say how uncertain it is: the configured R.
+    /// Covariance of a measurement that does not state its own: the configured R.
     fn noise(&self) -> &SMatrix<f64, Z, Z>;
-    /// The state before anything but one measurement is known: x̂(0), P(0).
-    fn initial(&self, measured: &SVector<f64, Z>) -> Blend<N, M>;
-    /// How far each measured component may move in a time, noise included.
+    /// State after a single measurement: x̂(0), P(0).
+    fn initial(&self, measured: &SVector<f64, Z>) -> Imm<N, M>;
+    /// Limit on the change of each measured component in a time, noise included.
     fn reach(&self, dt_s: f64) -> SVector<f64, Z>;
-    /// Magnitudes beyond which a state is rubbish.
+    /// Limits of the magnitudes of a valid state.
     fn limits(&self) -> SVector<f64, N>;
 }
 
-/// One thing seen in this frame that might be the one a track follows.
+/// A detection that may belong to a track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate<const Z: usize> {
-    /// What was measured; finite.
+    /// The measurement; finite.
     pub measured: SVector<f64, Z>,
     /// Its covariance, R; positive definite.
     pub noise: SMatrix<f64, Z, Z>,
@@ -38,17 +44,18 @@ pub struct Candidate<const Z: usize> {
     pub confidence: f64,
 }
 
-/// Those of a candidate under each hypothesis; `None` where its noise is of no use.
+/// One innovation per hypothesis; `None` if its covariance is unusable.
 type Innovations<const Z: usize, const M: usize> = [Option<Innovation<Z>>; M];
 
 /// The newest measurement outside the gate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspect<const Z: usize> {
-    /// When it was seen.
+    /// Its capture time.
     pub t_ns: u64,
-    /// What was measured.
+    /// The measurement.
     pub measured: SVector<f64, Z>,
-    /// How many, up to this one, agree with one another; 0 when there is none.
+    /// Number of consecutive such measurements that agree with one another, this one included; 0 if there is
+    /// none.
     pub agreeing: u32,
 }
 
@@ -77,12 +84,12 @@ impl TrackRules {
     }
 }
 
-/// One thing that is followed.
+/// A tracked object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Track<const N: usize, const M: usize, const Z: usize> {
-    /// Where it is believed to be and how it moves.
-    pub blend: Blend<N, M>,
-    /// How it came by its state in the newest frame.
+    /// Estimated position and motion.
+    pub imm: Imm<N, M>,
+    /// Origin of the state in the newest frame.
     pub status: TrackStatus,
     /// Frames in a row without a usable measurement.
     pub frames_unseen: u32,
@@ -90,22 +97,21 @@ pub struct Track<const N: usize, const M: usize, const Z: usize> {
     pub frames_gated: u32,
     /// Capture time of the newest usable measurement.
     pub t_seen_ns: u64,
-    /// What may turn out to be where it has gone.
+    /// Candidate for re-initialisation.
     pub suspect: Suspect<Z>,
 }
 
-/// Two measurements outside the gate that are further apart in time have nothing to do with each
-/// other.
+/// Limit of the time between two measurements outside the gate that may agree with each other.
 const MAX_SUSPECT_AGE_S: f64 = 0.1;
 
-/// A doubtful candidate may continue a track that has been unseen for at most so many frames.
+/// Limit of unseen frames after which a candidate of low confidence may still continue a track.
 const MAX_DOUBTFUL_GAP_FRAMES: u32 = 2;
 
 impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
-    /// A track that begins at a measurement.
+    /// A new track at a measurement.
     pub fn start(measured: &SVector<f64, Z>, t_ns: u64, motion: &impl Motion<N, M, Z>) -> Self {
         Self {
-            blend: motion.initial(measured),
+            imm: motion.initial(measured),
             status: TrackStatus::Initialised,
             frames_unseen: 0,
             frames_gated: 0,
@@ -114,11 +120,9 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         }
     }
 
-    /// Corrects the prediction (already made) by what was seen in the frame captured at `t_ns`, and
-    /// decides what that was. `repeats` says, by hypothesis, how many measurements in a row have
-    /// the same error (1: each has its own), and so how little a single one is worth.
-    ///
-    ///
+    /// Corrects the predicted track by the candidates of the frame captured at `t_ns`, and sets its status.
+    /// `repeats` gives, for each hypothesis, the number of consecutive measurements that share one error (1:
+    /// independent), by which R is multiplied.
     /// * the likeliest candidate within the gate corrects the track (`Measured`);
     /// * failing that, a confident one outside the gate is an outlier and ignored (`Gated`), unless
     ///   it agrees with enough such before it: then the track starts over from it (`Initialised`);
@@ -160,7 +164,7 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         }
     }
 
-    /// 1 when seen in the frame captured at `t_ns`, falling evenly to 0 when the track is forgotten.
+    /// 1 when seen in the frame captured at `t_ns`, falling linearly to 0 when the track is forgotten.
     pub fn visibility(&self, t_ns: u64, rules: &TrackRules) -> f32 {
         (1.0 - self.unseen_s(t_ns) / rules.forget_after_s).clamp(0.0, 1.0) as f32
     }
@@ -174,20 +178,20 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         t_ns.saturating_sub(self.t_seen_ns) as f64 * 1e-9
     }
 
-    /// The probability density of a measurement under what is believed of the track, per unit of each
-    /// component; `None` outside the gate of every hypothesis.
+    /// Probability density of a measurement under the track, per unit of each component; `None` outside the
+    /// gate of every hypothesis.
     pub fn density<T: Motion<N, M, Z>>(
         &self,
         candidate: &Candidate<Z>,
         rules: &TrackRules,
     ) -> Option<f64> {
-        self.blend.density(&self.innovations::<T>(candidate), rules.gate_chi2)
+        self.imm.density(&self.innovations::<T>(candidate), rules.gate_chi2)
     }
 
-    /// The candidate with the greatest product of confidence and likelihood among those within the
-    /// gate of at least one hypothesis, and its innovations. A doubtful one, that could not start a track, is good
-    /// enough to go on with but not to find something again: it must be where the track, seen a
-    /// moment ago, leads without being struck.
+    /// The candidate with the greatest product of confidence and likelihood among those within the gate of at
+    /// least one hypothesis, and its innovations. A candidate of too low confidence to start a track may
+    /// continue it, but not recover it: the track must have been seen within the last frames, and the gate of
+    /// the struck hypothesis does not count.
     fn likeliest<T: Motion<N, M, Z>>(
         &self,
         candidates: impl Iterator<Item = Candidate<Z>>,
@@ -197,7 +201,7 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         let score = |(candidate, innovations): &(Candidate<Z>, Innovations<Z, M>)| {
             let density: f64 = innovations
                 .iter()
-                .zip(&self.blend.hypotheses)
+                .zip(&self.imm.hypotheses)
                 .filter_map(|(i, h)| i.map(|i| i.ln_density.exp() * h.probability))
                 .sum();
             candidate.confidence * density
@@ -230,9 +234,11 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
         innovations: &Innovations<Z, M>,
         repeats: &[f64; M],
     ) {
-        self.blend.weigh(&std::array::from_fn(|index| innovations[index].map(|i| i.ln_density)));
+        self.imm.update_probabilities(&std::array::from_fn(|index| {
+            innovations[index].map(|i| i.ln_density)
+        }));
         for ((hypothesis, innovation), &repeats) in
-            self.blend.hypotheses.iter_mut().zip(innovations).zip(repeats)
+            self.imm.hypotheses.iter_mut().zip(innovations).zip(repeats)
         {
             let noise = candidate.noise * repeats;
             let shared = match innovation {
@@ -248,15 +254,15 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
 
     fn innovations<T: Motion<N, M, Z>>(&self, candidate: &Candidate<Z>) -> Innovations<Z, M> {
         std::array::from_fn(|index| {
-            let belief = &self.blend.hypotheses[index].belief;
+            let belief = &self.imm.hypotheses[index].belief;
             let mut difference = candidate.measured - belief.mean.fixed_rows::<Z>(0);
             T::WRAP_MEASURED(&mut difference);
             belief.innovation(difference, &candidate.noise)
         })
     }
 
-    /// The suspect after this frame: a candidate that agrees with the one before, or else the most
-    /// confident. `None` without candidates.
+    /// The candidate for re-initialisation after this frame: one that agrees with the previous one, or else
+    /// the most confident. `None` without candidates.
     fn suspect_after<T: Motion<N, M, Z>>(
         &self,
         candidates: impl Iterator<Item = Candidate<Z>>,

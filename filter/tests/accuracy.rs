@@ -1,4 +1,4 @@
-//! Whether the filter is better than what it is given.
+//! The filter's estimates must be better than its measurements.
 
 mod pitch;
 
@@ -154,8 +154,8 @@ fn standing_robots_are_within_a_millimetre_and_a_degree() {
     }
 }
 
-/// With errors that stay as long as a robot stands, what it was known from on its way there is worth
-/// more than what is seen now.
+/// With errors that persist while a robot stands, the estimate from its way there is better than what is
+/// measured now.
 #[test]
 fn errors_that_stay_are_not_believed_again_and_again() {
     let outcome = |repeat_distance_mm: f64| {
@@ -174,7 +174,7 @@ fn errors_that_stay_are_not_believed_again_and_again() {
     assert!(wise.normalised_error < 0.5 * naive.normalised_error);
 }
 
-/// Where robots will be when the next command acts; a filter that only smooths is 55 ms late.
+/// Poses predicted to the time at which the next command acts; a filter that only smooths is 55 ms late.
 #[test]
 fn predictions_reach_the_time_of_action() {
     let noise = NOISES[1];
@@ -185,7 +185,7 @@ fn predictions_reach_the_time_of_action() {
     assert!(told.predicted.rms().1 < 1.0, "{:?}", told.predicted.rms());
 }
 
-/// The covariance that goes out is neither boast nor excuse.
+/// The published covariance matches the errors.
 #[test]
 fn errors_are_as_large_as_the_covariance_says() {
     let config = Config::default();
@@ -217,14 +217,14 @@ fn the_ball_is_known_better_than_seen() {
         if frames_shown > 0 {
             assert!(frame.push_ball(detected_ball(seen.0, seen.1, 0.8)));
         }
-        // Something orange elsewhere, at times the only thing there is.
+        // A false ball elsewhere, at times the only candidate.
         if random.unit() < 0.2 {
             let (x, y) = (random.between(-1000.0, 1000.0), random.between(-800.0, 800.0));
             assert!(frame.push_ball(detected_ball(x, y, 0.15)));
         }
         filter.step(&frame, &mut world);
-        // A ball kicked under cover comes back where no filter expects it; from then on it must be
-        // followed within the frames that `reinit_after` allows, and never be lost again.
+        // A ball kicked under cover reappears where no filter expects it; from then on it must be tracked
+        // within the frames that `reinit_after` allows, and never be lost again.
         if seq > 40 && frames_shown > 3 {
             let truth = Pose { x: ball.position.0, y: ball.position.1, theta: 0.0 };
             raw.add(truth, seen.0, seen.1, 0.0);

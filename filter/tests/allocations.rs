@@ -1,4 +1,4 @@
-//! A step allocates nothing, once all robots have been seen.
+//! A step allocates nothing once all robots have been seen.
 
 #[path = "../../common/tests/counting/mod.rs"]
 mod counting;

@@ -1,4 +1,4 @@
-//! What the filter does with outliers, jumps, gaps, odd clocks and rubbish.
+//! The filter's reaction to outliers, jumps, gaps, irregular clocks and invalid input.
 
 mod bench;
 mod pitch;
@@ -94,7 +94,7 @@ fn a_jump_is_believed_after_the_configured_number_of_frames() {
     assert!(distance(&state, there) < 0.5, "{state:?}");
 }
 
-/// What no model of the drive foresees but a collision explains is followed at once.
+/// A motion that only the struck hypothesis explains is followed at once.
 #[test]
 fn a_collision_is_followed_at_once() {
     let mut bench = Bench::new();
@@ -103,7 +103,7 @@ fn a_collision_is_followed_at_once() {
         pose.x += 1200.0 * 0.0125;
         bench.see_for(1, pose);
     }
-    // Stops dead: 15 mm from where it was expected.
+    // Stops dead: 15 mm from the predicted position.
     for _ in 0..5 {
         let state = bench.see_for(1, pose);
         assert_eq!(bench.status(), TrackStatus::Measured);
@@ -159,7 +159,7 @@ fn robots_do_not_know_of_each_other() {
     assert_eq!(one.world.robots().len(), 1);
 }
 
-/// Of which only the team is known: they have a place in `detections`, but no track.
+/// Unidentified detections take up room in `detections`, but start no robot track.
 #[test]
 fn robots_without_a_number_have_no_track_and_disturb_none() {
     let (mut bench, mut alone) = (Bench::new(), Bench::new());
@@ -208,7 +208,7 @@ fn clocks_that_stand_jump_or_run_backwards_are_survived() {
     bench.t_ns += 300_000_000;
     bench.see_for(1, near);
     assert_eq!(bench.status(), TrackStatus::Measured);
-    // A long one, backwards, and all over the place: a fresh start each time.
+    // A long one, backwards, and arbitrary times: a fresh start each time.
     for t_ns in [bench.t_ns + 1_100_000_000, 20_000_000, u64::MAX, 0, u64::MAX - 1, START_NS] {
         bench.t_ns = t_ns;
         stamp(&mut bench.frame, bench.seq, t_ns.min(u64::MAX / 2));
@@ -253,7 +253,7 @@ fn of_two_robots_with_one_identity_the_likelier_is_taken() {
         assert!(distance(&bench.robot(), HOME) < 0.01);
         assert_eq!(bench.world.robots().len(), 1);
     }
-    // Without a track, the more confident.
+    // Without a track, the more confident one.
     let mut bench = Bench::new();
     bench.see(&[detected(0, 2, HOME), far]);
     assert!((bench.robot().x_mm - 600.0).abs() < 1e-3);
@@ -296,27 +296,27 @@ fn the_ball_is_chosen_among_candidates() {
         }
         bench.step().ball
     };
-    // The one where the ball is, though another is surer of itself.
+    // The one at the track, though another has a higher confidence.
     let ball = ball_among(&mut bench, &[(500.0, 0.0, 1.0), (0.5, 0.0, 0.6), (20.0, 20.0, 0.9)]);
     assert_eq!(ball.status, TrackStatus::Measured as u32);
     assert!(ball.x_mm.hypot(ball.y_mm) < 0.5, "{ball:?}");
-    // Two in the same place: the surer.
+    // Two in the same place: the one of higher confidence.
     let ball = ball_among(&mut bench, &[(0.0, -1.0, 0.3), (0.0, 1.0, 0.9)]);
     assert!(ball.y_mm > 0.0, "{ball:?}");
-    // Doubtful ones elsewhere are no ball, however long they stay.
+    // Candidates of low confidence elsewhere are no ball, however long they persist.
     for _ in 0..30 {
         let ball = ball_among(&mut bench, &[(500.0, 0.0, 0.1), (150.0, 0.0, 0.1)]);
         assert_eq!(ball.status, TrackStatus::Coasting as u32);
         assert!(ball.x_mm.abs() < 5.0, "{ball:?}");
     }
-    // A sure one that stays is, also while the track is fresh.
+    // A persistent candidate of high confidence is, also while the track is fresh.
     for _ in 0..20 {
         ball_among(&mut bench, &[(0.0, 0.0, 0.9)]);
     }
     for (frame, expected) in
         [TrackStatus::Gated, TrackStatus::Gated, TrackStatus::Initialised].into_iter().enumerate()
     {
-        // Even when, later, others flicker that are surer of themselves.
+        // Even if other candidates with a higher confidence flicker later.
         let confidence = if frame == 0 { 0.5 } else { 0.95 };
         let elsewhere = (-900.0 + 200.0 * frame as f64, 800.0, confidence);
         let ball = ball_among(&mut bench, &[elsewhere, (1000.0, -700.0, 0.8)]);
@@ -363,7 +363,7 @@ fn any_robot() -> impl Strategy<Value = DetectedRobot> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever is detected: no panic, one track per configured robot at most, in order, finite.
+    /// Any detections: no panic, at most one track per configured robot, sorted, finite.
     #[test]
     fn any_detections_are_survived(
         frames in prop::collection::vec(

@@ -1,4 +1,4 @@
-//! What the filter does with commands.
+//! The effect of commands on tracks and predictions.
 
 mod bench;
 mod pitch;
@@ -9,7 +9,7 @@ use common::messages::WorldFrame;
 use pitch::*;
 use touchline_filter::Filter;
 
-/// The paper's prediction over the delay: commands on their way lead the predicted pose.
+/// The paper's prediction over the delay: commands under way change the predicted pose.
 #[test]
 fn queued_commands_lead_the_prediction() {
     let mut bench = Bench::new();
@@ -29,7 +29,7 @@ fn queued_commands_lead_the_prediction() {
     assert!(distance(&state, HOME) < 0.05);
 }
 
-/// A robot that drives as told, out of sight; and one of which nothing is heard.
+/// A robot out of sight that obeys its commands, and one without commands.
 #[test]
 fn commands_carry_a_track_through_a_gap() {
     let outcome = |overheard: bool| {
@@ -73,7 +73,7 @@ fn commands_that_cannot_be_are_ignored() {
         commands(10, t - 400_000_000, &[(0, 2, 500.0, 500.0)]),
     ];
     let (mut bothered, mut spared) = (Bench::new(), Bench::new());
-    // Nothing has been seen yet.
+    // No frame has been seen yet.
     bothered.filter.command(&commands(11, t, &[(0, 2, 500.0, 500.0)]));
     bothered.see_for(60, HOME);
     spared.see_for(60, HOME);

@@ -1,4 +1,4 @@
-//! A filter that takes over from another carries on exactly, and survives taking over rubbish.
+//! A filter that takes over from another continues exactly, and survives taking over invalid data.
 
 mod pitch;
 
@@ -9,11 +9,11 @@ use pitch::*;
 use proptest::prelude::*;
 use touchline_filter::Filter;
 
-/// What a filter gets in one frame: a detection frame, and the commands after it.
+/// Input of one frame: detections, and the commands after it.
 type Input = (Box<DetectionFrame>, Commands);
 
-/// A match with everything in it: commands for some, collisions, gaps, outliers, duplicates, a
-/// ball, a pause, a clock that stands still for a frame.
+/// A match with all special cases: commands for some robots, collisions, gaps, outliers, duplicates, a ball,
+/// a pause, a clock that stands still for a frame.
 fn inputs(frames: u64) -> Vec<Input> {
     let noise = Noise { position_mm: 0.5, heading_deg: 1.0 };
     let mut game = Match::new(Wheels::Lagging(0.02), true, noise, 21);
@@ -23,7 +23,7 @@ fn inputs(frames: u64) -> Vec<Input> {
     (0..frames)
         .map(|seq| {
             let mut sent = game.next_frame();
-            // One team's commands are overheard, the other's not.
+            // The filter receives one team's commands, not the other's.
             sent.wheel_count = 5;
             ball.roll();
             let mut frame = game.detections.clone();
@@ -67,7 +67,7 @@ fn inputs(frames: u64) -> Vec<Input> {
         .collect()
 }
 
-/// All that a message says, without what lies behind its counts.
+/// Contents of a message, without what lies behind its counts.
 fn said(world: &WorldFrame) -> Vec<u8> {
     let count = world.robots().len();
     let mut bytes = vec![];
@@ -114,14 +114,14 @@ fn a_successor_carries_on_bit_for_bit() {
     assert_eq!(statuses.len(), 4, "the match should show every status");
     assert!(worlds.iter().flat_map(|w| &w.robot_memories).any(|m| m.command_count > 3));
 
-    // A successor at every seventh frame, that lives for 60.
+    // A successor at every seventh frame, which runs for 60.
     for start in (0..inputs.len()).step_by(7) {
         let mut successor = Filter::new(&config).unwrap();
         successor.resume(&worlds[start]);
         let end = inputs.len().min(start + 60);
         let mut world = new_world();
         for index in start + 1..end {
-            // What its predecessor heard after the last world it could send.
+            // Commands that the predecessor received after its last world.
             successor.command(&inputs[index - 1].1);
             successor.step(&inputs[index].0, &mut world);
             assert!(said(&world) == said(&worlds[index]), "resumed after {start}, frame {index}");
@@ -129,7 +129,7 @@ fn a_successor_carries_on_bit_for_bit() {
     }
 }
 
-/// Commands that are heard again do no harm.
+/// Commands received twice have no further effect.
 #[test]
 fn commands_heard_twice_change_nothing() {
     let noise = Noise { position_mm: 0.5, heading_deg: 1.0 };
@@ -142,7 +142,7 @@ fn commands_heard_twice_change_nothing() {
         heard.push(game.next_frame());
         once.step(&game.detections, &mut a);
         twice.step(&game.detections, &mut b);
-        // Only that they were heard is told.
+        // Only the count of commands differs.
         (a.command_count, b.command_count) = (0, 0);
         assert!(said(&a) == said(&b));
         once.command(&heard[heard.len() - 1]);
@@ -187,7 +187,7 @@ fn tracks_that_cannot_be_are_dropped_and_the_others_kept() {
     let frame = empty_frame(50, good.frame.t_capture_ns + FRAME_NS);
     for (index, (spoil, expected)) in spoils.into_iter().enumerate() {
         let mut world = good.clone();
-        // Full, so that a spoilt element cannot hide behind the count.
+        // Full, so that a spoilt element is not hidden behind the count.
         world.robot_memories[3].command_count = world.robot_memories[3].command_count.max(1);
         spoil(&mut world);
         let mut filter = Filter::new(&Config::default()).unwrap();
@@ -208,7 +208,7 @@ fn tracks_that_cannot_be_are_dropped_and_the_others_kept() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Any bytes at all: no panic, nothing but numbers comes out, and the next frames are filtered.
+    /// Arbitrary bytes: no panic, only finite numbers come out, and the next frames are filtered.
     #[test]
     fn rubbish_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
         let mut world = some_world();

@@ -1,4 +1,4 @@
-//! A camera that captures its rows one after the other: what moves is known at the frame's time.
+//! A camera with rolling shutter: moving objects are estimated at the frame's time.
 
 mod pitch;
 
@@ -15,8 +15,8 @@ const SPEED_MM_S: f64 = 2000.0;
 const TURN_RAD_S: f64 = 8.0;
 const BALL_MM_S: f64 = -3000.0;
 
-/// Errors in the end, at the capture time: of a robot that drives, in mm; of one that turns, in degrees;
-/// of a ball, in mm. All are seen in a row that is captured late.
+/// Final errors at the capture time, all seen in a row that is captured late: of a driving robot, mm; of a
+/// turning one, degrees; of a ball, mm.
 fn errors(configured_us: u32) -> [f64; 3] {
     let mut config = Config::default();
     config.camera.rolling_shutter_us = configured_us;

@@ -1,5 +1,4 @@
-//! Robots of which only the team is known: whose track is whose, when tracks begin and end, and that
-//! no robot has two.
+//! Unidentified robots: association, begin and end of tracks, and no duplicates of identified robots.
 
 #[path = "../../common/tests/counting/mod.rs"]
 mod counting;
@@ -16,7 +15,7 @@ use pitch::*;
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use touchline_filter::Filter;
-use touchline_filter::unknown::FRAMES_TO_TRUST;
+use touchline_filter::unknown::FRAMES_TO_CONFIRM;
 
 const YELLOW: u32 = 0;
 const BLUE: u32 = 1;
@@ -27,14 +26,14 @@ fn config() -> Config {
     config
 }
 
-/// Where the team patch is in a robot's frame.
+/// Position of the team patch in a robot's frame.
 fn arm() -> [f64; 2] {
     static ARM: LazyLock<[f64; 2]> =
         LazyLock::new(|| Layout::new(&config().robots).patches[0].centroid_mm);
     *ARM
 }
 
-/// A team patch at a place.
+/// A team patch at a position.
 fn patch(team: u32, [x, y]: [f64; 2]) -> DetectedRobot {
     let [dx, dy] = arm();
     let place = ((dx * dx + dy * dy) / 2.0 + 1.0) as f32;
@@ -88,7 +87,7 @@ impl Bench {
         self.world.unknown_robots()
     }
 
-    /// Numbers of tracks.
+    /// Track numbers.
     fn ids(&self) -> Vec<u32> {
         self.unknown().iter().map(|robot| robot.track_id).collect()
     }
@@ -112,7 +111,7 @@ fn off(robot: &UnknownRobotState, [x, y]: [f64; 2]) -> f64 {
 fn a_track_begins_when_it_has_been_seen_often_enough_and_ends_like_any_other() {
     let mut bench = Bench::new();
     let place = [100.0, 50.0];
-    for _ in 1..FRAMES_TO_TRUST {
+    for _ in 1..FRAMES_TO_CONFIRM {
         bench.see(&[patch(BLUE, place)]);
         assert!(bench.unknown().is_empty());
     }
@@ -120,7 +119,7 @@ fn a_track_begins_when_it_has_been_seen_often_enough_and_ends_like_any_other() {
     let robot = bench.only();
     assert_eq!((robot.team, robot.track_id), (BLUE, 1));
     assert_eq!(robot.status, TrackStatus::Measured as u32);
-    assert_eq!(robot.frames_tracked, FRAMES_TO_TRUST + 19);
+    assert_eq!(robot.frames_tracked, FRAMES_TO_CONFIRM + 19);
     assert!(off(&robot, place) < 0.1 && robot.vx_mm_s.abs() < 1.0, "{robot:?}");
     // The centre is somewhere around the patch.
     let [dx, dy] = arm();
@@ -133,8 +132,8 @@ fn a_track_begins_when_it_has_been_seen_often_enough_and_ends_like_any_other() {
     assert!(bench.only().visibility < 0.05);
     bench.see(&[]);
     assert!(bench.unknown().is_empty());
-    // It comes back as somebody else.
-    bench.see_for(FRAMES_TO_TRUST, &[patch(BLUE, place)]);
+    // It comes back with a new number.
+    bench.see_for(FRAMES_TO_CONFIRM, &[patch(BLUE, place)]);
     assert_eq!(bench.ids(), [2]);
 }
 
@@ -195,7 +194,7 @@ fn one_that_is_struck_is_still_the_same() {
     let mut bench = Bench::new();
     let mut place = [-500.0, 200.0];
     for frame in 0..80 {
-        // Full speed, and from one frame to the next back and to the side.
+        // Full speed, then from one frame to the next backwards and sideways.
         let velocity = if frame < 40 { [1500.0, 0.0] } else { [-300.0, 700.0] };
         for (place, velocity) in place.iter_mut().zip(velocity) {
             *place += velocity * 0.0125;
@@ -216,7 +215,7 @@ fn teams_do_not_mix() {
     assert_eq!(bench.unknown()[1].frames_unseen, 10);
 }
 
-/// A robot known by name whose identification patch is hidden: no ghost, and its place is still known.
+/// An identified robot with a hidden identification patch: no duplicate, and its position is still tracked.
 #[test]
 fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
     let mut bench = Bench::new();
@@ -238,7 +237,7 @@ fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
         let robot = bench.named();
         assert!(bench.unknown().is_empty(), "{frame}");
         assert_eq!(robot.status, TrackStatus::Located as u32, "{frame}");
-        // The name is not confirmed by that.
+        // That does not confirm the identity.
         assert_eq!(robot.frames_unseen, frame);
         assert!(robot.visibility < 1.0);
         let error = (robot.x_mm - pose.x).hypot(robot.y_mm - pose.y);
@@ -246,14 +245,14 @@ fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
         let sigma = (robot.covariance[0] + robot.covariance[6]).sqrt();
         assert!(error < 4.0 * sigma, "{frame}: {error} {sigma}");
     }
-    // Now the name is lost, but not the robot.
+    // Now the identity is lost, but not the robot.
     for _ in 0..10 {
         drive(&mut pose);
         bench.see(&[patch_of(YELLOW, pose)]);
     }
     assert!(bench.world.robots().is_empty());
     assert_eq!(bench.ids(), [1]);
-    // Recognised again, it is one robot again.
+    // Recognised again, it has a single track again.
     drive(&mut pose);
     bench.see(&[detected(YELLOW, 2, pose)]);
     assert_eq!((bench.world.robots().len(), bench.unknown().len()), (1, 0));
@@ -273,13 +272,13 @@ fn where_it_is_not_clear_who_is_who_nobody_is_moved() {
     assert!((robot.x_mm - before.x_mm).abs() < 0.1);
 }
 
-/// A jump while it is not recognised founds a track; the name ends it.
+/// A jump while the robot is not recognised starts a track; recognition ends it.
 #[test]
 fn a_ghost_ends_when_its_robot_is_recognised() {
     let mut bench = Bench::new();
     let (from, to) = (Pose { x: -900.0, ..Pose::default() }, Pose { x: 600.0, ..Pose::default() });
     bench.see_for(40, &[detected(YELLOW, 2, from)]);
-    bench.see_for(FRAMES_TO_TRUST, &[patch_of(YELLOW, to)]);
+    bench.see_for(FRAMES_TO_CONFIRM, &[patch_of(YELLOW, to)]);
     assert_eq!(bench.ids(), [1]);
     let reinit = config().filter.reinit_after;
     bench.see_for(reinit, &[detected(YELLOW, 2, to)]);
@@ -288,7 +287,7 @@ fn a_ghost_ends_when_its_robot_is_recognised() {
     assert!(bench.unknown().is_empty());
 }
 
-/// Named robots are filtered as if the nameless were not there.
+/// Identified robots are filtered as if there were no unidentified ones.
 #[test]
 fn named_robots_are_not_disturbed() {
     let noise = Noise { position_mm: 0.5, heading_deg: 1.0 };
@@ -382,7 +381,7 @@ fn a_step_allocates_nothing_once_warm() {
     }
 }
 
-/// More than there is room for.
+/// More detections than there is room for.
 #[test]
 fn their_number_is_bounded() {
     let mut bench = Bench::new();
@@ -396,7 +395,7 @@ fn their_number_is_bounded() {
     assert!(bench.unknown().iter().all(|robot| robot.y_mm == 0.0 && robot.frames_unseen == 10));
 }
 
-/// A predecessor's message may name two by one number, or have used up all numbers there are.
+/// A predecessor's message may contain a number twice, or have used up all numbers.
 #[test]
 fn a_number_has_one_owner_whatever_was_resumed_from() {
     let three = [patch(YELLOW, [0.0, 0.0]), patch(BLUE, [300.0, 0.0]), patch(BLUE, [600.0, 0.0])];
@@ -408,7 +407,7 @@ fn a_number_has_one_owner_whatever_was_resumed_from() {
     world.unknown_robot_memories[1].track_id = 1;
     world.last_track_id = u32::MAX;
     bench.filter.resume(&world);
-    // The first keeps the number, the second has to be seen for a while to get one. 1 would be next.
+    // The first keeps the number; the second has to be seen for a while to get one. 1 would be next.
     bench.see(&three);
     assert_eq!(bench.ids(), [1, 3]);
     bench.see_for(5, &three);
@@ -418,7 +417,7 @@ fn a_number_has_one_owner_whatever_was_resumed_from() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Any bytes at all in what is resumed from: no panic, and nothing but numbers comes out.
+    /// Arbitrary bytes in a predecessor's message: no panic, and only finite numbers come out.
     #[test]
     fn rubbish_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
         let mut bench = Bench::new();

@@ -28,9 +28,9 @@ fn drive(kind: i32, wheels: [f64; 2]) -> Drive {
 
 /// Q of eq. (12) as sums of outer products.
 fn process_noise(motion: &RobotMotion, state: &Vector5<f64>, drive: Drive, t: f64) -> Matrix5<f64> {
-    let way = motion.way(state, drive, t);
-    let forward = Vector5::new(way.cos, way.sin, 0.0, 0.0, 0.0);
-    let sideways = Vector5::new(-way.sin, way.cos, 0.0, 0.0, 0.0);
+    let step = motion.step(state, drive, t);
+    let forward = Vector5::new(step.cos, step.sin, 0.0, 0.0, 0.0);
+    let sideways = Vector5::new(-step.sin, step.cos, 0.0, 0.0, 0.0);
     let (turning, v, omega) = (Vector5::z(), Vector5::w(), Vector5::a());
     let density = |sigma: f64| sigma * sigma * FilterConfig::NOISE_LASTS_S;
     let scale = motion.noise_scale(drive);
@@ -51,14 +51,14 @@ fn process_noise(motion: &RobotMotion, state: &Vector5<f64>, drive: Drive, t: f6
             [(forward, v, scale * motion.slip), (turning, omega, scale * motion.angular_slip)];
         for (axis, speed, sigma) in axes {
             q += axis * axis.transpose() * (density(sigma) * t);
-            q += speed * speed.transpose() * (sigma * sigma * (1.0 - way.phi * way.phi));
+            q += speed * speed.transpose() * (sigma * sigma * (1.0 - step.phi * step.phi));
         }
     }
     q
 }
 
-/// The paper's filter: three states, eqs. (11) to (14) as printed, but for the heading at which
-/// eq. (11) is taken: at the start of the interval (0) or half way (0.5).
+/// The paper's filter: three states, eqs. (11) to (14) as printed, except for the heading in eq. (11): at the
+/// start of the interval (0) or half way (0.5).
 struct ThreeStates {
     x: Vector3<f64>,
     p: Matrix3<f64>,
@@ -69,16 +69,16 @@ struct ThreeStates {
 impl ThreeStates {
     fn predict(&mut self, left: f64, right: f64, t: f64, q: Matrix3<f64>) {
         let turn = t / self.wheel_base_mm * (right - left);
-        let way = 0.5 * t * (left + right);
+        let step = 0.5 * t * (left + right);
         let heading = self.x[2] + self.heading_at * turn;
-        self.x += Vector3::new(way * heading.cos(), way * heading.sin(), turn);
+        self.x += Vector3::new(step * heading.cos(), step * heading.sin(), turn);
         let a = Matrix3::new(
             1.0,
             0.0,
-            -way * heading.sin(),
+            -step * heading.sin(),
             0.0,
             1.0,
-            way * heading.cos(),
+            step * heading.cos(),
             0.0,
             0.0,
             1.0,
@@ -95,8 +95,8 @@ impl ThreeStates {
     }
 }
 
-/// Runs both filters on the same commands and measurements; the largest distance between their
-/// means and between their covariances.
+/// Runs both filters on the same commands and measurements; returns the largest distance between their means
+/// and between their covariances.
 fn compare(motion: &RobotMotion, heading_at: f64, frames: &[([f64; 2], [f64; 3])]) -> (f64, f64) {
     let mut ours = start([10.0, 20.0, 0.5], [1.0, 2.0, 0.01, 0.0, 0.0]);
     let mut papers = ThreeStates {
@@ -109,7 +109,7 @@ fn compare(motion: &RobotMotion, heading_at: f64, frames: &[([f64; 2], [f64; 3])
     let mut worst = (0.0f64, 0.0f64);
     for &([left_mm_s, right_mm_s], noise) in frames {
         let drive = Drive::Steered { left_mm_s, right_mm_s };
-        let q = motion.process_noise(&motion.way(&ours.mean, drive, T), drive);
+        let q = motion.process_noise(&motion.step(&ours.mean, drive, T), drive);
         let q = q.fixed_view::<3, 3>(0, 0).into_owned();
         motion.predict(&mut ours, drive, T);
         papers.predict(left_mm_s, right_mm_s, T, q);
@@ -136,8 +136,8 @@ fn frames(
 }
 
 proptest! {
-    /// With commands, no lag and no noise of the speeds: eqs. (11)–(14), the heading taken
-    /// half way, state and covariance.
+    /// With commands, no lag and no noise of the speeds: eqs. (11)–(14) with the heading half way, state and
+    /// covariance.
     #[test]
     fn steered_is_the_papers_filter(
         frames in frames([-1500.0..1500.0, -1500.0..1500.0]),
@@ -149,12 +149,12 @@ proptest! {
         });
         let (mean, covariance) = compare(&silent, 0.5, &frames);
         prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
-        // With noise too: no memory of the speeds enters the pose.
+        // With noise, too, the speeds do not carry over into the pose.
         let (mean, covariance) = compare(&motion(|_| {}), 0.5, &frames);
         prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
     }
 
-    /// Straight on, it is eq. (11) to the letter.
+    /// Straight on, it is exactly eq. (11).
     #[test]
     fn straight_on_nothing_differs_from_the_paper(
         frames in frames((-1500.0..1500.0).prop_map(|v| [v, v])),
@@ -163,7 +163,7 @@ proptest! {
         prop_assert!(mean < 1e-8 && covariance < 1e-8, "{mean} {covariance}");
     }
 
-    /// In a curve it differs by the promised term, and is nearer to the true arc.
+    /// In a curve it differs by the stated term, and is nearer to the true arc.
     #[test]
     fn in_a_curve_half_way_is_nearer_to_the_arc(
         left_mm_s in -1500.0..1500.0,
@@ -176,7 +176,7 @@ proptest! {
         let ours = motion.advance(&from, drive, T).fixed_rows::<2>(0).into_owned();
         let (v, omega) = (0.5 * (left_mm_s + right_mm_s), (right_mm_s - left_mm_s) / 65.0);
         let papers = Vector2::new(theta.cos(), theta.sin()) * (v * T);
-        // Its chord: a difference of two places on the circle would be lost in rounding where that is large.
+        // Its chord: a difference of two points on a large circle would be lost in rounding.
         let half = 0.5 * omega * T;
         let chord = v * T * if half == 0.0 { 1.0 } else { half.sin() / half };
         let arc = Vector2::new((theta + half).cos(), (theta + half).sin()) * chord;
@@ -186,7 +186,7 @@ proptest! {
         prop_assert!((ours - arc).norm() <= (papers - arc).norm() + 1e-9);
     }
 
-    /// Eq. (13) against differences.
+    /// Eq. (13) against finite differences.
     #[test]
     fn jacobian_is_the_derivative(
         state in prop::array::uniform5(-1.0..1.0),
@@ -211,7 +211,7 @@ proptest! {
         }
     }
 
-    /// What is known to be 0 is left out, and nothing else: bit for bit eqs. (12) and (13).
+    /// Skipping zeros changes no bit of eqs. (12) and (13).
     #[test]
     fn shortcuts_change_nothing(
         state in prop::array::uniform5(-1.0..1.0),
@@ -236,15 +236,15 @@ proptest! {
         expected.symmetrise();
         motion.predict(&mut belief, drive, t);
         prop_assert_eq!(belief.mean, expected.mean);
-        // The noise is put together in another order here.
+        // The noise is summed in another order here.
         let off = (belief.covariance - expected.covariance).norm();
         prop_assert!(off <= 1e-13 * expected.covariance.norm(), "{off}");
-        let spread = spread(&a, &(root + root.transpose()));
+        let propagated = propagated(&a, &(root + root.transpose()));
         let dense = a * (root + root.transpose()) * a.transpose();
-        prop_assert_eq!(spread.upper_triangle(), dense.upper_triangle());
+        prop_assert_eq!(propagated.upper_triangle(), dense.upper_triangle());
     }
 
-    /// Whatever happens, the covariance stays symmetric and positive definite.
+    /// After any steps, the covariance is symmetric and positive definite.
     #[test]
     fn covariance_stays_positive_definite(
         steps in prop::collection::vec(
@@ -301,15 +301,15 @@ fn a_lagging_robot_approaches_its_command() {
     for _ in 0..16 {
         state = motion.advance(&state, drive, 0.0025);
     }
-    // After one time constant: 1 − 1/e of the speed, and 1/e of a time constant's way.
+    // After one time constant: 1 − 1/e of the speed, and 1/e of a time constant's distance.
     assert!((state[V] - 632.1206).abs() < 1e-3, "{state}");
     assert!((state[X] - 14.7152).abs() < 1e-3, "{state}");
-    // However it is cut.
+    // In any number of steps.
     let whole = motion.advance(&Vector5::zeros(), drive, 0.04);
     assert!((whole - state).norm() < 1e-9);
 }
 
-/// Simulates the model with its own noise: the innovations must be as large as the filter thinks.
+/// Simulates the model with its own noise: the innovations must be as large as predicted.
 #[test]
 fn innovations_are_as_large_as_predicted() {
     let motion = motion(|_| {});
@@ -327,10 +327,10 @@ fn innovations_are_as_large_as_predicted() {
         let (mut sum, mut errors, mut count) = (0.0, 0.0, 0.0);
         for frame in 0..6000 {
             let root =
-                motion.process_noise(&motion.way(&truth, drive, T), drive).cholesky().unwrap().l();
+                motion.process_noise(&motion.step(&truth, drive, T), drive).cholesky().unwrap().l();
             truth = motion.advance(&truth, drive, T)
                 + root * SVector::<f64, 5>::from_fn(|_, _| normal());
-            // Free speeds would wander off to where the model is no longer nearly linear.
+            // Free speeds would drift to where the model is no longer nearly linear.
             truth[V] *= 0.99;
             truth[OMEGA] *= 0.99;
             belief.mean[V] *= 0.99;

@@ -1,46 +1,46 @@
-//! Who gets what, at the least cost altogether.
+//! The linear assignment problem: each row takes one of the columns or none, each column goes to one row at
+//! most, and the total cost is minimal.
 //!
-//! Each row may take one of the columns or none, each column goes to one row at most. The tracker's
-//! assignment decides between explanations that contradict each other in any way, by searching; here
-//! nothing contradicts but two rows with one column, and that is solved exactly in polynomial time
-//! however many of them compete: by shortest augmenting paths (Kuhn's Hungarian method in the form of
-//! Jonker and Volgenant, 1987).
+//! It is solved exactly in polynomial time by shortest augmenting paths (Kuhn's Hungarian method in the form
+//! of Jonker and Volgenant, 1987). Dual variables are kept for rows and columns, such that no pair costs less
+//! than the sum of its two and a matched pair costs exactly that. Each new row is assigned along the cheapest
+//! alternating path in reduced costs, by Dijkstra's algorithm. The tracker's assignment, in contrast,
+//! searches among explanations that contradict each other in arbitrary ways.
 
-/// Solves assignments, reusing its tables.
+/// Solver that reuses its tables.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Assignment {
-    /// Columns that can be taken. Behind them each row has one of its own, for taking none.
+    /// Number of columns that can be taken. Behind them, each row has a column of its own for taking none.
     columns: usize,
-    /// By row and column: what taking it costs, less than 0 to be worth it; infinite where it cannot be.
+    /// Cost of each row and column, below 0 to be worth taking; infinite where impossible.
     costs: Vec<f64>,
-    /// Prices of rows and columns: no pair costs less than both together, and a pair that was made
-    /// costs exactly that.
-    row_prices: Vec<f64>,
-    column_prices: Vec<f64>,
-    /// By column: the row that has it.
+    /// Dual variables: no pair costs less than the sum of its two, and a matched pair costs exactly that.
+    row_duals: Vec<f64>,
+    column_duals: Vec<f64>,
+    /// For each column, the row that has it.
     owners: Vec<Option<usize>>,
-    /// For the search of one row, by column: what it would cost to make it free for that row, from
-    /// which column that comes, and whether it has been visited.
+    /// For the search of one row, by column: length of the shortest path to it, the column before it on that
+    /// path, and whether it has been visited.
     distances: Vec<f64>,
     origins: Vec<Option<usize>>,
     visited: Vec<bool>,
 }
 
 impl Assignment {
-    /// A problem with so many rows and columns, in which no row can take anything yet.
+    /// A problem with these numbers of rows and columns, in which no row can take anything yet.
     pub fn start(&mut self, rows: usize, columns: usize) {
         self.columns = columns;
         self.costs.clear();
         self.costs.resize(rows * columns, f64::INFINITY);
-        self.row_prices.clear();
-        self.row_prices.resize(rows, 0.0);
-        self.column_prices.clear();
-        self.column_prices.resize(columns + rows, 0.0);
+        self.row_duals.clear();
+        self.row_duals.resize(rows, 0.0);
+        self.column_duals.clear();
+        self.column_duals.resize(columns + rows, 0.0);
         self.owners.clear();
         self.owners.resize(columns + rows, None);
     }
 
-    /// Says what it costs a row to take a column; to take none costs 0.
+    /// Sets the cost of a row taking a column; taking none costs 0.
     pub fn set(&mut self, row: usize, column: usize, cost: f64) {
         self.costs[row * self.columns + column] = cost;
     }
@@ -50,10 +50,10 @@ impl Assignment {
         self.owners[column]
     }
 
-    /// Makes the assignment of least total cost.
+    /// Finds the assignment of minimal total cost.
     pub fn solve(&mut self) {
-        for row in 0..self.row_prices.len() {
-            self.find_place_for(row);
+        for row in 0..self.row_duals.len() {
+            self.augment(row);
         }
     }
 
@@ -65,9 +65,9 @@ impl Assignment {
         }
     }
 
-    /// Finds the cheapest way to give `new` a column, by moving others to further ones if need be. There
-    /// always is one, since its own is free.
-    fn find_place_for(&mut self, new: usize) {
+    /// Finds the cheapest way to give `new` a column, moving others to further ones if needed. There always
+    /// is one, since its own is free.
+    fn augment(&mut self, new: usize) {
         let all = self.owners.len();
         self.distances.clear();
         self.distances.resize(all, f64::INFINITY);
@@ -83,7 +83,7 @@ impl Assignment {
                     continue;
                 }
                 let further =
-                    self.cost(row, column) - self.row_prices[row] - self.column_prices[column];
+                    self.cost(row, column) - self.row_duals[row] - self.column_duals[column];
                 if further < self.distances[column] {
                     self.distances[column] = further;
                     self.origins[column] = from;
@@ -95,14 +95,15 @@ impl Assignment {
             let Some((column, step)) = nearest.filter(|(_, distance)| distance.is_finite()) else {
                 return;
             };
-            // Prices of what has been visited rise with the way, so that distances count from here.
-            self.row_prices[new] += step;
+            // Dual variables of visited rows and columns change by the step, so that distances count from
+            // here.
+            self.row_duals[new] += step;
             for other in 0..all {
                 if !self.visited[other] {
                     self.distances[other] -= step;
                 } else if let Some(owner) = self.owners[other] {
-                    self.row_prices[owner] += step;
-                    self.column_prices[other] -= step;
+                    self.row_duals[owner] += step;
+                    self.column_duals[other] -= step;
                 }
             }
             self.visited[column] = true;
@@ -127,7 +128,7 @@ mod tests {
 
     fn solved(costs: &[Vec<f64>], columns: usize) -> Assignment {
         let mut assignment = Assignment::default();
-        // What an earlier problem has left behind does not matter.
+        // The state of an earlier problem has no effect.
         assignment.start(3, 7);
         assignment.set(2, 6, -5.0);
         assignment.solve();
@@ -139,7 +140,7 @@ mod tests {
         assignment
     }
 
-    /// The least total cost of the rows from `row` on.
+    /// The minimal total cost of the rows from `row` on.
     fn by_brute_force(costs: &[Vec<f64>], row: usize, taken: &mut Vec<bool>) -> f64 {
         let Some(own) = costs.get(row) else { return 0.0 };
         let mut least = by_brute_force(costs, row + 1, taken);

@@ -1,25 +1,28 @@
-//! Robots of which only the team is known, followed without names.
+//! Tracking of robots of which only the team is known.
 //!
-//! A team often does not know which patches its opponents wear. The tracker gives such robots a place
-//! in each frame; here those places become tracks, with a velocity and a number that stays.
+//! A team often does not know the patches of its opponents. The tracker gives such robots a position in each
+//! frame; here those positions become tracks with velocity and a persistent number. The state is that of the
+//! team patch, (x, y, vx, vy); [`motion`] has the model. Detections and tracks are associated for the whole
+//! frame at once (`association.rs`).
 //!
 //! # One robot, one track
 //!
-//! A robot that is known by name must never have a nameless twin.
+//! An identified robot must not have an unidentified duplicate.
 //!
-//! * A detection without a name may be a named robot whose identification patch is hidden. So named
-//!   robots that were not recognised in this frame take part in the association, with the heading that
-//!   is believed of them, on equal terms. What is theirs founds no track. If nothing else could be
-//!   meant, it also corrects the robot's place ([`place`]): commands or no commands,
-//!   prediction alone is off by centimetres after a tenth of a second. It does not confirm the name.
-//!   A robot that is not recognised for `filter.forget_after_ms` loses it and is followed without.
-//! * Where a robot has just been seen by name nobody else of its team can be. A nameless track that
-//!   leads there and was not seen was that robot, and ends.
+//! * An unidentified detection may be an identified robot with a hidden identification patch. So identified
+//!   robots that were not recognised in this frame take part in the association, with their estimated
+//!   heading, on equal terms. A detection associated with one starts no track. If the association is
+//!   unambiguous, the detection also corrects the robot's position ([`team_patch`]), since prediction alone,
+//!   with or without commands, is off by centimetres after a tenth of a second. It does not confirm the
+//!   identity: a robot that is not recognised for `filter.forget_after_ms` loses it and is tracked without.
+//! * No second robot of the team can be where a robot was just identified. An unidentified track that leads
+//!   there and was not seen was that robot, and ends.
 //!
-//! # The life of a track
+//! # Track states
 //!
-//! What belongs to no track is noted. Seen in [`FRAMES_TO_TRUST`] frames in a row, it becomes a track,
-//! gets the next number, and goes out with `world`. Unseen for `filter.forget_after_ms`, it ends.
+//! A detection that belongs to no track starts a tentative track. Seen in [`FRAMES_TO_CONFIRM`] frames in a
+//! row, it is confirmed, gets the next number, and goes out with `world`. Unseen for
+//! `filter.forget_after_ms`, it ends.
 
 mod assignment;
 mod association;
@@ -27,9 +30,9 @@ mod message;
 pub mod motion;
 
 use crate::message::RobotTrack;
-use crate::place;
 use crate::robot::RobotMotion;
 use crate::rolling::Rates;
+use crate::team_patch;
 use crate::track::{Candidate, Motion, Track, TrackRules};
 use association::Association;
 use common::config::Config;
@@ -37,80 +40,80 @@ use common::messages::{MAX_UNKNOWN_ROBOTS, Team, TrackStatus, UNKNOWN_HYPOTHESES
 use motion::UnknownMotion;
 use nalgebra::{Matrix2, Vector2};
 
-/// Before a track is shown to anybody it must have been seen in so many frames in a row.
-pub const FRAMES_TO_TRUST: u32 = 3;
+/// Consecutive frames in which a track must be seen before it is published.
+pub const FRAMES_TO_CONFIRM: u32 = 3;
 
-/// One that is followed.
+/// A tracked robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct UnknownTrack {
     team: Team,
-    /// 0 while it is not trusted.
+    /// 0 while tentative.
     track_id: u32,
-    /// Since it was first seen, that frame included.
+    /// Frames since it was first seen, that one included.
     frames_tracked: u32,
-    /// Of the team patch.
+    /// Track of the team patch.
     track: Track<4, UNKNOWN_HYPOTHESES, 2>,
 }
 
-/// A detection without a name.
+/// An unidentified detection.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SeenPatch {
-    /// Of which team.
+    /// Its team.
     pub team: Team,
     /// Seconds after the frame's time at which its row was captured.
     pub delay_s: f64,
-    /// Where the patch is.
+    /// Position of the patch.
     pub candidate: Candidate<2>,
 }
 
-/// Follows them from frame to frame. All of its state goes out with every [`WorldFrame`] and comes back
-/// through [`resume`](Self::resume).
+/// Tracks them from frame to frame. The whole state goes out with every [`WorldFrame`] and comes back through
+/// [`resume`](Self::resume).
 #[derive(Debug)]
 pub(crate) struct UnknownRobots {
     motion: UnknownMotion,
     half_size_mm: f64,
-    /// By team and number.
-    trusted: Vec<UnknownTrack>,
-    /// By first sight.
-    noted: Vec<UnknownTrack>,
+    /// Sorted by team and number.
+    confirmed: Vec<UnknownTrack>,
+    /// In the order of first sight.
+    tentative: Vec<UnknownTrack>,
     last_track_id: u32,
     seen: Vec<SeenPatch>,
     association: Association,
 }
 
 impl UnknownRobots {
-    /// As configured; nobody has been seen.
+    /// As configured, without tracks.
     pub fn new(config: &Config) -> Self {
         Self {
             motion: UnknownMotion::new(config),
             half_size_mm: config.robots.size_mm / 2.0,
-            trusted: Vec::with_capacity(MAX_UNKNOWN_ROBOTS),
-            noted: Vec::with_capacity(MAX_UNKNOWN_ROBOTS),
+            confirmed: Vec::with_capacity(MAX_UNKNOWN_ROBOTS),
+            tentative: Vec::with_capacity(MAX_UNKNOWN_ROBOTS),
             last_track_id: 0,
             seen: Vec::with_capacity(MAX_UNKNOWN_ROBOTS),
             association: Association::default(),
         }
     }
 
-    /// Loses sight of everybody. Numbers go on.
+    /// Removes all tracks. Numbers continue.
     pub fn clear(&mut self) {
-        self.trusted.clear();
-        self.noted.clear();
+        self.confirmed.clear();
+        self.tentative.clear();
     }
 
-    /// Variance of each coordinate of a robot's centre as seen from its team patch.
+    /// Variance of each coordinate of a robot's centre, given its team patch.
     pub fn center_variance(&self) -> f64 {
         self.motion.center_variance()
     }
 
-    /// Covariance of a patch's place in a detection that does not say how uncertain it is.
+    /// Covariance of a patch in a detection that does not state its own.
     pub fn noise(&self) -> &Matrix2<f64> {
         self.motion.noise()
     }
 
-    /// Takes in the detections without a name of the frame captured at `t_ns`, `from_ns` being the frame
-    /// before. `robots` are those with a name, which have already been moved on to this frame and
-    /// corrected by it.
+    /// Processes the unidentified detections of the frame captured at `t_ns`; `from_ns` is the time of the
+    /// previous frame. `robots` are the identified robots, already predicted to this frame and corrected by
+    /// it.
     pub fn follow(
         &mut self,
         seen: impl Iterator<Item = SeenPatch>,
@@ -121,41 +124,42 @@ impl UnknownRobots {
     ) {
         self.seen.clear();
         self.seen.extend(seen.take(MAX_UNKNOWN_ROBOTS));
-        if self.seen.is_empty() && self.trusted.is_empty() && self.noted.is_empty() {
+        if self.seen.is_empty() && self.confirmed.is_empty() && self.tentative.is_empty() {
             return;
         }
-        let Self { motion, trusted, noted, .. } = self;
-        for unknown in trusted.iter_mut().chain(noted) {
+        let Self { motion, confirmed, tentative, .. } = self;
+        for unknown in confirmed.iter_mut().chain(tentative) {
             predict(&mut unknown.track, from_ns, t_ns, motion);
         }
         self.associate(robots, robot_motion, rules);
         self.locate_robots(robots, robot_motion);
         self.observe(robots.len(), t_ns, rules);
-        self.end_twins(robots);
-        self.note_new(t_ns);
-        self.trust_those_seen_often();
+        self.end_duplicates(robots);
+        self.start_tentative(t_ns);
+        self.confirm_tracks();
     }
 
-    /// Gives detections to tracks: named robots that were not recognised first, by their indices, then
-    /// those trusted, then those noted.
+    /// Associates detections with tracks: identified robots that were not recognised first, by their indices,
+    /// then confirmed tracks, then tentative ones.
     fn associate(&mut self, robots: &[RobotTrack], robot_motion: &RobotMotion, rules: &TrackRules) {
-        let Self { association, motion, trusted, noted, seen, .. } = self;
+        let Self { association, motion, confirmed, tentative, seen, .. } = self;
         association.start(seen.len());
         let of_team =
             |team: Team| seen.iter().enumerate().filter(move |(_, patch)| patch.team == team);
         let is_missing = |robot: &RobotTrack| robot.track.status == TrackStatus::Coasting;
         for (index, robot) in robots.iter().enumerate().filter(|(_, robot)| is_missing(robot)) {
-            let rates = place_rates(robot, robot_motion);
+            let rates = position_rates(robot, robot_motion);
             let density = |(index, patch): (usize, &SeenPatch)| {
                 let candidate = patch.at_frame(&rates);
                 let patch_mm = motion.patch_mm();
-                let density = place::density(&robot.track, patch_mm, &candidate, rules.gate_chi2);
+                let density =
+                    team_patch::density(&robot.track, patch_mm, &candidate, rules.gate_chi2);
                 Some((index, density?))
             };
             association.add(index, of_team(robot.team).filter_map(density));
         }
-        for (index, unknown) in trusted.iter().chain(noted.iter()).enumerate() {
-            let rates = motion.rates(&unknown.track.blend.merged(UnknownMotion::WRAP));
+        for (index, unknown) in confirmed.iter().chain(tentative.iter()).enumerate() {
+            let rates = motion.rates(&unknown.track.imm.merged(UnknownMotion::WRAP));
             let density = |(index, patch): (usize, &SeenPatch)| {
                 let candidate = patch.at_frame(&rates);
                 Some((index, unknown.track.density::<UnknownMotion>(&candidate, rules)?))
@@ -167,34 +171,34 @@ impl UnknownRobots {
 
     fn locate_robots(&self, robots: &mut [RobotTrack], robot_motion: &RobotMotion) {
         for (index, robot) in robots.iter_mut().enumerate() {
-            if let Some(seen) = self.association.seen_as(index)
-                && self.association.is_only_one(index, seen)
+            if let Some(seen) = self.association.detection_of(index)
+                && self.association.is_unambiguous(index, seen)
             {
-                let candidate = self.seen[seen].at_frame(&place_rates(robot, robot_motion));
-                place::correct(&mut robot.track, self.motion.patch_mm(), &candidate);
+                let candidate = self.seen[seen].at_frame(&position_rates(robot, robot_motion));
+                team_patch::correct(&mut robot.track, self.motion.patch_mm(), &candidate);
             }
         }
     }
 
-    /// Corrects all tracks by what belongs to them, and ends those that nobody can be any more.
+    /// Corrects all tracks by their detections, and ends forgotten and invalid ones.
     fn observe(&mut self, first: usize, t_ns: u64, rules: &TrackRules) {
-        let Self { association, motion, trusted, noted, seen, .. } = self;
+        let Self { association, motion, confirmed, tentative, seen, .. } = self;
         let mut index = first;
         let mut observe = |unknown: &mut UnknownTrack| {
             let track = &mut unknown.track;
-            let rates = motion.rates(&track.blend.merged(UnknownMotion::WRAP));
-            let own = association.seen_as(index).map(|seen_as| seen[seen_as].at_frame(&rates));
+            let rates = motion.rates(&track.imm.merged(UnknownMotion::WRAP));
+            let own = association.detection_of(index).map(|own| seen[own].at_frame(&rates));
             track.observe(own.into_iter(), &[1.0; UNKNOWN_HYPOTHESES], t_ns, motion, rules);
             unknown.frames_tracked = unknown.frames_tracked.saturating_add(1);
             index += 1;
-            track.blend.is_possible(&motion.limits()) && !track.is_forgotten(t_ns, rules)
+            track.imm.is_possible(&motion.limits()) && !track.is_forgotten(t_ns, rules)
         };
-        trusted.retain_mut(&mut observe);
-        noted.retain_mut(|unknown| observe(unknown) && unknown.track.frames_unseen == 0);
+        confirmed.retain_mut(&mut observe);
+        tentative.retain_mut(|unknown| observe(unknown) && unknown.track.frames_unseen == 0);
     }
 
-    /// Ends tracks that have turned out to be of a robot with a name.
-    fn end_twins(&mut self, robots: &[RobotTrack]) {
+    /// Ends tracks that have turned out to be identified robots.
+    fn end_duplicates(&mut self, robots: &[RobotTrack]) {
         let half_size_mm = self.half_size_mm;
         let is_seen = |robot: &&RobotTrack| {
             matches!(
@@ -202,10 +206,10 @@ impl UnknownRobots {
                 TrackStatus::Measured | TrackStatus::Initialised | TrackStatus::Located
             )
         };
-        self.trusted.retain(|unknown| {
-            let [x_mm, y_mm] = place_of(unknown);
+        self.confirmed.retain(|unknown| {
+            let [x_mm, y_mm] = position_of(unknown);
             let is_there = |robot: &RobotTrack| {
-                let center = robot.track.blend.merged(RobotMotion::WRAP).mean;
+                let center = robot.track.imm.merged(RobotMotion::WRAP).mean;
                 robot.team == unknown.team
                     && (center[0] - x_mm).hypot(center[1] - y_mm) < half_size_mm
             };
@@ -213,13 +217,13 @@ impl UnknownRobots {
         });
     }
 
-    /// Notes what belongs to nobody.
-    fn note_new(&mut self, t_ns: u64) {
+    /// Starts tentative tracks at detections that belong to no track.
+    fn start_tentative(&mut self, t_ns: u64) {
         for (index, patch) in self.seen.iter().enumerate() {
             if !self.association.is_owned(index)
-                && self.trusted.len() + self.noted.len() < MAX_UNKNOWN_ROBOTS
+                && self.confirmed.len() + self.tentative.len() < MAX_UNKNOWN_ROBOTS
             {
-                self.noted.push(UnknownTrack {
+                self.tentative.push(UnknownTrack {
                     team: patch.team,
                     track_id: 0,
                     frames_tracked: 1,
@@ -229,17 +233,17 @@ impl UnknownRobots {
         }
     }
 
-    fn trust_those_seen_often(&mut self) {
-        let Self { trusted, noted, last_track_id, .. } = self;
-        noted.retain_mut(|unknown| {
-            if unknown.frames_tracked < FRAMES_TO_TRUST {
+    fn confirm_tracks(&mut self) {
+        let Self { confirmed, tentative, last_track_id, .. } = self;
+        tentative.retain_mut(|unknown| {
+            if unknown.frames_tracked < FRAMES_TO_CONFIRM {
                 return true;
             }
-            // After the last number there is they start anew, and some may still be somebody's.
+            // After the last number they begin anew, and some may still be in use.
             loop {
                 *last_track_id = last_track_id.wrapping_add(1).max(1);
                 unknown.track_id = *last_track_id;
-                if insert(trusted, *unknown) {
+                if insert(confirmed, *unknown) {
                     return false;
                 }
             }
@@ -248,27 +252,27 @@ impl UnknownRobots {
 }
 
 impl SeenPatch {
-    /// As it would have been measured at the frame's time, by something that moves so.
+    /// The measurement converted to the frame's time, for an object that moves at these rates.
     fn at_frame(&self, rates: &Rates<2>) -> Candidate<2> {
-        rates.take_off(self.delay_s, self.candidate, UnknownMotion::WRAP_MEASURED)
+        rates.at_frame_time(self.delay_s, self.candidate, UnknownMotion::WRAP_MEASURED)
     }
 }
 
-fn place_of(unknown: &UnknownTrack) -> [f64; 2] {
-    let mean = unknown.track.blend.merged(UnknownMotion::WRAP).mean;
+fn position_of(unknown: &UnknownTrack) -> [f64; 2] {
+    let mean = unknown.track.imm.merged(UnknownMotion::WRAP).mean;
     [mean[0], mean[1]]
 }
 
-/// How fast a named robot's place changes.
-fn place_rates(robot: &RobotTrack, motion: &RobotMotion) -> Rates<2> {
-    let rates = motion.rates(&robot.track.blend.merged(RobotMotion::WRAP));
+/// Rates of change of an identified robot's position.
+fn position_rates(robot: &RobotTrack, motion: &RobotMotion) -> Rates<2> {
+    let rates = motion.rates(&robot.track.imm.merged(RobotMotion::WRAP));
     Rates {
         mean: Vector2::new(rates.mean[0], rates.mean[1]),
         covariance: rates.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
     }
 }
 
-/// Puts a track where it belongs, by team and number; `false` if its number is another's, of either team.
+/// Inserts a track in order of team and number; `false` if its number is in use, by either team.
 fn insert(tracks: &mut Vec<UnknownTrack>, new: UnknownTrack) -> bool {
     let is_free = tracks.iter().all(|unknown| unknown.track_id != new.track_id);
     if is_free {
@@ -285,9 +289,9 @@ fn predict(
     motion: &UnknownMotion,
 ) {
     if from_ns < to_ns {
-        track.blend.mix(&UnknownMotion::ODDS, UnknownMotion::WRAP);
+        track.imm.mix(&UnknownMotion::TRANSITIONS, UnknownMotion::WRAP);
         let dt_s = (to_ns - from_ns) as f64 * 1e-9;
-        for (index, hypothesis) in track.blend.hypotheses.iter_mut().enumerate() {
+        for (index, hypothesis) in track.imm.hypotheses.iter_mut().enumerate() {
             motion.predict(&mut hypothesis.belief, index, dt_s);
         }
     }

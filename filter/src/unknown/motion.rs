@@ -1,8 +1,8 @@
-//! How a robot moves of which only the team is known.
+//! Motion model of a robot of which only the team is known.
 
-use crate::blend::{Blend, Wrap};
 use crate::constant_velocity::{self, ConstantVelocity, no_angles};
 use crate::gaussian::Gaussian;
+use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
 use common::config::{Config, FilterConfig, PatchRole};
@@ -10,22 +10,22 @@ use common::layout::Layout;
 use common::messages::UNKNOWN_HYPOTHESES;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
-/// No robot is faster.
+/// Limit of a robot's speed.
 const MAX_SPEED_MM_S: f64 = 4000.0;
-/// How fast robots turn, 1σ, rad/s: what the patch moves against the centre.
+/// Turning rate of robots, 1σ, rad/s: it moves the patch relative to the centre.
 const TURNING_SIGMA: f64 = 4.0;
 
 /// The constants of the filter, from the configuration, in mm and s.
 ///
-/// What is followed is the team patch, which is measured to a millimetre from frame to frame; by how
-/// much it is away from the robot's centre, in a direction that nobody knows, is added to what goes
-/// out. As noise of the measurement that distance would be a lie: it is not new in every frame, and a
-/// filter would believe to have averaged it away after a few.
+/// The state is that of the team patch, which is measured to a millimetre from frame to frame. The offset
+/// from patch to centre has known length and unknown direction; its covariance is added to the output only.
+/// It must not be treated as measurement noise: it is constant, and a filter would average it away after a
+/// few frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnknownMotion {
     motion: ConstantVelocity,
     noise: Matrix2<f64>,
-    /// Acceleration noise by hypothesis.
+    /// Acceleration noise of each hypothesis.
     accelerations: [f64; UNKNOWN_HYPOTHESES],
     patch_mm: Vector2<f64>,
 }
@@ -45,27 +45,27 @@ impl UnknownMotion {
         }
     }
 
-    /// Where the team patch is in a robot's frame.
+    /// Position of the team patch in the robot's frame.
     pub fn patch_mm(&self) -> &Vector2<f64> {
         &self.patch_mm
     }
 
-    /// What is believed of the patch `dt_s` later under one of the hypotheses (by its index).
+    /// Predicts a belief about the patch by `dt_s` under one of the hypotheses (by its index).
     pub fn predict(&self, belief: &mut Gaussian<4>, hypothesis: usize, dt_s: f64) {
         self.motion.predict(belief, self.accelerations[hypothesis], dt_s);
     }
 
-    /// Where it moves to.
+    /// The state after `dt_s`, without noise.
     pub fn advance(&self, state: &Vector4<f64>, dt_s: f64) -> Vector4<f64> {
         self.motion.advance(state, dt_s)
     }
 
-    /// How fast the patch's position changes.
+    /// Rates of change of the patch's position.
     pub fn rates(&self, belief: &Gaussian<4>) -> Rates<2> {
         ConstantVelocity::rates(belief)
     }
 
-    /// What is believed of the centre, from what is believed of the patch.
+    /// Belief about the centre, from that about the patch.
     pub fn center(&self, patch: Gaussian<4>) -> Gaussian<4> {
         let place = self.center_variance();
         let velocity = place * TURNING_SIGMA.powi(2);
@@ -73,7 +73,7 @@ impl UnknownMotion {
         Gaussian { covariance: patch.covariance + unknown, ..patch }
     }
 
-    /// Variance of each coordinate of the centre as seen from the patch: of a point on a circle.
+    /// Variance of each coordinate of the centre, given the patch: that of a point on a circle.
     pub fn center_variance(&self) -> f64 {
         self.patch_mm.norm_squared() / 2.0
     }
@@ -82,15 +82,15 @@ impl UnknownMotion {
 impl Motion<4, UNKNOWN_HYPOTHESES, 2> for UnknownMotion {
     const WRAP: Wrap<4> = no_angles::<4>;
     const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
-    /// From driving freely, struck to the same.
-    const ODDS: [[f64; UNKNOWN_HYPOTHESES]; UNKNOWN_HYPOTHESES] = [[0.99, 0.01], [0.9, 0.1]];
+    /// Transition probabilities between two frames: rows from driving freely, struck; columns to the same.
+    const TRANSITIONS: [[f64; UNKNOWN_HYPOTHESES]; UNKNOWN_HYPOTHESES] = [[0.99, 0.01], [0.9, 0.1]];
 
     fn noise(&self) -> &Matrix2<f64> {
         &self.noise
     }
 
-    fn initial(&self, measured: &Vector2<f64>) -> Blend<4, UNKNOWN_HYPOTHESES> {
-        Blend::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
+    fn initial(&self, measured: &Vector2<f64>) -> Imm<4, UNKNOWN_HYPOTHESES> {
+        Imm::new(constant_velocity::first_seen(measured, &self.noise), [0.9, 0.1])
     }
 
     fn reach(&self, dt_s: f64) -> Vector2<f64> {

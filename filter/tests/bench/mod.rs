@@ -1,6 +1,6 @@
-//! A filter that is shown one frame after the other.
+//! A filter that is fed one frame after the other.
 
-// Every test file uses its own part of this.
+// Each test file uses a part of this.
 #![allow(dead_code)]
 
 use crate::pitch::*;
@@ -8,7 +8,7 @@ use common::config::Config;
 use common::messages::{DetectedRobot, DetectionFrame, RobotState, TrackStatus, WorldFrame};
 use touchline_filter::Filter;
 
-/// A filter, the frame it gets next and what it said last.
+/// A filter, its next frame and its last output.
 pub struct Bench {
     pub filter: Filter,
     pub frame: Box<DetectionFrame>,
@@ -28,7 +28,7 @@ impl Bench {
         }
     }
 
-    /// One frame after the last, with these robots in it.
+    /// Advances by one frame that contains these robots.
     pub fn see(&mut self, robots: &[DetectedRobot]) -> &WorldFrame {
         self.see_both(robots, None)
     }

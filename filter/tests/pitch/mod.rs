@@ -1,7 +1,7 @@
-//! A small world of differential-drive robots with exact truth, and a camera that measures it with
-//! known noise: what the filter is judged against.
+//! A simulation of differential-drive robots with exact truth, and of a camera that measures it with known
+//! noise: the reference for the filter.
 
-// Every test file uses its own part of this.
+// Each test file uses a part of this.
 #![allow(dead_code)]
 
 use bytemuck::Zeroable;
@@ -14,9 +14,9 @@ use common::messages::{
 pub const FRAME_NS: u64 = 12_500_000;
 /// Capture of the first frame.
 pub const START_NS: u64 = 5_000_000_000;
-/// From capture to the tracker's output.
+/// Latency from capture to the tracker's output.
 pub const TRACKER_NS: u64 = 4_000_000;
-/// From the tracker's output until the strategy has sent its commands.
+/// Latency from the tracker's output until the strategy has sent its commands.
 const STRATEGY_NS: u64 = 3_000_000;
 /// As in the default configuration.
 const DELAY_NS: u64 = 50_000_000;
@@ -48,14 +48,14 @@ impl Random {
     }
 }
 
-/// How a robot's wheels follow what they are told.
+/// Response of a robot's wheels to commands.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Wheels {
-    /// At once; the strategy ramps its commands itself.
+    /// Immediate; the strategy ramps its commands.
     Exact,
-    /// With a first-order lag of so many seconds; the strategy ramps too.
+    /// First-order lag, time constant in seconds; the strategy ramps its commands, too.
     Lagging(f64),
-    /// With at most so many mm/s², however far the command is.
+    /// Limited acceleration, mm/s², for any step of the command.
     Limited(f64),
 }
 
@@ -66,7 +66,7 @@ pub struct Pose {
     pub theta: f64,
 }
 
-/// One true robot.
+/// A simulated robot.
 #[derive(Clone)]
 pub struct Robot {
     pub pose: Pose,
@@ -74,18 +74,18 @@ pub struct Robot {
     pub right: f64,
     pub frames_still: u32,
     pub wheels: Wheels,
-    /// Strategy: speeds it wants, and when it changes its mind.
+    /// Strategy: desired speeds, and the time of the next change.
     goal: (f64, f64),
     next_goal_ns: u64,
-    /// Strategy: what it commands now.
+    /// Strategy: current command.
     told: (f64, f64),
-    /// Sent, not yet superseded: time of acting and speeds.
+    /// Commands sent and not yet superseded: time of acting and speeds.
     pending: Vec<(u64, f64, f64)>,
     random: Random,
     t_ns: u64,
 }
 
-/// Strongest acceleration of a wheel.
+/// Maximum acceleration of a wheel.
 const RAMP_MM_S2: f64 = 3000.0;
 
 impl Robot {
@@ -111,7 +111,7 @@ impl Robot {
         }
     }
 
-    /// Lets the robot drive until `t_ns`.
+    /// Simulates the robot until `t_ns`.
     pub fn drive_to(&mut self, t_ns: u64) {
         let before = self.pose;
         while self.t_ns < t_ns {
@@ -149,7 +149,7 @@ impl Robot {
         (self.right - self.left) / WHEEL_BASE_MM
     }
 
-    /// What the strategy sends at `t_ns`: it drives, turns and stops as it pleases.
+    /// The command that the strategy sends at `t_ns`: random driving, turning and stopping.
     pub fn strategy(&mut self, t_ns: u64) -> (f64, f64) {
         if t_ns >= self.next_goal_ns {
             self.next_goal_ns = t_ns + (self.random.between(0.2, 1.2) * 1e9) as u64;
@@ -190,7 +190,7 @@ impl Robot {
     }
 }
 
-/// One true ball: rolls, is kicked now and then, is hidden now and then.
+/// A simulated ball: rolls, is kicked and hidden now and then.
 #[derive(Clone)]
 pub struct Ball {
     pub position: (f64, f64),
@@ -205,7 +205,7 @@ impl Ball {
         Self { position: (0.0, 0.0), velocity: (400.0, 300.0), frames_hidden: 0, random }
     }
 
-    /// Lets it roll for a frame, losing 30 % of its speed in a second.
+    /// Simulates a frame of rolling, with 30 % loss of speed per second.
     pub fn roll(&mut self) {
         let dt = FRAME_NS as f64 * 1e-9;
         let random = &mut self.random;
@@ -232,7 +232,7 @@ impl Ball {
     }
 }
 
-/// A detection frame with nothing in it.
+/// A detection frame without detections.
 pub fn empty_frame(seq: u64, t_ns: u64) -> Box<DetectionFrame> {
     let mut frame = Box::new(DetectionFrame::zeroed());
     stamp(&mut frame, seq, t_ns);
@@ -262,7 +262,7 @@ pub fn detected_ball(x: f64, y: f64, confidence: f32) -> DetectedBall {
     DetectedBall { x_mm: x as f32, y_mm: y as f32, confidence, ..Default::default() }
 }
 
-/// A message with the given (team, robot, left, right).
+/// A message with these commands: (team, robot, left, right).
 pub fn commands(seq: u64, t_sent_ns: u64, wheels: &[(u32, u32, f64, f64)]) -> Commands {
     let mut message = Commands {
         seq,
@@ -294,18 +294,17 @@ impl Noise {
     }
 }
 
-/// A match: true robots, seen and commanded.
+/// A match: simulated robots, seen and commanded.
 pub struct Match {
     pub robots: Vec<Robot>,
-    /// Whether the filter overhears the commands.
+    /// Whether the filter receives the commands.
     pub overheard: bool,
     pub noise: Noise,
     /// Mean seconds between a robot's collisions.
     pub collisions_every_s: Option<f64>,
-    /// Whether most of an error stays until the robot has moved by some 0.8 mm, as with a real pixel
-    /// grid.
+    /// Whether most of an error persists until the robot has moved by some 0.8 mm, as on a real pixel grid.
     pub errors_stay: bool,
-    /// By robot: pose when last seen, and the part of the error that stays, in 1σ.
+    /// For each robot: pose when last seen, and the persistent part of the error, in 1σ.
     stays: Vec<(Pose, [f64; 3])>,
     random: Random,
     pub seq: u64,
@@ -339,8 +338,8 @@ impl Match {
         ((index / 5) as u32, (index % 5) as u32)
     }
 
-    /// Drives on to the next frame, fills `detections` from it, and returns the commands that the
-    /// strategies send upon it.
+    /// Simulates up to the next frame, fills `detections` from it, and returns the commands that the
+    /// strategies send in reply.
     pub fn next_frame(&mut self) -> Commands {
         let t_ns = self.t_ns();
         stamp(&mut self.detections, self.seq, t_ns);
@@ -369,7 +368,7 @@ impl Match {
     }
 }
 
-/// As measured in the synthetic match: 84 % of the variance stays in place.
+/// As measured in the synthetic match: 84 % of the variance persists.
 fn measure_on_a_grid(
     (last, stays): &mut (Pose, [f64; 3]),
     pose: Pose,
@@ -392,7 +391,7 @@ fn measure_on_a_grid(
     }
 }
 
-/// Errors against the truth.
+/// Errors relative to the truth.
 #[derive(Default, Clone)]
 pub struct Errors {
     pub position_mm: Vec<f64>,

@@ -1,13 +1,13 @@
-//! What a robot that cannot be told from others of its team says about a robot that is missing.
+//! Correction of a robot that was not recognised by a team patch of its team.
 //!
-//! When an identification patch is hidden for a moment, the tracker still sees where the team patch
-//! is. With the heading that is believed of the missing robot, the place of its patch is a measurement
-//! of its centre: of two components, more uncertain across the arm from centre to patch the less
-//! certain the heading is. The correlation between the two errors is not used, which makes the
-//! correction a little weaker than it could be, never bolder.
+//! If an identification patch is hidden for a moment, the tracker still sees the team patch, at z. With the
+//! estimated heading θ of the missing robot and the patch at a in the robot's frame, z − R(θ) a measures the
+//! robot's centre. Its covariance is that of the patch, plus n nᵀ σ_θ² with n perpendicular to R(θ) a: the
+//! less certain the heading, the less certain the centre across the arm. The correlation between the errors
+//! of measurement and heading is ignored; this makes the correction weaker than optimal, never overconfident.
 
-use crate::blend::Wrap;
 use crate::gaussian::Innovation;
+use crate::imm::Wrap;
 use crate::robot::RobotMotion;
 use crate::track::{Candidate, Motion, Track};
 use common::messages::{ROBOT_HYPOTHESES, TrackStatus};
@@ -15,11 +15,11 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 
 type Robot = Track<5, ROBOT_HYPOTHESES, 3>;
 
-/// A heading that is less certain than this is as good as none.
+/// Limit of the heading's variance, rad²: above it the heading is unknown.
 const MAX_HEADING_VARIANCE: f64 = 1.0;
 
-/// The probability density, per mm², that the patch seen is that of the robot; `None` outside the gate
-/// of every hypothesis. `patch_mm` is where the patch is in the robot's frame.
+/// Probability density, per mm², of the patch under the robot's track; `None` outside the gate of every
+/// hypothesis. `patch_mm` is the position of the patch in the robot's frame.
 pub fn density(
     robot: &Robot,
     patch_mm: &Vector2<f64>,
@@ -27,17 +27,19 @@ pub fn density(
     gate_chi2: f64,
 ) -> Option<f64> {
     let innovations = innovations(robot, patch_mm, seen).map(|it| it.map(|(i, _)| i));
-    robot.blend.density(&innovations, gate_chi2)
+    robot.imm.density(&innovations, gate_chi2)
 }
 
-/// Corrects the robot's place by the patch, and calls it [`Located`](TrackStatus::Located). For how
-/// long it has not been recognised is not changed by that, so nobody keeps a number for ever on the
-/// strength of being there.
+/// Corrects the robot's position by the patch, and sets its status to [`Located`](TrackStatus::Located). The
+/// time since it was last recognised keeps running, so a robot cannot keep its identity by its position
+/// alone.
 pub fn correct(robot: &mut Robot, patch_mm: &Vector2<f64>, seen: &Candidate<2>) {
     const WRAP: Wrap<5> = RobotMotion::WRAP;
     let innovations = innovations(robot, patch_mm, seen);
-    robot.blend.weigh(&innovations.map(|it| it.map(|(innovation, _)| innovation.ln_density)));
-    for (hypothesis, innovation) in robot.blend.hypotheses.iter_mut().zip(innovations) {
+    robot.imm.update_probabilities(
+        &innovations.map(|it| it.map(|(innovation, _)| innovation.ln_density)),
+    );
+    for (hypothesis, innovation) in robot.imm.hypotheses.iter_mut().zip(innovations) {
         if let Some((innovation, noise)) = innovation {
             hypothesis.belief.correct(&innovation, &noise);
             WRAP(&mut hypothesis.belief.mean);
@@ -46,13 +48,13 @@ pub fn correct(robot: &mut Robot, patch_mm: &Vector2<f64>, seen: &Candidate<2>) 
     robot.status = TrackStatus::Located;
 }
 
-/// By hypothesis, the innovation of the centre as measured by the patch, and that measurement's noise.
+/// For each hypothesis, the innovation of the centre, and the covariance of its measurement.
 fn innovations(
     robot: &Robot,
     patch_mm: &Vector2<f64>,
     seen: &Candidate<2>,
 ) -> [Option<(Innovation<2>, Matrix2<f64>)>; ROBOT_HYPOTHESES] {
-    robot.blend.hypotheses.map(|hypothesis| {
+    robot.imm.hypotheses.map(|hypothesis| {
         let belief = &hypothesis.belief;
         let arm = Rotation2::new(belief.mean[2]) * patch_mm;
         let across = Vector2::new(-arm.y, arm.x);

@@ -1,48 +1,50 @@
-//! Several hypotheses about how something moves, each with a Kalman filter of its own, weighed by
-//! how well they explain what is seen.
+//! The interacting-multiple-model estimator (Blom and Bar-Shalom, *The interacting multiple model algorithm
+//! for systems with Markovian switching coefficients*, 1988).
 //!
-//! No single noise setting suits a robot that stands for a second, accelerates, and is hit by
-//! another one: what smooths the first lags behind the third. So the motion model of the paper is
-//! kept once per hypothesis, and the interacting-multiple-model scheme (Blom and Bar-Shalom, 1988)
-//! blends them: before each prediction the filters exchange what they know in proportion to the odds
-//! that the motion changes ([`Blend::mix`]); after each measurement the odds follow the likelihoods
-//! ([`Blend::weigh`]); what goes out is the mean over all of them ([`Blend::merged`]).
+//! No single noise setting suits a robot that stands for a second, accelerates, and is hit by another one: a
+//! setting that smooths the first lags behind the third. So the motion model of the paper is kept once per
+//! hypothesis, each with its Kalman filter and its probability μ. With the transition probabilities p_ij
+//! between hypotheses, a frame has three steps. Mixing ([`Imm::mix`]), before the prediction: μ_j = Σ_i p_ij
+//! μ_i, and filter j restarts from the mean and covariance of the mixture of all filters i with weights p_ij
+//! μ_i / μ_j. Reweighting ([`Imm::update_probabilities`]), after the measurement: μ_j is multiplied by the
+//! likelihood of the measurement under j, and normalised. Output ([`Imm::merged`]): mean and covariance of
+//! the mixture of all.
 
 use crate::gaussian::{Gaussian, Innovation};
 use nalgebra::SVector;
 
-/// Puts the angles of a state, or of a difference of states, back into (−π, π].
+/// Wraps the angles of a state, or of a difference of states, into (−π, π].
 pub type Wrap<const N: usize> = fn(&mut SVector<f64, N>);
 
 /// One hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hypothesis<const N: usize> {
-    /// How likely it is.
+    /// Its probability.
     pub probability: f64,
-    /// What is believed if it holds.
+    /// The belief if it holds.
     pub belief: Gaussian<N>,
 }
 
 /// `M` hypotheses about a state of `N` components; their probabilities add up to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Blend<const N: usize, const M: usize> {
+pub struct Imm<const N: usize, const M: usize> {
     /// The hypotheses.
     pub hypotheses: [Hypothesis<N>; M],
 }
 
-impl<const N: usize, const M: usize> Blend<N, M> {
+impl<const N: usize, const M: usize> Imm<N, M> {
     /// The same belief under every hypothesis.
     pub fn new(belief: Gaussian<N>, probabilities: [f64; M]) -> Self {
         Self { hypotheses: probabilities.map(|probability| Hypothesis { probability, belief }) }
     }
 
-    /// Lets a frame pass in which the motion may change: `odds[i][j]` is the probability that
-    /// hypothesis `j` holds now if `i` did before. Each belief becomes the mean of all those from
-    /// which its hypothesis may have arisen. Mean and covariance of the whole stay as they are.
-    pub fn mix(&mut self, odds: &[[f64; M]; M], wrap: Wrap<N>) {
+    /// Mixing: `transitions[i][j]` is the probability that hypothesis `j` holds now if `i` did before. Each
+    /// belief becomes the mean of all those from which its hypothesis may have arisen. Mean and covariance of
+    /// the mixture do not change.
+    pub fn mix(&mut self, transitions: &[[f64; M]; M], wrap: Wrap<N>) {
         let before = self.hypotheses;
         for (to, hypothesis) in self.hypotheses.iter_mut().enumerate() {
-            let share = |from: usize| odds[from][to] * before[from].probability;
+            let share = |from: usize| transitions[from][to] * before[from].probability;
             let total: f64 = (0..M).map(share).sum();
             hypothesis.probability = total;
             if total > 0.0 {
@@ -52,9 +54,9 @@ impl<const N: usize, const M: usize> Blend<N, M> {
         }
     }
 
-    /// Multiplies the odds by the likelihoods of a measurement, given as logarithms (`None`:
-    /// impossible under this hypothesis). Leaves them alone if it is impossible under all.
-    pub fn weigh(&mut self, ln_likelihoods: &[Option<f64>; M]) {
+    /// Multiplies the probabilities by the likelihoods of a measurement, given as logarithms (`None`:
+    /// impossible under this hypothesis). No effect if it is impossible under all.
+    pub fn update_probabilities(&mut self, ln_likelihoods: &[Option<f64>; M]) {
         let best = ln_likelihoods.iter().flatten().fold(f64::NEG_INFINITY, |a, &b| a.max(b));
         let weight = |hypothesis: &Hypothesis<N>, ln_likelihood: &Option<f64>| {
             hypothesis.probability * ln_likelihood.map_or(0.0, |value| (value - best).exp())
@@ -68,8 +70,8 @@ impl<const N: usize, const M: usize> Blend<N, M> {
         }
     }
 
-    /// The probability density of a measurement, given its innovation under each hypothesis (`None`:
-    /// impossible); `None` if it lies outside the gate of all.
+    /// Probability density of a measurement, given its innovation under each hypothesis (`None`: impossible);
+    /// `None` if it lies outside the gate of all.
     pub fn density<const Z: usize>(
         &self,
         innovations: &[Option<Innovation<Z>>; M],
@@ -82,13 +84,13 @@ impl<const N: usize, const M: usize> Blend<N, M> {
         is_inside.then(|| innovations.iter().zip(&self.hypotheses).map(density).sum())
     }
 
-    /// Mean and covariance of the whole.
+    /// Mean and covariance of the mixture.
     pub fn merged(&self, wrap: Wrap<N>) -> Gaussian<N> {
         let weighted = self.hypotheses.iter().map(|h| (h.probability, &h.belief));
         moments(weighted, &self.most_likely().belief, wrap)
     }
 
-    /// The mean alone.
+    /// Mean of the mixture.
     pub fn merged_mean(&self, wrap: Wrap<N>) -> SVector<f64, N> {
         let weighted = self.hypotheses.iter().map(|h| (h.probability, &h.belief));
         mean(weighted, &self.most_likely().belief.mean, wrap)
@@ -102,7 +104,7 @@ impl<const N: usize, const M: usize> Blend<N, M> {
         })
     }
 
-    /// Whether this can be the state of a track; see [`Gaussian::is_possible`].
+    /// Whether this is a valid state of a track; see [`Gaussian::is_possible`].
     pub fn is_possible(&self, limits: &SVector<f64, N>) -> bool {
         let total: f64 = self.hypotheses.iter().map(|hypothesis| hypothesis.probability).sum();
         (total - 1.0).abs() < 1e-6
@@ -113,8 +115,7 @@ impl<const N: usize, const M: usize> Blend<N, M> {
     }
 }
 
-/// Mean and covariance of a weighted mixture. Angles are averaged as differences from those of
-/// `near`.
+/// Mean and covariance of a weighted mixture. Angles are averaged as differences from those of `near`.
 fn moments<'a, const N: usize>(
     weighted: impl Iterator<Item = (f64, &'a Gaussian<N>)> + Clone,
     near: &Gaussian<N>,
@@ -136,7 +137,7 @@ fn moments<'a, const N: usize>(
     result
 }
 
-/// Mean of a weighted mixture, likewise.
+/// Mean of a weighted mixture. Angles are averaged as differences from those of `near`.
 fn mean<'a, const N: usize>(
     weighted: impl Iterator<Item = (f64, &'a Gaussian<N>)>,
     near: &SVector<f64, N>,
@@ -167,45 +168,45 @@ mod tests {
 
     fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
 
-    fn two(probabilities: [f64; 2], means: [f64; 2]) -> Blend<1, 2> {
+    fn two(probabilities: [f64; 2], means: [f64; 2]) -> Imm<1, 2> {
         let belief = Gaussian { mean: Vector1::new(0.0), covariance: Matrix1::new(1.0) };
-        let mut blend = Blend::new(belief, probabilities);
-        for (hypothesis, mean) in blend.hypotheses.iter_mut().zip(means) {
+        let mut imm = Imm::new(belief, probabilities);
+        for (hypothesis, mean) in imm.hypotheses.iter_mut().zip(means) {
             hypothesis.belief.mean[0] = mean;
         }
-        blend
+        imm
     }
 
     #[test]
     fn the_whole_has_the_moments_of_a_mixture() {
         let merged = two([0.25, 0.75], [0.0, 4.0]).merged(no_angles);
         assert!((merged.mean[0] - 3.0).abs() < 1e-12);
-        // Within each 1, between them 0.25 · 0.75 · 4².
+        // 1 within each hypothesis, 0.25 · 0.75 · 4² between them.
         assert!((merged.covariance[0] - 4.0).abs() < 1e-12);
     }
 
     #[test]
     fn mixing_keeps_the_whole() {
-        let mut blend = two([0.25, 0.75], [0.0, 4.0]);
-        let before = blend.merged(no_angles);
-        blend.mix(&[[0.9, 0.1], [0.3, 0.7]], no_angles);
-        let after = blend.merged(no_angles);
+        let mut imm = two([0.25, 0.75], [0.0, 4.0]);
+        let before = imm.merged(no_angles);
+        imm.mix(&[[0.9, 0.1], [0.3, 0.7]], no_angles);
+        let after = imm.merged(no_angles);
         assert!((before.mean - after.mean).norm() < 1e-12);
         assert!((before.covariance - after.covariance).norm() < 1e-12);
-        // 0.25 · 0.9 + 0.75 · 0.3, of which the second half comes from 4.
-        assert!((blend.hypotheses[0].probability - 0.45).abs() < 1e-12);
-        assert!((blend.hypotheses[0].belief.mean[0] - 2.0).abs() < 1e-12);
+        // 0.25 · 0.9 + 0.75 · 0.3; half of it comes from 4.
+        assert!((imm.hypotheses[0].probability - 0.45).abs() < 1e-12);
+        assert!((imm.hypotheses[0].belief.mean[0] - 2.0).abs() < 1e-12);
     }
 
     #[test]
     fn odds_follow_the_likelihoods() {
-        let mut blend = two([0.5, 0.5], [0.0, 4.0]);
-        blend.weigh(&[Some(-1000.0), Some(-1000.0 + 3.0f64.ln())]);
-        assert!((blend.hypotheses[1].probability - 0.75).abs() < 1e-12);
-        blend.weigh(&[None, None]);
-        assert!((blend.hypotheses[1].probability - 0.75).abs() < 1e-12);
-        blend.weigh(&[Some(0.0), None]);
-        assert_eq!(blend.hypotheses[1].probability, 0.0);
+        let mut imm = two([0.5, 0.5], [0.0, 4.0]);
+        imm.update_probabilities(&[Some(-1000.0), Some(-1000.0 + 3.0f64.ln())]);
+        assert!((imm.hypotheses[1].probability - 0.75).abs() < 1e-12);
+        imm.update_probabilities(&[None, None]);
+        assert!((imm.hypotheses[1].probability - 0.75).abs() < 1e-12);
+        imm.update_probabilities(&[Some(0.0), None]);
+        assert_eq!(imm.hypotheses[1].probability, 0.0);
     }
 
     #[test]
@@ -215,9 +216,9 @@ mod tests {
         }
         let belief =
             Gaussian { mean: Vector2::new(3.1, 0.0), covariance: Matrix2::identity() * 1e-4 };
-        let mut blend = Blend::new(belief, [0.5, 0.5]);
-        blend.hypotheses[1].belief.mean[0] = -3.1;
-        let merged = blend.merged(wrap);
+        let mut imm = Imm::new(belief, [0.5, 0.5]);
+        imm.hypotheses[1].belief.mean[0] = -3.1;
+        let merged = imm.merged(wrap);
         assert!((merged.mean[0].abs() - std::f64::consts::PI).abs() < 1e-9, "{merged:?}");
         assert!(merged.covariance[(0, 0)] < 0.01);
     }
