@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_what_the_gains_say() {
+    fn corrected_values_follow_the_gains() {
         assert_eq!(Correction::new([0; 3], 0), Correction::NONE);
         assert_eq!(Correction::NONE.tables()[0].to_vec(), (0..=255).collect::<Vec<u8>>());
         // Limit of the gains of a lamp and a zone together, steps.

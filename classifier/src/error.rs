@@ -8,17 +8,17 @@ pub enum ClassifierError {
     /// Demosaicing needs a neighbour of every colour in both directions.
     #[error("camera picture is {width}×{height}, the smallest possible is 2×2")]
     ImageTooSmall {
-        /// As configured.
+        /// Configured value.
         width: u32,
-        /// As configured.
+        /// Configured value.
         height: u32,
     },
     /// Runs hold rows and columns in 16 bits.
     #[error("camera picture is {width}×{height}, the largest possible is 65535×65535")]
     ImageTooLarge {
-        /// As configured.
+        /// Configured value.
         width: u32,
-        /// As configured.
+        /// Configured value.
         height: u32,
     },
     /// The geometry tells where the pitch is in the picture, which correcting the light needs.
@@ -32,11 +32,11 @@ pub enum ClassifierError {
     EmptyRange {
         /// Name of the colour.
         color: String,
-        /// Which of its bounds.
+        /// Name of the bound.
         channel: &'static str,
-        /// As configured.
+        /// Configured value.
         low: f64,
-        /// As configured.
+        /// Configured value.
         high: f64,
     },
     /// A bound is infinite or not a number.
@@ -44,11 +44,11 @@ pub enum ClassifierError {
     NotFinite {
         /// Name of the colour.
         color: String,
-        /// Which of its bounds.
+        /// Name of the bound.
         channel: &'static str,
-        /// As configured.
+        /// Configured value.
         low: f64,
-        /// As configured.
+        /// Configured value.
         high: f64,
     },
 }

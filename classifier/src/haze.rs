@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_seen_through_haze() {
+    fn colours_under_haze_are_classified() {
         let clear = counts(&runs(&config(true), &frame(&config(true), 0.0)));
         let hazy = frame(&config(true), 70.0);
         let (seen, missed) =
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_list_is_the_beginning_of_the_whole() {
+    fn a_cut_off_list_is_the_beginning_of_the_whole() {
         let pixels = frame(&config(true), 60.0);
         let whole = runs(&config(true), &pixels);
         let header = config(true).camera.frame_header();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_are_above_what_their_floor_is_above() {
+    fn the_block_test_agrees_with_the_floor_quantile() {
         let config = config(true);
         let tables = ClassTables::new(&config.colors).unwrap();
         let mut haze = Haze::new(&config, &tables).unwrap();
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pitch_is_survived() {
+    fn pictures_without_a_pitch_are_survived() {
         for value in [0, 30, 128, 255] {
             let pixels = vec![value; config(true).camera.frame_bytes()];
             runs(&config(true), &pixels);

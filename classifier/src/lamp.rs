@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn brightness_counts_as_much_as_configured() {
+    fn gains_follow_brightness_by_the_configured_share() {
         let mut config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         for (brightness, steps) in [(0.0, 0), (0.5, 8), (1.0, 16)] {
             config.light.brightness = brightness;
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pitch_gives_no_gains() {
+    fn pictures_without_a_pitch_give_no_gains() {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         let lamp = Lamp::new(&config).unwrap().unwrap();
         for color in [[0; 3], [3; 3], [255; 3]] {
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn logarithms_are_logarithms() {
+    fn the_table_holds_rounded_logarithms() {
         for (value, &log) in LOG.iter().enumerate().skip(1) {
             let exact = (value as f64).log2() * f64::from(UNITS_PER_OCTAVE);
             assert!((f64::from(log) - exact).abs() <= 0.51, "{value}: {log}, not {exact}");

@@ -144,7 +144,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_quick_way_over_a_picture_is_the_slow_one(
+        fn fast_sampling_equals_the_general_one(
             (width, height, padding) in (2u32..400, 2u32..60, 0u32..3),
             seed: u32,
             order in proptest::sample::select(BayerOrder::ALL.to_vec()),

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_counts_can_be_seen() {
+    fn all_relevant_pixels_are_in_the_mask() {
         for config in Preset::ALL.map(Preset::config).into_iter().chain([high_camera()]) {
             let mask = FieldMask::new(&config);
             let (width, height) = (config.camera.width, config.camera.height);
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_outside_is_not_looked_at() {
+    fn pixels_far_outside_are_masked() {
         let config = high_camera();
         let mask = FieldMask::new(&config);
         let share = mask.pixels() as f64 / (640.0 * 480.0);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_usable_geometry_everything_is_looked_at() {
+    fn without_a_usable_geometry_nothing_is_masked() {
         let mut config = Config::default();
         config.geometry.points.truncate(2);
         assert_eq!(FieldMask::new(&config), FieldMask::everything(640, 480));
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_are_apart_and_in_order_whatever_the_shape() {
+    fn spans_are_apart_and_in_order_for_any_shape() {
         // A star, in pictures whose sizes are no multiples of a tile.
         for (width, height) in [(2, 2), (3, 200), (641, 479), (1001, 333)] {
             let is_inside = |point: ImagePoint| {
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn bits_of_a_span_are_its_columns() {
+    fn span_bits_match_columns() {
         for (begin, end) in [(0, 1), (3, 70), (64, 65), (10, 11), (63, 130)] {
             for (start, count) in [(0, 16), (1, 64), (60, 32), (100, 64)] {
                 let bits = Span { begin, end }.bits(start, count);

@@ -49,7 +49,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn ranks_are_those_of_sorted_values(
+        fn ranks_equal_those_of_sorted_values(
             values in proptest::collection::vec(any::<u8>(), 1..300),
             few in 0u8..3,
             at in 0.0..1.0f64,

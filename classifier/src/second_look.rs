@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn every_hue_and_every_saturation_is_on_its_side_of_a_bound() {
+    fn integer_bounds_separate_every_hue_and_saturation() {
         for (index, degrees) in (0..360).step_by(45).map(f64::from).enumerate() {
             let tenth = index as f64 / 10.0;
             let color = color(Some([degrees + tenth, degrees + 77.7]), Some([0.3, 0.7]));
@@ -449,7 +449,7 @@ mod tests {
         }
 
         #[test]
-        fn integers_say_what_the_formulas_say(
+        fn integer_bounds_agree_with_the_formulas(
             hue in (-400.0..400.0f64, -400.0..400.0f64),
             saturation in (-0.1..1.1f64, 0.0..1.0f64),
             met in any::<[u8; 3]>(),

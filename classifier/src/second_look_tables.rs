@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_that_colors_meet_exactly_lose_none() {
+    fn colors_exactly_on_a_bound_are_kept() {
         let values = [0, 1, 2, 3, 5, 9, 64, 100, 127, 128, 200, 254, 255];
         for degrees in (0..360).step_by(15).map(f64::from) {
             for (hue, saturation) in [(0.0, [0.0, 0.0]), (30.0, [1.0, 1.0]), (0.0, [0.0, 1.0])] {
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_a_little_beside_the_bounds_does_not_pass() {
+    fn colors_just_outside_the_bounds_do_not_pass() {
         let values: Vec<u8> = (0..=255).step_by(5).collect();
         for degrees in (0..360).step_by(20).map(f64::from) {
             let look = look(Some([degrees, degrees + 25.0]), Some([0.35, 0.8])).unwrap();

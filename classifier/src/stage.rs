@@ -146,7 +146,7 @@ impl Classifier {
         }
     }
 
-    /// How the light of the last frame was corrected.
+    /// Report on the correction of the last frame's light.
     pub fn light(&self) -> LightCorrection {
         let spread = match &self.shaded {
             Some(shaded) => shaded.spread(),

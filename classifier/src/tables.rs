@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn of_overlapping_boxes_the_first_counts() {
+    fn the_first_of_overlapping_boxes_counts() {
         let wide = color([0, 255], [0, 255], [0, 255]);
         let tables = ClassTables::new(&[paper_yellow(), wide.clone()]).unwrap();
         assert_eq!(tables.boxes([210, 240, 20]), 0b11);
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn yuv_pixels_are_compared_with_yuv_boxes_or_as_rgb() {
+    fn yuv_pixels_are_tested_with_yuv_boxes_or_as_rgb() {
         // Orange, (255, 169, 43) in RGB.
         let orange = [171, 60, 175];
         let in_rgb = color([250, 255], [165, 170], [40, 50]);
@@ -426,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn other_lights_are_corrections_of_pixels() {
+    fn corrected_tables_equal_corrected_pixels() {
         let red =
             ColorConfig { hue_deg: Some([340.0, 20.0]), ..color([90, 255], [0, 90], [0, 90]) };
         let grey =
@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn the_version_names_the_numbers_and_nothing_else() {
+    fn the_version_depends_on_the_numbers_only() {
         let yellow = paper_yellow();
         let of = |colors: &[ColorConfig]| ClassTables::new(colors).unwrap().version();
         let reference = of(std::slice::from_ref(&yellow));

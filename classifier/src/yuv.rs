@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colors_of_the_standard_come_out() {
+    fn the_standards_colors_are_converted() {
         for (yuv, rgb) in [
             ([16, 128, 128], [0, 0, 0]),
             ([235, 128, 128], [255, 255, 255]),

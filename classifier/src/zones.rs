@@ -53,7 +53,7 @@ impl Zones {
         self.tile_px
     }
 
-    /// How many tiles there are in a row.
+    /// Number of tiles in a row.
     pub fn columns(&self) -> usize {
         self.columns
     }
@@ -114,7 +114,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn parts_are_the_stretch_by_zone(
+        fn a_span_is_divided_by_zone(
             (width, height) in (1usize..300, 1usize..40),
             tile in 1usize..40,
             zones in proptest::collection::vec(0u8..3, 300),

@@ -44,7 +44,7 @@ fn assert_near(gains: &[f32], expected: &[f64]) {
 }
 
 #[test]
-fn a_step_of_the_light_and_back_is_seen_in_the_gains() {
+fn gains_follow_a_step_of_the_light_and_back() {
     let config = config();
     let mut classifier = Classifier::new(&config).unwrap();
     let as_set = LightCorrection { flags: LightCorrection::FOLLOWED, ..LightCorrection::NONE };
@@ -62,7 +62,7 @@ fn a_step_of_the_light_and_back_is_seen_in_the_gains() {
 }
 
 #[test]
-fn nothing_is_corrected_where_that_is_switched_off() {
+fn a_disabled_correction_does_nothing() {
     let mut config = config();
     let bright = frame(&config, [1.5; 3], 2.0);
     config.light.pitch_rgb = None;
@@ -72,7 +72,7 @@ fn nothing_is_corrected_where_that_is_switched_off() {
 }
 
 #[test]
-fn what_cannot_be_corrected_is_said() {
+fn limits_of_the_correction_are_reported() {
     let config = config();
     let mut classifier = Classifier::new(&config).unwrap();
     let dim = said(&mut classifier, &frame(&config, [0.25; 3], 1.0));
@@ -86,7 +86,7 @@ fn what_cannot_be_corrected_is_said() {
 }
 
 #[test]
-fn uneven_light_is_seen_in_the_zones() {
+fn zones_report_uneven_light() {
     let mut config = config();
     config.light.unevenness = 1.0;
     let mut classifier = Classifier::new(&config).unwrap();

@@ -34,7 +34,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn what_is_outside_is_background_and_nothing_else_changes(
+    fn only_masked_pixels_become_background(
         (width, height, order) in (2u32..260, 2u32..40, 0u32..4),
         size in 0.1..1.2f64,
         offset in [-0.5..0.5f64, -0.5..0.5f64],

@@ -100,7 +100,7 @@ proptest! {
 
     /// Only the second look decides, for every pixel.
     #[test]
-    fn runs_of_hues_equal_the_reference(
+    fn runs_of_second_looks_equal_the_reference(
         frame in any_frame(),
         colors in proptest::collection::vec(any_color(), 0..=32),
         dark in 0u8..5,
@@ -152,7 +152,7 @@ proptest! {
     }
 
     #[test]
-    fn what_does_not_fit_is_cut_off_and_flagged(
+    fn runs_beyond_capacity_are_cut_off_and_flagged(
         frame in any_frame(),
         colors in proptest::collection::vec(any_color(), 1..5),
         room in 0.0..1.0f64,
@@ -167,7 +167,7 @@ proptest! {
     }
 
     #[test]
-    fn rubbish_is_refused_without_a_trace(
+    fn invalid_frames_are_refused_without_a_trace(
         bytes: [u8; 64],
         damage in proptest::collection::vec((0usize..16, prop_oneof![
             Just(0u32), Just(1), Just(2), Just(u32::MAX), Just(1 << 31), any::<u32>(), 0u32..20,
@@ -276,7 +276,7 @@ fn widest_and_highest_frames_fit_their_runs() {
 }
 
 #[test]
-fn images_that_do_not_fit_their_pixels_do_not_exist() {
+fn images_larger_than_their_pixels_are_refused() {
     let pixels = [0; 20];
     let exists = |width, height, stride| {
         BayerImage::new(&pixels, width, height, stride, BayerOrder::Rggb).is_some()
@@ -288,7 +288,7 @@ fn images_that_do_not_fit_their_pixels_do_not_exist() {
 }
 
 #[test]
-fn a_bad_frame_does_not_harm_the_next() {
+fn a_bad_frame_has_no_effect_on_the_next() {
     let frame = Frame::new(6, 4, 6, BayerOrder::Rggb, vec![200; 24]);
     let colors = [color([0, 255], [0, 255], [0, 255])];
     let mut classifier = Classifier::new(&config(6, 4, &colors)).unwrap();

@@ -189,7 +189,7 @@ fn version(config: &Config, frame: &Frame) -> u64 {
 }
 
 #[test]
-fn frames_with_other_zones_have_other_tables_by_name() {
+fn different_zones_have_different_versions() {
     let uneven = config(1.0);
     let even =
         Config { light: LightConfig { unevenness: 0.0, ..uneven.light.clone() }, ..uneven.clone() };
@@ -218,7 +218,7 @@ fn frames_with_other_zones_have_other_tables_by_name() {
 }
 
 #[test]
-fn what_is_no_pitch_is_survived() {
+fn pictures_without_a_pitch_are_survived() {
     let config = config(1.0);
     for level in SimdLevel::available() {
         let mut classifier = Classifier::with_level(&config, level).unwrap();

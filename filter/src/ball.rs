@@ -27,7 +27,7 @@ pub struct BallMotion {
 }
 
 impl BallMotion {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &FilterConfig) -> Self {
         let rolling = config.ball_acceleration_noise_mm_s2;
         Self {

@@ -24,7 +24,7 @@ const MAX_SEGMENT_NS: u64 = 50_000_000;
 const QUEUE_MARGIN_NS: u64 = 60_000_000;
 
 impl CommandTiming {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &FilterConfig) -> Self {
         let delay_ns = ns_from_ms(config.actuation_delay_ms);
         Self {
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn late_commands_find_their_place_and_close_ones_share_one() {
+    fn late_commands_are_sorted_and_close_ones_merged() {
         let mut queue = queue(&[(1000, 1.0), (1040, 3.0), (1020, 2.0), (1025, 2.5)]);
         let speeds: Vec<f64> = queue.entries().iter().map(|e| e.left_mm_s).collect();
         assert_eq!(speeds, [1.0, 2.5, 3.0]);
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_can_still_act_is_kept() {
+    fn expired_commands_are_removed() {
         let mut queue = queue(&[(1000, 1.0), (1020, 2.0), (1040, 3.0)]);
         queue.prune(1069 * MS, &timing());
         assert_eq!(queue.entries().len(), 3);
@@ -232,7 +232,7 @@ mod tests {
     proptest! {
         /// After any insertions, the queue is sorted and contains the newest command.
         #[test]
-        fn any_order_of_commands_is_survived(
+        fn any_order_of_commands_is_sorted(
             commands in prop::collection::vec((0u64..400, -9.0..9.0), 1..60),
             prune_ms in 0u64..500,
         ) {

@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_definite_has_no_root() {
+    fn indefinite_matrices_have_no_root() {
         for matrix in [
             Matrix2::new(1.0, 2.0, 2.0, 1.0),
             Matrix2::new(0.0, 0.0, 0.0, 1.0),

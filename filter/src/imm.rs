@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_has_the_moments_of_a_mixture() {
+    fn merged_moments_are_those_of_the_mixture() {
         let merged = two([0.25, 0.75], [0.0, 4.0]).merged(no_angles);
         assert!((merged.mean[0] - 3.0).abs() < 1e-12);
         // 1 within each hypothesis, 0.25 · 0.75 · 4² between them.
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn mixing_keeps_the_whole() {
+    fn mixing_preserves_the_mixture() {
         let mut imm = two([0.25, 0.75], [0.0, 4.0]);
         let before = imm.merged(no_angles);
         imm.mix(&[[0.9, 0.1], [0.3, 0.7]], no_angles);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn odds_follow_the_likelihoods() {
+    fn probabilities_follow_the_likelihoods() {
         let mut imm = two([0.5, 0.5], [0.0, 4.0]);
         imm.update_probabilities(&[Some(-1000.0), Some(-1000.0 + 3.0f64.ln())]);
         assert!((imm.hypotheses[1].probability - 0.75).abs() < 1e-12);

@@ -49,7 +49,7 @@
 //! that takes a hundred measurements of a standing robot as independent converges to the error of that one
 //! place, up to 2° in heading.
 //!
-//! Of measurements with correlation ρ between neighbours, (1 + ρ)/(1 − ρ) are worth one. So if a steered
+//! With correlation ρ between neighbours, (1 + ρ)/(1 − ρ) measurements are worth one. So if a steered
 //! robot's path to the next frame is short, R is multiplied by that factor in eq. (14)
 //! ([`repeats`](RobotMotion::repeats)), which preserves the estimate made on the way to the standing place.
 //! The gate uses the plain R. A free robot's path is not known well enough for this.
@@ -142,7 +142,7 @@ struct Step {
 }
 
 impl RobotMotion {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &Config) -> Self {
         let filter = &config.filter;
         let heading_sigma = filter.heading_noise_deg.to_radians();

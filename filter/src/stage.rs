@@ -60,7 +60,7 @@ pub enum FilterError {
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The permitted values.
         expected: &'static str,
     },
 }

@@ -73,7 +73,7 @@ pub struct TrackRules {
 }
 
 impl TrackRules {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &FilterConfig) -> Self {
         Self {
             gate_chi2: config.gate_chi2,

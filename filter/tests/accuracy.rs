@@ -90,7 +90,7 @@ const NOISES: [Noise; 3] = [
 ];
 
 #[test]
-fn free_robots_are_known_better_than_seen() {
+fn filtering_improves_free_robots() {
     for noise in NOISES {
         for collisions_every_s in [None, Some(2.0)] {
             let mut game = Match::new(Wheels::Exact, false, noise, 7);
@@ -103,7 +103,7 @@ fn free_robots_are_known_better_than_seen() {
 }
 
 #[test]
-fn commanded_robots_are_known_better_still() {
+fn commands_improve_the_estimate() {
     for noise in NOISES {
         let game = Match::new(Wheels::Exact, true, noise, 7);
         let outcome = play_and_show("commanded", game, &Config::default());
@@ -113,7 +113,7 @@ fn commanded_robots_are_known_better_still() {
 }
 
 #[test]
-fn robots_that_do_not_do_as_told_are_no_worse_than_free_ones() {
+fn disobedient_robots_are_no_worse_than_free_ones() {
     let noise = NOISES[1];
     for wheels in [Wheels::Lagging(0.04), Wheels::Limited(3000.0)] {
         for collisions_every_s in [None, Some(2.0)] {
@@ -157,7 +157,7 @@ fn standing_robots_are_within_a_millimetre_and_a_degree() {
 /// With errors that persist while a robot stands, the estimate from its way there is better than what is
 /// measured now.
 #[test]
-fn errors_that_stay_are_not_believed_again_and_again() {
+fn correlated_errors_are_discounted() {
     let outcome = |repeat_distance_mm: f64| {
         let mut config = Config::default();
         config.filter.repeat_distance_mm = repeat_distance_mm;
@@ -202,7 +202,7 @@ fn errors_are_as_large_as_the_covariance_says() {
 }
 
 #[test]
-fn the_ball_is_known_better_than_seen() {
+fn filtering_improves_the_ball() {
     let mut filter = Filter::new(&Config::default()).unwrap();
     let mut world = new_world();
     let mut frame = empty_frame(0, START_NS);

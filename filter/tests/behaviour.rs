@@ -79,7 +79,7 @@ fn outliers_that_do_not_agree_never_count() {
 }
 
 #[test]
-fn a_jump_is_believed_after_the_configured_number_of_frames() {
+fn a_jump_is_followed_after_the_configured_number_of_frames() {
     let mut bench = Bench::new();
     bench.see_for(40, HOME);
     let there = at(HOME.x - 200.0, HOME.y + 224.0, HOME.theta + 2.0);
@@ -140,7 +140,7 @@ fn an_unseen_robot_coasts_fades_and_is_forgotten() {
 }
 
 #[test]
-fn robots_do_not_know_of_each_other() {
+fn robots_are_filtered_independently() {
     let noise = Noise { position_mm: 0.5, heading_deg: 1.0 };
     let mut game = Match::new(Wheels::Lagging(0.03), true, noise, 2);
     let (mut all, mut one) = (Bench::new(), Bench::new());
@@ -161,7 +161,7 @@ fn robots_do_not_know_of_each_other() {
 
 /// Unidentified detections take up room in `detections`, but start no robot track.
 #[test]
-fn robots_without_a_number_have_no_track_and_disturb_none() {
+fn unidentified_robots_have_no_track_and_no_effect() {
     let (mut bench, mut alone) = (Bench::new(), Bench::new());
     for frame in 0..60 {
         let pose = at(100.0 + f64::from(frame) * 5.0, -200.0, 0.0);
@@ -243,7 +243,7 @@ fn frames_of_any_rate_are_followed() {
 }
 
 #[test]
-fn of_two_robots_with_one_identity_the_likelier_is_taken() {
+fn the_likelier_of_two_detections_of_one_robot_is_used() {
     let mut bench = Bench::new();
     let far = DetectedRobot { confidence: 1.0, ..detected(0, 2, at(600.0, 300.0, 0.0)) };
     bench.see_for(40, HOME);

@@ -58,7 +58,7 @@ fn commands_carry_a_track_through_a_gap() {
 }
 
 #[test]
-fn commands_that_cannot_be_are_ignored() {
+fn invalid_commands_are_ignored() {
     let t = START_NS + 60 * FRAME_NS;
     let rubbish = [
         commands(1, t, &[(0, 2, f64::NAN, 0.0)]),

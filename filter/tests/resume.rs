@@ -131,7 +131,7 @@ fn a_successor_carries_on_bit_for_bit() {
 
 /// Commands received twice have no further effect.
 #[test]
-fn commands_heard_twice_change_nothing() {
+fn repeated_commands_change_nothing() {
     let noise = Noise { position_mm: 0.5, heading_deg: 1.0 };
     let mut game = Match::new(Wheels::Exact, true, noise, 8);
     let config = Config::default();
@@ -165,7 +165,7 @@ fn some_world() -> Box<WorldFrame> {
 }
 
 #[test]
-fn tracks_that_cannot_be_are_dropped_and_the_others_kept() {
+fn invalid_tracks_are_dropped_and_the_others_kept() {
     type Spoil = fn(&mut WorldFrame);
     let spoils: [(Spoil, usize); 14] = [
         (|w| w.robot_memories[3].hypotheses[1].covariance[7] = f64::NAN, 9),
@@ -210,7 +210,7 @@ proptest! {
 
     /// Arbitrary bytes: no panic, only finite numbers come out, and the next frames are filtered.
     #[test]
-    fn rubbish_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
+    fn invalid_input_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
         let mut world = some_world();
         let t_ns = world.frame.t_capture_ns;
         let mut random = Random(seed);

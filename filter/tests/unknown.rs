@@ -108,7 +108,7 @@ fn off(robot: &UnknownRobotState, [x, y]: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn a_track_begins_when_it_has_been_seen_often_enough_and_ends_like_any_other() {
+fn a_track_is_published_after_enough_frames_and_ends_when_unseen() {
     let mut bench = Bench::new();
     let place = [100.0, 50.0];
     for _ in 1..FRAMES_TO_CONFIRM {
@@ -138,7 +138,7 @@ fn a_track_begins_when_it_has_been_seen_often_enough_and_ends_like_any_other() {
 }
 
 #[test]
-fn what_flashes_up_is_no_robot() {
+fn flickering_detections_start_no_track() {
     let mut bench = Bench::new();
     let mut random = Random(4);
     for frame in 0..400 {
@@ -151,7 +151,7 @@ fn what_flashes_up_is_no_robot() {
 }
 
 #[test]
-fn velocity_and_prediction_are_those_of_the_patch() {
+fn velocity_and_prediction_follow_the_patch() {
     let mut bench = Bench::new();
     let mut place = [-600.0, 0.0];
     for _ in 0..40 {
@@ -166,7 +166,7 @@ fn velocity_and_prediction_are_those_of_the_patch() {
 
 /// Two pass each other at 62 mm, both at 1.5 m/s; one is hidden for a while just then.
 #[test]
-fn two_that_pass_close_by_keep_their_numbers() {
+fn robots_that_pass_closely_keep_their_numbers() {
     for hidden in [0..0, 36..46, 30..50] {
         let mut bench = Bench::new();
         let mut random = Random(9);
@@ -190,7 +190,7 @@ fn two_that_pass_close_by_keep_their_numbers() {
 }
 
 #[test]
-fn one_that_is_struck_is_still_the_same() {
+fn a_struck_robot_keeps_its_track() {
     let mut bench = Bench::new();
     let mut place = [-500.0, 200.0];
     for frame in 0..80 {
@@ -217,7 +217,7 @@ fn teams_do_not_mix() {
 
 /// An identified robot with a hidden identification patch: no duplicate, and its position is still tracked.
 #[test]
-fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
+fn an_unrecognised_robot_has_no_duplicate_track() {
     let mut bench = Bench::new();
     let mut pose = Pose { x: -700.0, y: 100.0, theta: 0.5 };
     let drive = |pose: &mut Pose| {
@@ -237,7 +237,7 @@ fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
         let robot = bench.named();
         assert!(bench.unknown().is_empty(), "{frame}");
         assert_eq!(robot.status, TrackStatus::Located as u32, "{frame}");
-        // That does not confirm the identity.
+        // The association does not confirm the identity.
         assert_eq!(robot.frames_unseen, frame);
         assert!(robot.visibility < 1.0);
         let error = (robot.x_mm - pose.x).hypot(robot.y_mm - pose.y);
@@ -260,7 +260,7 @@ fn a_robot_that_is_not_recognised_for_a_while_has_no_twin() {
 
 /// Two patches, either of which may be the robot that was not recognised.
 #[test]
-fn where_it_is_not_clear_who_is_who_nobody_is_moved() {
+fn an_ambiguous_association_moves_no_robot() {
     let mut bench = Bench::new();
     let pose = Pose { x: 0.0, y: 0.0, theta: 0.0 };
     bench.see_for(40, &[detected(YELLOW, 2, pose)]);
@@ -274,7 +274,7 @@ fn where_it_is_not_clear_who_is_who_nobody_is_moved() {
 
 /// A jump while the robot is not recognised starts a track; recognition ends it.
 #[test]
-fn a_ghost_ends_when_its_robot_is_recognised() {
+fn a_duplicate_ends_when_its_robot_is_recognised() {
     let mut bench = Bench::new();
     let (from, to) = (Pose { x: -900.0, ..Pose::default() }, Pose { x: 600.0, ..Pose::default() });
     bench.see_for(40, &[detected(YELLOW, 2, from)]);
@@ -383,7 +383,7 @@ fn a_step_allocates_nothing_once_warm() {
 
 /// More detections than there is room for.
 #[test]
-fn their_number_is_bounded() {
+fn the_number_of_tracks_is_bounded() {
     let mut bench = Bench::new();
     let many: Vec<_> = (0..32).map(|i| patch(BLUE, [f64::from(i) * 100.0 - 1600.0, 0.0])).collect();
     bench.see_for(10, &many);
@@ -397,7 +397,7 @@ fn their_number_is_bounded() {
 
 /// A predecessor's message may contain a number twice, or have used up all numbers.
 #[test]
-fn a_number_has_one_owner_whatever_was_resumed_from() {
+fn track_numbers_are_unique_after_resuming() {
     let three = [patch(YELLOW, [0.0, 0.0]), patch(BLUE, [300.0, 0.0]), patch(BLUE, [600.0, 0.0])];
     let mut bench = Bench::new();
     bench.see_for(5, &three);
@@ -419,7 +419,7 @@ proptest! {
 
     /// Arbitrary bytes in a predecessor's message: no panic, and only finite numbers come out.
     #[test]
-    fn rubbish_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
+    fn invalid_input_is_survived(seed in any::<u64>(), share in 0.0..1.0) {
         let mut bench = Bench::new();
         bustle(40).iter().for_each(|robots| bench.see(robots));
         let mut world = bench.world.clone();

@@ -1,6 +1,6 @@
-//! How fast the synthetic match is played and painted, on one core: `cargo bench -p touchline-grabber`.
+//! Duration of simulating and rendering the synthetic match, on one core: `cargo bench -p touchline-grabber`.
 //!
-//! Times are those the processor spent on this thread, so other load on the machine matters less.
+//! Times are the processor time of this thread, so other load on the machine has less influence.
 
 use common::config::Preset;
 use rustix::time::{ClockId, clock_gettime};
@@ -27,7 +27,7 @@ fn main() {
             let played = processor_time();
             scene.render(&mut pixels, stride);
             let painted = processor_time();
-            // Once more, with nothing to draw: noise alone.
+            // Once more without changes: noise alone.
             scene.render(&mut pixels, stride);
             play += played - start;
             paint.push(painted - played);

@@ -1,5 +1,5 @@
-//! Writes pictures of the synthetic match, for looking at:
-//! `cargo run --release -p touchline-grabber --example look -- FOLDER [PRESET [FRAME…]]`.
+//! Writes pictures of the synthetic match to files: `cargo run --release -p touchline-grabber --example look
+//! -- FOLDER [PRESET [FRAME…]]`.
 
 use common::config::{Config, Preset};
 use common::messages::BayerOrder;
@@ -42,7 +42,7 @@ fn save(path: &Path, config: &Config, pixels: &[u8]) -> Result<(), image::ImageE
     picture.save(path)
 }
 
-/// The mean, for each colour, of the nearest pixels that see it.
+/// For each channel, the mean of the nearest sites.
 fn color_at(
     pixels: &[u8],
     [width, height]: [u32; 2],
@@ -53,7 +53,7 @@ fn color_at(
     for row in y.saturating_sub(1)..(y + 2).min(height) {
         for column in x.saturating_sub(1)..(x + 2).min(width) {
             let channel = order.channel_at(column as usize, row as usize);
-            // A pixel's own colour needs no neighbours; green looks only beside and above.
+            // A pixel's own channel needs no neighbours; green uses direct neighbours only.
             let own = order.channel_at(x as usize, y as usize);
             let diagonal = row != y && column != x;
             let counts =

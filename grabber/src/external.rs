@@ -1,5 +1,5 @@
-//! Frames that another program publishes on `frames`, one that the configuration permits
-//! (`access.publishers`). The grabber then only stands by, and says whether there are any.
+//! Frames published on `frames` by another program that the configuration permits (`access.publishers`). The
+//! grabber only reports whether there are any.
 
 use common::config::Config;
 use common::messages::ProcessState;
@@ -7,7 +7,7 @@ use common::process::{LOOK_AROUND, Process, ProcessError};
 use common::topics;
 use std::time::{Duration, Instant};
 
-/// After so long without a frame the program counts as away.
+/// Time without a frame after which the program counts as absent.
 const SILENCE: Duration = Duration::from_millis(500);
 
 /// Runs until asked to end.

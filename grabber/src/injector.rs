@@ -1,26 +1,26 @@
-//! A source that costs next to nothing: frames of the synthetic match, painted in advance, shown to
-//! and fro. For finding out what the rest of the group is capable of.
+//! A load generator: frames of the synthetic match, rendered in advance and replayed forwards and backwards.
+//! It costs little more than a copy, so the capacity of the other stages can be measured.
 
-use crate::camera::{CameraError, Exposure, Painter, Timeline};
+use crate::camera::{CameraError, Exposure, FrameRenderer, Timeline};
 use crate::synthetic::{SyntheticError, SyntheticMatch};
 use common::clock::monotonic_ns;
 use common::config::Config;
 
-/// Frames painted in advance.
+/// Frames rendered in advance.
 pub struct Injector {
     frames: Vec<Vec<u8>>,
 }
 
-/// An injector at work.
+/// A running injector.
 pub struct InjectorCamera {
     frames: Vec<Vec<u8>>,
-    /// How long the last frame took.
+    /// Duration of the last copy.
     copying_ns: u64,
     timeline: Timeline,
 }
 
 impl Injector {
-    /// Paints `count` frames, at least one, one after the other.
+    /// Renders `count` consecutive frames, at least one.
     pub fn new(config: &Config, count: u32) -> Result<Self, SyntheticError> {
         let mut scene = SyntheticMatch::new(config)?;
         let frames = (0..count.max(1))
@@ -34,13 +34,13 @@ impl Injector {
         Ok(Self { frames })
     }
 
-    /// Starts to show them.
+    /// Starts replaying them.
     pub fn start(self, timeline: Timeline) -> InjectorCamera {
         InjectorCamera { frames: self.frames, copying_ns: 0, timeline }
     }
 }
 
-impl Painter for InjectorCamera {
+impl FrameRenderer for InjectorCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
         self.timeline.rest(self.copying_ns);
@@ -51,7 +51,8 @@ impl Painter for InjectorCamera {
     }
 }
 
-/// Which of `count` frames is shown as number `seq`: forwards, then backwards, so that nothing jumps.
+/// Index among `count` frames of the frame shown as number `seq`: forwards, then backwards, so that nothing
+/// jumps.
 fn place(seq: u64, count: usize) -> usize {
     let period = (2 * (count as u64 - 1)).max(1);
     let step = seq % period;
@@ -63,14 +64,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_are_shown_to_and_fro() {
+    fn frames_are_shown_forwards_and_backwards() {
         let shown: Vec<usize> = (0..8).map(|seq| place(seq, 4)).collect();
         assert_eq!(shown, [0, 1, 2, 3, 2, 1, 0, 1]);
         assert_eq!((place(0, 1), place(5, 1), place(0, 2), place(1, 2)), (0, 0, 0, 1));
     }
 
     #[test]
-    fn they_are_those_of_the_match() {
+    fn frames_are_those_of_the_match() {
         let config = Config::default();
         let injector = Injector::new(&config, 3).unwrap();
         let mut scene = SyntheticMatch::new(&config).unwrap();

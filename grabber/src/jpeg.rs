@@ -1,11 +1,11 @@
-//! Pictures that a camera sends as JPEG.
+//! Decoding of JPEG pictures from cameras.
 
 use image::ImageDecoder;
 use image::codecs::jpeg::JpegDecoder;
 use std::io::Cursor;
 
-/// Decodes a picture of this size into red, green and blue; `false` when it is damaged, cut off, of
-/// another size, or without colour.
+/// Decodes a picture of this size into red, green and blue; `false` if it is damaged, cut off, of another
+/// size, or without colour.
 pub fn decode(jpeg: &[u8], width: u32, height: u32, rgb: &mut [u8]) -> bool {
     let Ok(decoder) = JpegDecoder::new(Cursor::new(jpeg)) else { return false };
     check_whole(jpeg).is_ok()
@@ -15,7 +15,7 @@ pub fn decode(jpeg: &[u8], width: u32, height: u32, rgb: &mut [u8]) -> bool {
         && decoder.read_image(rgb).is_ok()
 }
 
-/// Why a JPEG does not hold all of its picture.
+/// A JPEG that does not contain all of its picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum JpegFault {
     /// It ends before its end marker.
@@ -26,10 +26,10 @@ pub enum JpegFault {
     PartMissing,
 }
 
-/// Checks that the compressed data of every scan is there. A decoder fills what is missing with grey,
-/// which looks like floor. The markers tell without decoding anything: data must run to the
-/// end-of-image marker, and where the encoder wrote restart markers, their number and order must be
-/// right. Bytes lost from the middle of a picture without restart markers are not noticed.
+/// Checks that the compressed data of every scan is complete. A decoder fills missing parts with grey, which
+/// looks like floor. The markers suffice for the check, without decoding: data must extend to the
+/// end-of-image marker, and if the encoder wrote restart markers, their number and order must be right. Bytes
+/// lost from the middle of a picture without restart markers are not detected.
 pub fn check_whole(jpeg: &[u8]) -> Result<(), JpegFault> {
     let mut rest = jpeg;
     let mut frame = None;
@@ -74,13 +74,14 @@ const DEFINE_RESTART_INTERVAL: u8 = 0xDD;
 const RESTART_FIRST: u8 = 0xD0;
 const RESTART_LAST: u8 = 0xD7;
 
-/// The next marker and what follows it. Bytes in front of it are skipped, as decoders do.
+/// The next marker and the bytes behind it. Bytes in front of it are skipped, as decoders do.
 fn next_marker(bytes: &[u8]) -> Option<(u8, &[u8])> {
     let mut place = 0;
     loop {
         place += bytes.get(place..)?.iter().position(|&byte| byte == 0xFF)?;
         match *bytes.get(place + 1)? {
-            // A byte 0xFF of compressed data is followed by 0; before a marker there may be any number.
+            // A byte 0xFF of compressed data is followed by 0; a marker may be preceded by any number of
+            // them.
             0x00 => place += 2,
             0xFF => place += 1,
             marker => return Some((marker, &bytes[place + 2..])),
@@ -88,15 +89,15 @@ fn next_marker(bytes: &[u8]) -> Option<(u8, &[u8])> {
     }
 }
 
-/// Goes over the compressed data of a scan: the number of restart markers in it, and the bytes from the
-/// marker that ends it.
+/// Skips the compressed data of a scan: the number of restart markers in it, and the bytes from the marker
+/// that ends it.
 fn skip_scan(data: &[u8]) -> Result<(usize, &[u8]), JpegFault> {
     let mut rest = data;
     let mut restarts = 0;
     loop {
         let (marker, after) = next_marker(rest).ok_or(JpegFault::CutOff)?;
         if !(RESTART_FIRST..=RESTART_LAST).contains(&marker) {
-            // Back onto the marker: two bytes.
+            // Back to the marker: two bytes.
             return Ok((restarts, &data[data.len() - after.len() - 2..]));
         }
         if usize::from(marker - RESTART_FIRST) != restarts % 8 {
@@ -107,7 +108,7 @@ fn skip_scan(data: &[u8]) -> Result<(usize, &[u8]), JpegFault> {
     }
 }
 
-/// How a picture is divided into units of compressed data.
+/// Division of a picture into units of compressed data.
 struct Frame {
     width: usize,
     height: usize,
@@ -116,7 +117,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// From the segment of a start-of-frame marker; `None` where the height comes later or something is
+    /// From the segment of a start-of-frame marker; `None` if the height follows later or something is
     /// missing.
     fn read(segment: &[u8]) -> Option<Self> {
         let height = usize::from(u16_at(segment, 3)?);
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_come_back() {
+    fn colours_survive_encoding_and_decoding() {
         let rgb = decoded(&jpeg(), SIZE).unwrap();
         for pixel in rgb.chunks_exact(3) {
             let errors = [200, 100, 30].iter().zip(pixel).map(|(a, &b)| b.abs_diff(*a));
@@ -189,9 +190,9 @@ mod tests {
         assert_eq!(decoded(&jpeg(), (16, 32)), None);
     }
 
-    /// Cameras fill their buffers up.
+    /// Cameras pad their buffers.
     #[test]
-    fn bytes_behind_the_end_do_no_harm() {
+    fn bytes_behind_the_end_are_ignored() {
         for padding in [0x00, 0xFF, 0xD9] {
             let mut bytes = jpeg();
             bytes.resize(bytes.len() + 1000, padding);
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_is_noticed_behind_a_whole_preview() {
+    fn a_cut_behind_a_whole_preview_is_detected() {
         let preview = jpeg();
         let mut bytes = vec![0xFF, START_OF_IMAGE, 0xFF, 0xE1];
         bytes.extend_from_slice(&((preview.len() + 2) as u16).to_be_bytes());
@@ -211,8 +212,8 @@ mod tests {
         assert_eq!(check_whole(&bytes), Err(JpegFault::CutOff));
     }
 
-    /// Two by two units of three components, a restart marker behind each; `parts` are the intervals that
-    /// are there, by the number of their restart marker.
+    /// Two by two units of three components, with a restart marker behind each; `parts` lists the intervals
+    /// that are present, by the number of their restart marker.
     fn with_restarts(parts: &[u8]) -> Vec<u8> {
         let mut bytes = vec![0xFF, START_OF_IMAGE];
         bytes.extend([0xFF, 0xC0, 0, 17, 8, 0, 16, 0, 16, 3]);
@@ -227,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_lost_from_the_middle_is_noticed_by_its_restart_marker() {
+    fn a_missing_restart_marker_is_detected() {
         assert_eq!(check_whole(&with_restarts(&[0, 1, 2])), Ok(()));
         assert_eq!(check_whole(&with_restarts(&[0, 1, 2, 3])), Ok(()));
         for parts in [&[0, 1][..], &[0, 2], &[1, 2], &[0, 1, 2, 3, 4], &[]] {
@@ -248,7 +249,7 @@ mod tests {
         }
 
         #[test]
-        fn rubbish_is_refused_without_harm(
+        fn invalid_data_is_refused(
             cut in 0..600_usize,
             damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
         ) {

@@ -1,17 +1,17 @@
 //! The grabber: takes frames from a camera and writes them straight into shared memory.
 //!
-//! * Consumes: a camera, picture files, a recording, or the synthetic match ([`source`]), whose robots
-//!   obey `commands`.
+//! * Consumes: a camera, picture files, a recording, or the synthetic match ([`source`]), whose robots obey
+//!   `commands`.
 //! * Produces: `frames`; for a real camera also `camera`, for the synthetic match also `truth` and
-//!   `commands`, for a recording what was recorded of these.
-//! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never
-//!   captured. Capture times are the source's own.
+//!   `commands`, for a recording those of these topics that were recorded.
+//! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never captured.
+//!   Capture times are the source's own.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
-mod bulletin;
 pub mod camera;
+mod camera_reporter;
 mod external;
 pub mod genicam;
 mod injector;

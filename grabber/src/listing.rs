@@ -1,4 +1,4 @@
-//! What cameras there are, and what they can do.
+//! Discovery of cameras and their abilities.
 
 use crate::v4l2::controls::Control;
 use crate::{genicam, v4l2};
@@ -7,13 +7,13 @@ use serde::Serialize;
 /// The cameras of this machine.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Listing {
-    /// Each that was found, those that cannot be used included.
+    /// All cameras found, including those that cannot be used.
     pub cameras: Vec<CameraDescription>,
-    /// What could not be looked for, and why.
+    /// Kinds of camera that could not be searched for, and why.
     pub notes: Vec<String>,
 }
 
-/// Looks for cameras; takes about a second where GenICam cameras can be looked for.
+/// Discovers cameras; takes about a second if the library for GenICam is present.
 pub fn list() -> Listing {
     let mut listing = Listing { cameras: v4l2::list(), notes: Vec::new() };
     match genicam::list() {
@@ -23,50 +23,50 @@ pub fn list() -> Listing {
     listing
 }
 
-/// A camera as it describes itself.
+/// A camera's description of itself.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CameraDescription {
-    /// What to write after `--source`.
+    /// Argument of `--source`.
     pub source: String,
     /// Its model.
     pub model: String,
-    /// Who drives it, and over which bus.
+    /// Its driver and bus.
     pub driver: String,
-    /// Why it cannot be looked at.
+    /// Reason for which it cannot be queried.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
-    /// What it delivers.
+    /// Formats it delivers.
     pub formats: Vec<FormatDescription>,
-    /// What can be set, of a camera of Video for Linux.
+    /// Controls; only for Video for Linux.
     pub controls: Vec<Control>,
-    /// Some of what can be set, of a GenICam camera.
+    /// Some features; only for GenICam.
     pub features: Vec<FeatureDescription>,
 }
 
 /// A format that a camera offers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FormatDescription {
-    /// What to write as `format` in the configuration.
+    /// Value of `format` in the configuration.
     pub name: String,
-    /// The driver's words for it.
+    /// The driver's name for it.
     pub description: String,
-    /// Why it cannot be used.
+    /// Reason for which it cannot be used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
     /// Sizes and rates.
     pub sizes: Vec<SizeDescription>,
 }
 
-/// A size in which a format comes.
+/// A size in which a format is available.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SizeDescription {
     /// "640×480", or a range.
     pub size: String,
-    /// Frames a second, fastest first; of a range, at its largest size.
+    /// Frames per second, fastest first; for a range, at its largest size.
     pub fps: Vec<f64>,
 }
 
-/// A feature of a GenICam camera that is a number.
+/// A numeric feature of a GenICam camera.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FeatureDescription {
     /// Its name in configurations.
@@ -75,6 +75,6 @@ pub struct FeatureDescription {
     pub minimum: f64,
     /// Highest value.
     pub maximum: f64,
-    /// Value now.
+    /// Present value.
     pub value: f64,
 }

@@ -1,9 +1,8 @@
-//! From a colour picture to what a sensor behind a Bayer colour filter array would have seen.
+//! Conversion of a colour picture to the raw data of a sensor with a Bayer colour filter array.
 
 use common::messages::BayerOrder;
 
-/// Keeps, of each pixel of `rgb` (three bytes a pixel, rows of `width`), the one colour that the
-/// filter in front of it lets through.
+/// Keeps, for each pixel of `rgb` (three bytes per pixel, rows of `width`), only the colour of its filter.
 pub fn mosaic(rgb: &[u8], width: usize, order: BayerOrder, frame: &mut [u8]) {
     for (index, (pixel, site)) in rgb.chunks_exact(3).zip(frame).enumerate() {
         *site = pixel[order.channel_at(index % width, index / width)];

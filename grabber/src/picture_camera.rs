@@ -1,21 +1,21 @@
-//! Pictures from files as a source of frames: one PNG or JPEG, or a folder of them in the order of
-//! their names, shown round and round.
+//! Picture files as a source of frames: one PNG or JPEG, or a folder of them in the order of their names,
+//! repeated endlessly.
 //!
-//! Few pictures are read once and kept. Of many, some are read ahead on a thread of its own, so a folder of
-//! any size takes the same memory.
+//! Few pictures are read once and kept. Larger folders are read ahead by a thread of its own, so that a
+//! folder of any size takes the same memory.
 
-use crate::camera::{CameraError, Exposure, Painter, Timeline};
+use crate::camera::{CameraError, Exposure, FrameRenderer, Timeline};
 use crate::pictures::{check_picture, list_pictures, load_bayer};
 use common::config::CameraConfig;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
-/// Frames are kept if together they take no more than this.
+/// Limit of the memory for frames that are kept.
 const MOST_KEPT_BYTES: usize = 256 << 20;
 /// Frames of a larger folder that are read ahead.
 const AHEAD: usize = 8;
 
-/// Plays pictures along a timeline.
+/// Shows pictures along a timeline.
 pub struct PictureCamera {
     frames: Frames,
     timeline: Timeline,
@@ -26,7 +26,7 @@ enum Frames {
     Read(Receiver<Result<Vec<u8>, CameraError>>),
 }
 
-/// Pictures that have been looked at and are ready to be shown.
+/// Pictures that have been checked.
 pub struct Pictures {
     paths: Vec<PathBuf>,
     camera: CameraConfig,
@@ -34,8 +34,8 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Looks at the pictures a path stands for. Those that will be kept are read; of others it is checked
-    /// that they are pictures of the configured size.
+    /// Checks the pictures of a path. Those that will be kept are read; for others only format and size are
+    /// checked.
     pub fn open(path: &Path, camera: &CameraConfig) -> Result<Self, CameraError> {
         let paths = list_pictures(path)?;
         let mut kept = Vec::new();
@@ -51,7 +51,7 @@ impl Pictures {
         Ok(Self { paths, camera: camera.clone(), kept })
     }
 
-    /// Begins to show them.
+    /// Starts showing them.
     pub fn start(self, timeline: Timeline) -> PictureCamera {
         let frames = match self.kept.is_empty() {
             false => Frames::Kept(self.kept),
@@ -61,7 +61,7 @@ impl Pictures {
     }
 }
 
-impl Painter for PictureCamera {
+impl FrameRenderer for PictureCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
         match &self.frames {
@@ -69,7 +69,7 @@ impl Painter for PictureCamera {
                 let index = (self.timeline.next_seq() % frames.len() as u64) as usize;
                 pixels.copy_from_slice(&frames[index]);
             }
-            // Where reading is slower than the rate asked for, no picture is left out.
+            // If reading is slower than the configured rate, no picture is skipped.
             Frames::Read(frames) => {
                 let frame = frames.recv().map_err(|_| CameraError::Picture {
                     path: "images".into(),
@@ -82,8 +82,8 @@ impl Painter for PictureCamera {
     }
 }
 
-/// Reads pictures ahead, round and round, beginning with the one of this number. The thread ends with its
-/// receiver, or when a whole round had no picture that can be read.
+/// Reads pictures ahead, round and round, from number `first` on. The thread ends with its receiver, or after
+/// a whole round without a readable picture.
 fn read(
     paths: Vec<PathBuf>,
     camera: CameraConfig,
@@ -115,9 +115,9 @@ fn read(
 mod tests {
     use super::*;
 
-    /// More pictures than are kept: the memory they would take is what counts, not the files.
+    /// More pictures than are kept: the limit counts memory, not files.
     #[test]
-    fn many_pictures_are_shown_in_order_and_never_all_in_memory() {
+    fn many_pictures_are_shown_in_order_within_the_memory_limit() {
         let folder = std::env::temp_dir().join(format!("touchline-many-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let camera = CameraConfig { width: 4096, height: 2048, fps: 1e4, ..Default::default() };
@@ -126,7 +126,7 @@ mod tests {
             let picture = image::GrayImage::from_pixel(4096, 2048, image::Luma([number as u8]));
             picture.save(folder.join(format!("{number:03}.png"))).unwrap();
         }
-        // One is damaged, which its beginning does not tell.
+        // One is damaged, but not at its beginning.
         let damaged = folder.join("003.png");
         let bytes = std::fs::read(&damaged).unwrap();
         std::fs::write(&damaged, &bytes[..bytes.len() / 2]).unwrap();

@@ -1,4 +1,4 @@
-//! Pictures in files: PNG and JPEG, read within limits (`docs/limits.md`).
+//! Picture files: PNG and JPEG, read within limits (`docs/limits.md`).
 
 use crate::camera::CameraError;
 use crate::mosaic::mosaic;
@@ -10,7 +10,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
-/// The picture files a path stands for: itself, or those in the folder, by name.
+/// The picture files of a path: itself, or those in the folder, by name.
 pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
     let problem =
         |problem: String| CameraError::Picture { path: path.display().to_string(), problem };
@@ -33,11 +33,11 @@ pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
     Ok(pictures)
 }
 
-/// The longest side of a picture.
+/// Maximum side of a picture.
 const MOST_SIDE: u32 = 16_384;
-/// Pixels of a picture whose size nothing else says.
+/// Maximum number of pixels if no other size is required.
 const MOST_PIXELS: u64 = 160_000_000;
-/// The size of a picture is looked for in so many bytes.
+/// Bytes from the beginning of a file in which its size is searched.
 const HEAD_BYTES: u64 = 256 << 10;
 /// Memory for decoding a picture, besides its pixels.
 const DECODER_BYTES: u64 = 64 << 20;
@@ -55,7 +55,7 @@ impl PictureFile {
         Self::new(path, bytes)
     }
 
-    /// Its beginning, in which its size is.
+    /// Reads its beginning, which contains its size.
     fn read_head(path: &Path) -> Result<Self, CameraError> {
         let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
         let mut bytes = Vec::new();
@@ -69,11 +69,11 @@ impl PictureFile {
         let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
         // A folder can hold files of the wrong extension; the content decides.
         let format = image::guess_format(&bytes).map_err(|error| problem(unreadable(&error)))?;
-        let bytes = if format == ImageFormat::Png { png::without_remarks(&bytes) } else { bytes };
+        let bytes = if format == ImageFormat::Png { png::essential_chunks(&bytes) } else { bytes };
         Ok(Self { bytes, format })
     }
 
-    /// A decoder that knows the size, and takes memory for no more than `most_pixels`.
+    /// A decoder that knows the size, and takes memory for at most `most_pixels`.
     fn decoder(&self, most_pixels: u64) -> image::ImageResult<impl ImageDecoder + '_> {
         let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), self.format);
         let mut limits = Limits::default();
@@ -89,8 +89,8 @@ fn unreadable(error: &image::ImageError) -> String {
     format!("not a readable PNG or JPEG ({error})")
 }
 
-/// Reads a PNG or JPEG, upright: turned as its EXIF orientation says, like every viewer shows it. A JPEG of
-/// which a part is missing is an error.
+/// Reads a PNG or JPEG, rotated upright by its EXIF orientation, as viewers do. A JPEG with missing parts is
+/// an error.
 pub fn read_picture(path: &Path) -> Result<DynamicImage, CameraError> {
     read_checked(path, |width, height| {
         let pixels = u64::from(width) * u64::from(height);
@@ -100,7 +100,7 @@ pub fn read_picture(path: &Path) -> Result<DynamicImage, CameraError> {
     })
 }
 
-/// Reads a picture, unless something is to be said against its size, before it is decoded.
+/// Reads a picture, unless `complaint` rejects its size before it is decoded.
 fn read_checked(
     path: &Path,
     complaint: impl Fn(u32, u32) -> Option<String>,
@@ -134,7 +134,7 @@ fn upright((width, height): (u32, u32), orientation: Orientation) -> (u32, u32) 
     }
 }
 
-/// What is to be said against a picture of another size than the camera's.
+/// The error for a picture of another size than the camera's.
 fn size_complaint(width: u32, height: u32, camera: &CameraConfig) -> Option<String> {
     ((width, height) != (camera.width, camera.height)).then(|| {
         format!(
@@ -149,7 +149,7 @@ fn size_complaint(width: u32, height: u32, camera: &CameraConfig) -> Option<Stri
 pub fn check_picture(path: &Path, camera: &CameraConfig) -> Result<(), CameraError> {
     let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
     let head = PictureFile::read_head(path)?;
-    // Remarks may come first, and be long.
+    // Metadata may precede the size, and be long.
     let file = if head.decoder(0).is_ok() { head } else { PictureFile::read(path)? };
     let mut decoder = file.decoder(0).map_err(|error| problem(unreadable(&error)))?;
     let orientation = decoder.orientation().map_err(|error| problem(unreadable(&error)))?;
@@ -157,9 +157,8 @@ pub fn check_picture(path: &Path, camera: &CameraConfig) -> Result<(), CameraErr
     size_complaint(width, height, camera).map_or(Ok(()), |complaint| Err(problem(complaint)))
 }
 
-/// Loads one picture as a Bayer frame of the configured size, rows without padding. A colour
-/// picture is put behind the configured colour filter array; an 8-bit grey picture is taken to be
-/// raw Bayer data already.
+/// Loads a picture as a Bayer frame of the configured size, rows without padding. A colour picture is reduced
+/// to the configured mosaic; an 8-bit grey picture is assumed to be raw Bayer data already.
 pub fn load_bayer(path: &Path, camera: &CameraConfig) -> Result<Vec<u8>, CameraError> {
     load_picture(path, camera).map(|picture| picture.bayer)
 }
@@ -172,7 +171,7 @@ pub struct Picture {
     pub is_raw: bool,
 }
 
-/// The same, and how it was taken.
+/// Loads a picture as [`load_bayer`] does, and tells whether it was raw.
 pub fn load_picture(path: &Path, camera: &CameraConfig) -> Result<Picture, CameraError> {
     let picture = read_checked(path, |width, height| size_complaint(width, height, camera))?;
     let (width, height) = (picture.width(), picture.height());
@@ -192,15 +191,15 @@ mod tests {
     use image::codecs::jpeg::JpegEncoder;
     use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-    /// The EXIF block of a camera that was held so.
+    /// The EXIF block for an orientation.
     fn exif(orientation: u8) -> Vec<u8> {
         let mut block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
         block.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
         block
     }
 
-    /// What the sensor saw, for each orientation of the EXIF standard: the corner of the stored picture in
-    /// which the upright picture's red top-left corner is.
+    /// For each orientation of the EXIF standard: the corner of the stored picture that becomes the upright
+    /// picture's red top-left corner.
     #[test]
     fn pictures_are_turned_as_their_orientation_says() {
         let folder = std::env::temp_dir().join(format!("touchline-exif-{}", std::process::id()));

@@ -1,16 +1,15 @@
-//! PNG files, reduced to what makes the picture.
+//! Reduction of PNG files to the chunks that make the picture.
 
-/// What a file begins with.
+/// First bytes of a file.
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
-/// Kinds of chunks that are kept: the picture, its palette and transparency, and how it was held.
+/// Chunk types that are kept: the picture, its palette and transparency, and its orientation.
 const KEPT: [&[u8; 4]; 6] = [b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"eXIf"];
-/// Length and kind in front of a chunk, and the check sum behind it.
+/// Length and type before a chunk's content, and the checksum behind it.
 const AROUND: usize = 12;
 
-/// A PNG without its texts, profiles and other remarks. A few kilobytes of those can become gigabytes when
-/// they are unpacked, and here they mean nothing. What is no chunk is left as it is, for the decoder to
-/// complain about.
-pub fn without_remarks(png: &[u8]) -> Vec<u8> {
+/// A PNG without texts, profiles and other metadata: a few kilobytes of these can become gigabytes when
+/// decompressed, and none of it is used. Invalid chunks are left as they are, for the decoder to report.
+pub fn essential_chunks(png: &[u8]) -> Vec<u8> {
     let Some(mut rest) = png.strip_prefix(SIGNATURE) else { return png.to_vec() };
     let mut kept = Vec::with_capacity(png.len());
     kept.extend_from_slice(SIGNATURE);
@@ -41,15 +40,15 @@ mod tests {
     }
 
     #[test]
-    fn remarks_are_left_out_and_everything_else_stays() {
+    fn metadata_is_removed_and_the_picture_kept() {
         let [ihdr, text, idat, iend] = [(b"IHDR", 13), (b"zTXt", 500), (b"IDAT", 40), (b"IEND", 0)]
             .map(|(kind, length)| chunk(kind, &vec![7; length]));
         let whole = [SIGNATURE, &ihdr, &text, &idat, &iend].concat();
-        assert_eq!(without_remarks(&whole), [SIGNATURE, &ihdr, &idat, &iend].concat());
+        assert_eq!(essential_chunks(&whole), [SIGNATURE, &ihdr, &idat, &iend].concat());
         for cut in 0..whole.len() {
-            let kept = without_remarks(&whole[..cut]);
+            let kept = essential_chunks(&whole[..cut]);
             assert!(kept.len() <= cut && whole.starts_with(&kept[..kept.len().min(33)]));
         }
-        assert_eq!(without_remarks(b"GIF89a"), b"GIF89a");
+        assert_eq!(essential_chunks(b"GIF89a"), b"GIF89a");
     }
 }

@@ -1,7 +1,7 @@
-//! The grabber's process: a camera in, frames out. It never waits for anybody but the camera.
+//! The grabber's process: a camera in, frames out. It never waits for anything but the camera.
 
-use crate::bulletin::Bulletin;
 use crate::camera::{CameraError, FramePool, LastFrame};
+use crate::camera_reporter::CameraReporter;
 use crate::external;
 use crate::playback::Pacer;
 use crate::source::{Source, open};
@@ -11,12 +11,12 @@ use common::messages::{DropReason, ProcessKind, ProcessState};
 use common::process::{LOOK_AROUND, Process, ProcessError, ProcessOptions};
 use common::topics;
 
-/// What the grabber needs beside the group's options.
+/// The grabber's own options.
 #[derive(Debug, Clone)]
 pub struct GrabberOptions {
-    /// Where frames come from.
+    /// The source of frames.
     pub source: Source,
-    /// End after the frame of this number (exclusive); endless when absent.
+    /// Number of the frame before which to end; endless if absent.
     pub frames: Option<u64>,
     /// The last frame of a predecessor.
     pub resume_after: Option<LastFrame>,
@@ -37,17 +37,17 @@ pub fn run(
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
     let heard = process.bus.subscriber(&topics::COMMANDS)?;
-    let mut bulletin = Bulletin::new(&process.bus)?;
+    let mut camera_reporter = CameraReporter::new(&process.bus)?;
     let stage_error = |error: CameraError| ProcessError::Stage(error.to_string());
-    // Opened before reporting ready: loading pictures and painting the pitch take their time.
+    // Opened before reporting ready, since loading pictures and rendering the pitch take time.
     let open_camera = open(&grabber.source, config).map_err(stage_error)?;
     let mut pacer = Pacer::new(&process, &options.instance, &grabber.source)?;
     if !process.activate()? {
         return Ok(());
     }
 
-    // Without a supervisor's word, or with one of a supervisor that has missed the last frames, the
-    // predecessor's mark tells the number, and the time of capture cannot be far back.
+    // Without the supervisor's information, or if it is older than the last frames, the predecessor's entry
+    // in the stage page gives the number, and its capture time cannot be long ago.
     let last = grabber.resume_after.filter(|last| Some(last.seq) >= process.resumes_after());
     let last = last.or_else(|| {
         let seq = process.resumes_after()?;
@@ -57,7 +57,7 @@ pub fn run(
     let end = grabber.frames.unwrap_or(u64::MAX);
     let mut next_seq = last.map_or(0, |last| last.seq + 1);
     while process.keep_running()? && next_seq < end && !camera.is_over() {
-        // Bounded, so that a flood of commands cannot keep the camera waiting.
+        // Bounded, so that a flood of commands cannot delay the camera.
         for _ in 0..topics::COMMANDS.buffer {
             let Some(received) = heard.receive()? else { break };
             if let Some(message) = received.message()
@@ -69,21 +69,21 @@ pub fn run(
         if let Some(pacer) = &mut pacer
             && !pacer.may_show()?
         {
-            if pacer.waits_for_a_person() {
+            if pacer.is_waiting_for_person() {
                 process.is_now(ProcessState::Waiting)?;
             }
             continue;
         }
         let captured = camera.capture(&mut pool);
         match camera.report() {
-            Some(report) => bulletin.publish(report, &mut process)?,
+            Some(report) => camera_reporter.publish(report, &mut process)?,
             None if camera.is_waiting() => process.is_now(ProcessState::Waiting)?,
             None => process.is_now(ProcessState::Active)?,
         }
         let mut captured = match captured {
             Ok(Some(captured)) => captured,
             Ok(None) => continue,
-            // The camera goes on.
+            // The camera runs on.
             Err(CameraError::NoMemory(_)) => {
                 process.drop_input(DropReason::NotPublished);
                 std::thread::sleep(std::time::Duration::from_millis(1));
@@ -98,7 +98,7 @@ pub fn run(
         next_seq = exposure.seq + 1;
         process.counters.dropped[DropReason::Late as usize] += exposure.skipped;
         process.accept(&captured.header(monotonic_ns()));
-        // Truth and commands go first, so that they are there when the frame's results come.
+        // Truth and commands are sent first, so that they are available when the frame's results arrive.
         if let Some(frame_truth) = camera.truth() {
             truth.publish(frame_truth)?;
         }
@@ -114,7 +114,7 @@ pub fn run(
         }
     }
 
-    // A bounded run is over, but the publisher must outlive its frames' readers.
+    // A bounded run is over, but the publisher must outlive the readers of its frames.
     process.beat(ProcessState::Finished)?;
     while process.keep_running()? {
         std::thread::sleep(LOOK_AROUND);

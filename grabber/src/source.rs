@@ -1,6 +1,8 @@
-//! Which camera: the table of drivers.
+//! The table of frame sources.
 
-use crate::camera::{Camera, CameraError, Exposure, LastFrame, Link, Painted, Painter, Timeline};
+use crate::camera::{
+    Camera, CameraError, Exposure, FrameRenderer, LastFrame, Link, RenderedCamera, Timeline,
+};
 use crate::genicam::GenicamDevice;
 use crate::injector::Injector;
 use crate::picture_camera::Pictures;
@@ -14,13 +16,13 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// Where frames come from, as named on the command line.
+/// A source of frames, as named on the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// The built-in match: `synthetic`.
     Synthetic,
-    /// So many frames of the match, painted in advance and shown to and fro: `synthetic-loop:N`. Costs
-    /// next to nothing, so that whatever rate is asked for, the rest of the group has the machine.
+    /// A number of frames of the match, rendered in advance and replayed forwards and backwards:
+    /// `synthetic-loop:N`. Costs little, so that at any rate the rest of the group has the machine.
     Loop(u32),
     /// Picture files: `images:PATH`.
     Pictures(PathBuf),
@@ -34,9 +36,9 @@ pub enum Source {
     External,
 }
 
-/// Frames of a loop when no number is given.
+/// Default number of frames of a loop.
 pub const LOOP_FRAMES: u32 = 32;
-/// Longest loop.
+/// Maximum number of frames of a loop.
 const MOST_LOOP_FRAMES: u32 = 4096;
 const HELP: &str = "use synthetic, synthetic-loop:N, images:PATH with a picture or a folder of pictures, \
                     recording:FILE[,fast|,step][,loop][,from=SECONDS], v4l2:/dev/videoN, genicam or genicam:ID with a camera (`touchline cameras` \
@@ -80,8 +82,8 @@ impl std::fmt::Display for Source {
 }
 
 impl Source {
-    /// The most bytes a frame may have, for which memory is laid aside. Real cameras choose their format
-    /// themselves, and pad rows and pictures as they like.
+    /// Maximum bytes per frame, for which memory is reserved. Real cameras choose their own format, and pad
+    /// rows and pictures.
     pub fn frame_capacity(&self, camera: &CameraConfig) -> usize {
         let (width, height) = (camera.width as usize, camera.height as usize);
         match self {
@@ -96,22 +98,22 @@ impl Source {
 }
 
 impl Source {
-    /// Whether there is an end to it.
+    /// Whether it ends by itself.
     pub fn is_bounded(&self) -> bool {
         matches!(self, Self::Recording(playlist) if !playlist.is_loop)
     }
 }
 
-/// A source made ready, waiting for the moment to start.
+/// An opened source, ready to start.
 type Opened = Box<dyn FnOnce(Option<LastFrame>) -> Result<Box<dyn Camera>, CameraError>>;
 
-/// Says what is wrong with a source, if anything, without keeping it.
+/// Checks whether a source can be opened.
 pub fn check(source: &Source, config: &Config) -> Result<(), CameraError> {
     open(source, config).map(drop)
 }
 
-/// Makes a source ready. Everything slow and everything that can fail happens here; the timeline
-/// starts with the call of what is returned.
+/// Opens a source. All slow and fallible work happens here; the timeline starts when the returned function is
+/// called.
 pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
     let camera = config.camera.clone();
     match source {
@@ -125,7 +127,7 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
                 let width = camera.width as usize;
                 let painter =
                     SyntheticCamera { scene, width, position: 0, painting_ns: 0, timeline };
-                Ok(Box::new(Painted::new(painter, &camera)))
+                Ok(Box::new(RenderedCamera::new(painter, &camera)))
             }))
         }
         Source::Loop(frames) => {
@@ -133,7 +135,7 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
                 .map_err(|error| CameraError::Synthetic(error.to_string()))?;
             Ok(Box::new(move |last| {
                 let injector = injector.start(Timeline::new(camera.fps, last));
-                Ok(Box::new(Painted::new(injector, &camera)))
+                Ok(Box::new(RenderedCamera::new(injector, &camera)))
             }))
         }
         Source::V4l2(path) => {
@@ -148,7 +150,7 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             let pictures = Pictures::open(path, &camera)?;
             Ok(Box::new(move |last| {
                 let timeline = Timeline::new(camera.fps, last);
-                Ok(Box::new(Painted::new(pictures.start(timeline), &camera)))
+                Ok(Box::new(RenderedCamera::new(pictures.start(timeline), &camera)))
             }))
         }
         Source::Recording(playlist) => {
@@ -170,24 +172,23 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
     }
 }
 
-/// The synthetic match in front of a camera: each frame is painted before it is due and handed on
-/// the moment it is.
+/// The synthetic match as a camera: each frame is rendered before it is due, and delivered when it is.
 struct SyntheticCamera {
     scene: SyntheticMatch,
     width: usize,
     /// Frame number of the scene's present state.
     position: u64,
-    /// How long the last frame took to paint.
+    /// Duration of rendering the last frame.
     painting_ns: u64,
     timeline: Timeline,
 }
 
-impl Painter for SyntheticCamera {
+impl FrameRenderer for SyntheticCamera {
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError> {
         let skipped = self.timeline.skip_late();
         self.timeline.rest(self.painting_ns);
         let begun_ns = monotonic_ns();
-        // Also how a successor gets to where its predecessor was: the match is a function of seed
+        // A successor reaches its predecessor's state in the same way, since the match is a function of seed
         // and frame number.
         while self.position < self.timeline.next_seq() {
             self.scene.advance();

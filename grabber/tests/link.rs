@@ -1,4 +1,4 @@
-//! A camera that comes and goes, as the grabber sees it.
+//! The link to a camera that is unplugged and plugged in again.
 
 use common::bus::Bus;
 use common::clock::monotonic_ns;
@@ -23,11 +23,10 @@ const PICTURE: Picture = Picture {
     exposure_us: 0,
 };
 
-/// What the device does the next time it is opened.
+/// Behaviour of the device the next time it is opened.
 enum Turn {
     Refuses(Fault),
-    /// Delivers these frames of its own numbers, `None` for incomplete ones; then the fault, or
-    /// silence.
+    /// Delivers frames with these device numbers, `None` for incomplete ones; then the fault, or silence.
     Streams(Vec<Option<u64>>, Option<Fault>),
 }
 
@@ -112,7 +111,7 @@ impl Bench {
         read_text(&self.link.report().unwrap().problem)
     }
 
-    /// The next frame, whenever it comes.
+    /// The next frame; waits for it.
     fn frame(&mut self) -> Captured {
         let deadline = Instant::now() + Duration::from_secs(60);
         while Instant::now() < deadline {
@@ -123,7 +122,7 @@ impl Bench {
         panic!("no frame: {:?} {}", self.state(), self.problem());
     }
 
-    /// Looks at the camera until it is in this state.
+    /// Polls the camera until it is in this state.
     fn until(&mut self, state: CameraState) {
         let deadline = Instant::now() + Duration::from_secs(60);
         while self.state() != state {
@@ -145,7 +144,7 @@ fn missing() -> Fault {
 }
 
 #[test]
-fn a_camera_that_comes_late_goes_and_comes_back_is_streamed_whenever_it_is_there() {
+fn a_camera_is_streamed_whenever_it_is_connected() {
     let turns = vec![
         Turn::Refuses(missing()),
         Turn::Refuses(Fault::new(CameraState::Busy, "somebody has it")),
@@ -178,7 +177,8 @@ fn incomplete_frames_are_missing_and_counted_as_such() {
     let first = frames[0].exposure.seq;
     assert!(first >= 100, "a predecessor's numbers are continued: {first}");
     assert_eq!([1, 2].map(|index: usize| frames[index].exposure.seq - first), [2, 6]);
-    // Numbers 13 to 15 are missing, and two frames were incomplete: of one, nothing has come.
+    // Numbers 13 to 15 are missing, and two frames were incomplete: one of the missing ones did not arrive at
+    // all.
     assert_eq!([1, 2].map(|index: usize| frames[index].exposure.skipped), [0, 1]);
     let report = bench.link.report().unwrap();
     assert_eq!((report.incomplete, report.lost), (3, 1));

@@ -6,7 +6,7 @@ use crate::cli::StepArgs;
 use common::consumer::{Consumer, Event};
 use common::messages::{Team, TrackStatus, WorldFrame};
 use common::topics;
-use grabber::playback::ask_for_steps;
+use grabber::playback::request_steps;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
     let mut world = Consumer::new(instance.clone(), "step", &topics::WORLD);
     // Connected before the question, so that no answer is missed.
     while world.next(Duration::ZERO)?.is_some() {}
-    ask_for_steps(&instance, args.frames).map_err(|error| {
+    request_steps(&instance, args.frames).map_err(|error| {
         format!(
             "the group {:?} is not waiting for steps ({error}); start one with `touchline run --source \
              recording:FILE,step`",

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_touches_is_one_blob() {
+    fn connected_pixels_are_one_blob() {
         let text = "
             aa.b
             .a.b

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_absent_is_not_what_is_not_there() {
+    fn absent_differs_from_null() {
         let ball = |text: &str| {
             let image = parse(&format!(r#"{{"images": [{{"file": "a.png"{text}}}]}}"#)).unwrap();
             image.images[0].ball.clone()
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn complaints_name_the_culprit() {
+    fn errors_name_the_offending_entry() {
         let complaint = |robots: &str| {
             let text = format!(r#"{{"images": [{{"file": "a.png", "robots": [{robots}]}}]}}"#);
             parse(&text).unwrap_err().to_string()

@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_hue_has_all() {
+    fn a_single_hue_gets_the_full_circle() {
         let mut colors = Config::default().colors;
         colors.truncate(1);
         assert_eq!(by_tone(&colors, None, |_| true, LEAST)[0].hue_deg, None);

@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_names_are_complained_about() {
+    fn unknown_names_are_refused() {
         let config = Config::default();
         let picture = Picture { width: 640, rgb: vec![[10; 3]; 640 * 480] };
         let complaint = |text: &str| {

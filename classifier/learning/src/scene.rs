@@ -108,7 +108,7 @@ mod tests {
     use common::layout::topmost_patch;
 
     #[test]
-    fn the_drawing_is_the_layout() {
+    fn the_map_agrees_with_the_layout() {
         for preset in Preset::ALL {
             let robots = preset.config().robots;
             let map = TopMap::new(&robots.patches);

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_has_its_logarithms() {
+    fn vector_logarithms_equal_the_tables() {
         fn check<S: Lanes>(simd: S) {
             let all: [u8; 256] = std::array::from_fn(|value| value as u8);
             for bytes in all.chunks_exact(S::u8s::LEN) {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_are_those_of_each_pixel() {
+    fn vector_keys_equal_the_scalar_ones() {
         fn check<S: Lanes>(simd: S) {
             for correction in [Correction::new([-3, 0, 9], 12), Correction::NONE] {
                 let light = Light::everywhere(simd, correction);

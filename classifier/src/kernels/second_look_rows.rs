@@ -1,4 +1,4 @@
-//! Step 2 of the kernel for [mosaics](super::bayer) if colours have second classifier: noted blocks are demosaiced
+//! Step 2 of the kernel for [mosaics](super::bayer) if colours have second looks: noted blocks are demosaiced
 //! exactly and classified a register full of pixels at a time ([`second_look`](super::second_look)).
 
 use super::RowRuns;

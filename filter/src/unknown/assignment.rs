@@ -156,7 +156,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_solution_is_the_best_there_is(
+        fn the_solution_is_optimal(
             rows in 0usize..6,
             columns in 0usize..6,
             costs in prop::collection::vec((-40.0..10.0f64, 0.0..1.0f64), 36),

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_frame_decides() {
+    fn association_is_globally_optimal() {
         // The first track fits detection 0 best, but the second fits no other.
         let (_, of) = owners(&[&[(0, 1e-2), (1, 5e-3)], &[(0, 2e-3)]], 2);
         assert_eq!(of, [Some(1), Some(0)]);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_two_gates_is_not_the_only_one() {
+    fn a_detection_in_two_gates_is_ambiguous() {
         let (association, _) = owners(&[&[(0, 1e-2)], &[(1, 1e-2), (2, 1e-4)], &[(3, 1e-2)]], 4);
         assert!(association.is_unambiguous(0, 0));
         assert!(!association.is_unambiguous(1, 1));

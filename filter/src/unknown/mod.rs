@@ -82,7 +82,7 @@ pub(crate) struct UnknownRobots {
 }
 
 impl UnknownRobots {
-    /// As configured, without tracks.
+    /// From the configuration, without tracks.
     pub fn new(config: &Config) -> Self {
         Self {
             motion: UnknownMotion::new(config),

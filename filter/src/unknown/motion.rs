@@ -31,7 +31,7 @@ pub struct UnknownMotion {
 }
 
 impl UnknownMotion {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &Config) -> Self {
         let FilterConfig { position_noise_mm, acceleration_noise_mm_s2, collision_factor, .. } =
             config.filter;

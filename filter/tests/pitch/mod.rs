@@ -18,7 +18,7 @@ pub const START_NS: u64 = 5_000_000_000;
 pub const TRACKER_NS: u64 = 4_000_000;
 /// Latency from the tracker's output until the strategy has sent its commands.
 const STRATEGY_NS: u64 = 3_000_000;
-/// As in the default configuration.
+/// Value in the default configuration.
 const DELAY_NS: u64 = 50_000_000;
 const WHEEL_BASE_MM: f64 = 65.0;
 /// Integration step of the truth.
@@ -368,7 +368,7 @@ impl Match {
     }
 }
 
-/// As measured in the synthetic match: 84 % of the variance persists.
+/// The synthetic match's error model: 84 % of the variance persists.
 fn measure_on_a_grid(
     (last, stays): &mut (Pose, [f64; 3]),
     pose: Pose,

@@ -1,26 +1,27 @@
-//! A camera's own clock, and the wall clock, seen from this machine's monotonic one.
+//! Conversion of a camera's clock, and of the wall clock, to this machine's monotonic clock.
 
-/// Translates times of a device's clock into times of this machine's monotonic clock.
+/// Converts times of a device's clock to times of this machine's monotonic clock.
 ///
-/// A frame's data arrive some time after it was taken: at least the time the transfer takes, and
-/// sometimes much more. The device's own time does not have that jitter, but counts from another
-/// moment and a little faster or slower. So the shortest time ever seen between the two is taken for
-/// the difference of the clocks, and is let grow as fast as clocks can drift apart.
+/// A frame arrives at least the transfer time after it was taken, sometimes much later. The device's own
+/// stamp has no such jitter, but another origin and a slightly different rate. So the offset between the
+/// clocks is estimated as the minimum of arrival minus stamp, similar to the clock filter of NTP: `offset ←
+/// min(arrival − stamp, offset + drift · Δt)`, where the second term lets it grow as fast as clocks can drift
+/// apart.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
-    /// This clock minus the device's, and when it was looked at last, on the device's clock.
+    /// This clock minus the device's, and the device's time of the last update.
     offset: Option<(i64, u64)>,
 }
 
-/// Clocks drift apart by less than 100 µs in a second.
+/// Maximum relative drift of two clocks.
 const DRIFT_PER_S: f64 = 100e-6;
-/// So late no frame is; the device's clock was set.
+/// Difference that no delay explains: the device's clock was set.
 const JUMP_NS: i64 = 200_000_000;
 
 impl DeviceClock {
-    /// The time on this machine's clock at which the device's showed `device_ns`, plus the shortest
-    /// time of transfer. `arrived_ns` is when the frame began to arrive. A device without a clock
-    /// (`device_ns` is 0) leaves the arrival.
+    /// This machine's time at which the device's clock showed `device_ns`, plus the minimal transfer time.
+    /// `arrived_ns` is the time at which the frame began to arrive; it is returned for a device without a
+    /// clock (`device_ns` is 0).
     pub fn local_ns(&mut self, device_ns: u64, arrived_ns: u64) -> u64 {
         if device_ns == 0 {
             return arrived_ns;
@@ -43,21 +44,20 @@ impl DeviceClock {
     }
 }
 
-/// Tells how old a stamp of the wall clock is, which libraries give, while that clock may be set at any
-/// moment.
+/// Computes the age of wall-clock stamps, which libraries give, although that clock may be set at any time.
 #[derive(Debug, Clone, Default)]
 pub struct WallClock {
-    /// The wall clock minus the monotonic one, when it was looked at last.
+    /// The wall clock minus the monotonic one, at the last call.
     offset_ns: Option<i64>,
 }
 
-/// What the two clocks may part in the time between two frames. Slewed, the wall clock changes by at most
-/// half a microsecond in a millisecond.
+/// Maximum change of the offset between two frames. While being slewed, the wall clock gains at most half a
+/// microsecond per millisecond.
 const STEP_NS: u64 = 1_000_000;
 
 impl WallClock {
-    /// The age of a stamp that was made since the last call, given what both clocks say now; 0 if the
-    /// wall clock was set since.
+    /// The age of a stamp made since the last call, given the present values of both clocks; 0 if the wall
+    /// clock was set since.
     pub fn age_ns(&mut self, stamp_ns: u64, wall_ns: u64, monotonic_ns: u64) -> u64 {
         let offset_ns = wall_ns.wrapping_sub(monotonic_ns) as i64;
         let last_ns = self.offset_ns.replace(offset_ns);
@@ -74,14 +74,14 @@ mod tests {
     const PERIOD_NS: u64 = 12_500_000;
 
     #[test]
-    fn late_arrivals_do_not_matter() {
+    fn late_arrivals_do_not_move_the_offset() {
         let mut clock = DeviceClock::default();
         for frame in 0..200 {
             let device_ns = 77_000 + frame * PERIOD_NS;
             let late_ns = frame * 7919 % 5_000_000;
             let arrived_ns = 5_000_000_000_000 + device_ns + late_ns;
             let error = clock.local_ns(device_ns, arrived_ns) - (5_000_000_000_000 + device_ns);
-            // Until a frame comes early again, 100 µs in a second are granted to drift.
+            // Until a frame arrives early again, a drift of 100 µs per second is allowed for.
             assert!(frame < 50 || error < 300_000, "{frame}: {error} ns");
         }
     }
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_was_set_is_believed_again() {
+    fn the_offset_is_measured_anew_after_the_clock_was_set() {
         let mut clock = DeviceClock::default();
         clock.local_ns(9_000_000_000, 50_000_000_000);
         assert_eq!(clock.local_ns(5, 50_012_500_000), 50_012_500_000, "the device was restarted");
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_clock_that_is_set_makes_nothing_old() {
+    fn setting_the_wall_clock_ages_no_stamp() {
         let (mut clock, wall_ns) = (WallClock::default(), 1_700_000_000_000_000_000);
         assert_eq!(clock.age_ns(wall_ns - 70_000, wall_ns, 5_000_000_000), 0, "not known yet");
         let next_ns = wall_ns + PERIOD_NS;
@@ -127,7 +127,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_a_device_says_does_harm(times in prop::collection::vec((any::<u64>(), any::<u64>()), 1..50)) {
+        fn any_device_times_are_survived(times in prop::collection::vec((any::<u64>(), any::<u64>()), 1..50)) {
             let mut clock = DeviceClock::default();
             for (device_ns, arrived_ns) in times {
                 clock.local_ns(device_ns, arrived_ns);

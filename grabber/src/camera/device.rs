@@ -1,19 +1,19 @@
-//! What a driver has to provide: a device that can be opened, and a stream that brings frames.
+//! The interface of a driver: a device that can be opened, and a stream that delivers frames.
 //!
-//! Drivers do nothing about trouble but to say what it is. Trying again, numbering, and telling
-//! others is the same for all of them and done by [`Link`](super::Link).
+//! Drivers report faults and do nothing else about them. Retrying, numbering and reporting is common to all
+//! drivers and done by [`Link`](super::Link).
 
 use super::{FrameLoan, FramePool, Picture};
 use common::messages::CameraState;
 use std::time::Duration;
 
-/// What is wrong with a camera.
+/// A camera's fault.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{problem}")]
 pub struct Fault {
-    /// In one word, for programs.
+    /// Its kind, for programs.
     pub state: CameraState,
-    /// In a sentence, for people: what, and what to do about it.
+    /// One sentence for people: what happened, and what to do about it.
     pub problem: String,
 }
 
@@ -24,52 +24,51 @@ impl Fault {
     }
 }
 
-/// A camera that may be there, or not, or not yet.
+/// A camera that may be present or absent.
 pub trait Device: Send + Sync {
-    /// What it is called on the command line.
+    /// Its name on the command line.
     fn name(&self) -> String;
 
-    /// Finds it and makes it ready: format, rate, settings. May take seconds; called on a thread of
-    /// its own.
+    /// Finds and configures it: format, rate, settings. May take seconds; called on a thread of its own.
     fn open(&self) -> Result<Box<dyn Session>, Fault>;
 }
 
-/// A camera that is ready to stream.
+/// A camera ready to stream.
 pub trait Session: Send {
-    /// Frames a second, as far as the camera or its driver promises any number.
+    /// Frames per second, if the camera or its driver promises a rate.
     fn promised_fps(&self) -> Option<f64>;
 
-    /// Starts it. From here on everything happens on the grabber's own thread. Also says what it
-    /// is, for people: model, format, way of transfer.
+    /// Starts it. From here on everything happens on the grabber's own thread. Also returns a description for
+    /// people: model, format, kind of transfer.
     fn start(self: Box<Self>, pool: &mut FramePool) -> Result<(Box<dyn Stream>, String), Fault>;
 }
 
 /// A streaming camera. Stopped when it is dropped.
 pub trait Stream {
-    /// Waits for what comes next, for so long at most; `None` when nothing has come.
+    /// Waits for the next arrival, for at most `timeout`; `None` if there was none.
     fn next(&mut self, pool: &mut FramePool, timeout: Duration) -> Result<Option<Arrival>, Fault>;
 }
 
-/// What a stream brings.
+/// An event on a stream.
 // Most arrivals are frames; boxing them would allocate memory for each.
 #[allow(clippy::large_enum_variant)]
 pub enum Arrival {
     /// A whole frame.
     Frame(Delivery),
-    /// A frame of which parts are missing or damaged.
+    /// A frame with missing or damaged parts.
     Incomplete,
     /// A whole frame for which there was no shared memory.
     NoMemory,
 }
 
-/// A frame as the driver hands it over.
+/// A frame as delivered by the driver.
 pub struct Delivery {
     /// Its pixels.
     pub frame: FrameLoan,
-    /// What its bytes are.
+    /// Layout of its bytes.
     pub picture: Picture,
-    /// The device's own number. Gaps are frames that did not reach the driver; those reported as
-    /// incomplete have numbers too.
+    /// The device's own number. Gaps are frames that did not reach the driver; incomplete frames have
+    /// numbers, too.
     pub device_seq: u64,
     /// Middle of the exposure, monotonic clock.
     pub t_capture_ns: u64,

@@ -1,8 +1,7 @@
-//! The link to a real camera: opens it, watches it, and opens it again when it was away.
+//! The link to a real camera: opens it, monitors it, and reopens it after a fault.
 //!
-//! Whatever is wrong with a camera, the grabber lives on, says what it is, and tries again after a
-//! pause. Opening, which may take seconds, happens on a thread of its own, so that the process
-//! keeps giving signs of life.
+//! No fault of a camera ends the grabber; it reports the fault and retries after a pause. Opening may take
+//! seconds and happens on a thread of its own, so that the process keeps sending heartbeats.
 
 use super::device::{Arrival, Delivery, Device, Fault, Session, Stream};
 use super::numbering::Numbering;
@@ -15,22 +14,22 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
-/// First pause before a camera is tried again; doubles with each further failure.
+/// Pause before the first retry; doubles with each further failure.
 const FIRST_PAUSE_NS: u64 = 100_000_000;
-/// Longest pause: a camera that is plugged in again shall be noticed soon.
+/// Longest pause, so that a camera that is plugged in again is found soon.
 const LONGEST_PAUSE_NS: u64 = 1_000_000_000;
-/// Opening a camera may take so long.
+/// Time allowed for opening a camera.
 const OPENING_NS: u64 = 10_000_000_000;
-/// A started camera may take so long until its first frame.
+/// Time allowed from start to the first frame.
 const FIRST_FRAME_NS: u64 = 3_000_000_000;
-/// A streaming camera may be silent for so long, or two and a half frame periods.
+/// Time allowed between frames, if longer than two and a half frame periods.
 const SILENCE_NS: u64 = 1_000_000_000;
-/// A camera that has streamed for so long was well: the next failure is the first.
+/// Streaming time after which the next failure counts as the first.
 const WELL_NS: u64 = 2_000_000_000;
-/// A capture time is believed if the frame came within this time of it.
+/// Maximum age of a capture time when its frame arrives; older ones are replaced.
 const BELIEVABLE_NS: u64 = 2_000_000_000;
 
-/// A camera that comes and goes.
+/// A camera that may be unplugged and come back.
 pub struct Link {
     device: Arc<dyn Device>,
     fps: f64,
@@ -38,7 +37,7 @@ pub struct Link {
     report: CameraReport,
     phase: Phase,
     failures: u32,
-    /// Incomplete frames when the last whole one came.
+    /// Number of incomplete frames when the last whole one arrived.
     incomplete_before: u64,
 }
 
@@ -56,23 +55,23 @@ struct Running {
 }
 
 impl Link {
-    /// A link to a camera that is to deliver so many frames a second. Opening begins at once.
+    /// A link to a camera with a nominal rate, frames per second. Opening begins at once.
     pub fn new(device: Arc<dyn Device>, fps: f64, last: Option<LastFrame>) -> Self {
         let mut report: CameraReport = bytemuck::Zeroable::zeroed();
         write_text(&mut report.device, &device.name());
-        let phase = open_aside(&device);
+        let phase = open_on_thread(&device);
         let numbering = Numbering::new(fps, last);
         Self { device, fps, numbering, report, phase, failures: 0, incomplete_before: 0 }
     }
 
-    /// Works through one step, which takes [`LOOK_AROUND`] at most.
+    /// Performs one step, which takes at most [`LOOK_AROUND`].
     fn step(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, Fault> {
         match &mut self.phase {
             Phase::Waiting { until_ns } => {
                 let left = Duration::from_nanos(until_ns.saturating_sub(monotonic_ns()));
                 std::thread::sleep(left.min(LOOK_AROUND));
                 if left <= LOOK_AROUND {
-                    self.phase = open_aside(&self.device);
+                    self.phase = open_on_thread(&self.device);
                 }
                 Ok(None)
             }
@@ -151,7 +150,7 @@ impl Link {
                 self.report.incomplete += 1;
                 Ok(None)
             }
-            // The gap in the device's numbers tells of it.
+            // The frame appears as a gap in the device's numbers.
             Arrival::NoMemory => Ok(None),
         }
     }
@@ -175,7 +174,7 @@ impl Link {
         Captured { frame, exposure, picture }
     }
 
-    /// What was wrong goes into the report; the camera is let go, and tried again later.
+    /// Reports a fault, releases the camera, and schedules a retry.
     fn give_up(&mut self, fault: &Fault) {
         self.report.state = fault.state as u32;
         write_text(&mut self.report.problem, &fault.problem);
@@ -200,7 +199,7 @@ impl Camera for Link {
 }
 
 impl Running {
-    /// Whether the camera has been silent for too long.
+    /// Checks how long the camera has been silent.
     fn check_silence(&self, now_ns: u64, fps: f64) -> Result<(), Fault> {
         let patience_ns = match self.arrived_ns {
             None => FIRST_FRAME_NS,
@@ -231,11 +230,11 @@ fn too_slow(delivered: f64, promised: f32, configured: f64) -> String {
 }
 
 /// Opens a device on a thread of its own.
-fn open_aside(device: &Arc<dyn Device>) -> Phase {
+fn open_on_thread(device: &Arc<dyn Device>) -> Phase {
     let (sender, session) = channel();
     let device = Arc::clone(device);
     std::thread::spawn(move || {
-        // Nobody waits any more when the process is ending.
+        // The receiver is gone if the process is ending.
         let _ = sender.send(device.open());
     });
     Phase::Opening { session, since_ns: monotonic_ns() }

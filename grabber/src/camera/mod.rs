@@ -1,43 +1,43 @@
-//! What the grabber needs from a source of frames.
+//! The interface between the grabber and sources of frames.
 //!
-//! A [`Camera`] brings frames in shared memory: it takes memory from the [`FramePool`], has it
-//! filled, by hardware if possible, and gives it back with what it knows about the picture. A source
-//! that paints its frames itself, when they are due, is a [`Painter`], which is simpler: it gets the
-//! pixels to fill. [`Painted`] makes a camera of it. A driver of real cameras is a [`Device`];
-//! [`Link`] makes a camera of it, one that survives what cameras do.
+//! A [`Camera`] delivers frames in shared memory: it takes memory from the [`FramePool`], has it filled, by
+//! hardware if possible, and returns it with a description of the picture. A source that renders its frames
+//! when they are due implements the simpler [`FrameRenderer`], which only fills pixels; [`RenderedCamera`]
+//! makes a camera of it. A driver of real cameras implements [`Device`]; [`Link`] makes a camera of it that
+//! survives faults.
 
 mod clock;
 mod device;
 mod link;
 mod numbering;
 mod pace;
-mod painted;
 mod pool;
+mod rendered;
 mod timeline;
 
 pub use clock::{DeviceClock, WallClock};
 pub use device::{Arrival, Delivery, Device, Fault, Session, Stream};
 pub use link::Link;
-pub use painted::{Painted, Painter};
 pub use pool::{FrameLoan, FramePool};
+pub use rendered::{FrameRenderer, RenderedCamera};
 pub use timeline::Timeline;
 
 use common::messages::{BayerOrder, CameraReport, Commands, FrameHeader, PixelFormat, TruthFrame};
 
-/// When a frame was taken.
+/// Time and number of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Exposure {
-    /// Frame number; numbers left out are frames that were never captured.
+    /// Frame number; skipped numbers are frames that were never captured.
     pub seq: u64,
     /// Middle of the exposure, monotonic clock.
     pub t_capture_ns: u64,
-    /// The same on the wall clock.
+    /// Middle of the exposure, wall clock.
     pub t_capture_wall_ns: u64,
     /// Frames the source had to skip before this one because the grabber was late.
     pub skipped: u64,
 }
 
-/// What a frame's bytes are.
+/// Layout of a frame's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Picture {
     /// Pixels in a row.
@@ -46,26 +46,26 @@ pub struct Picture {
     pub height: u32,
     /// Bytes from the start of a row to the start of the next.
     pub stride: u32,
-    /// What the bytes mean.
+    /// Encoding of the pixels.
     pub pixel_format: PixelFormat,
-    /// Colours of the top-left 2×2 pixels, where the format is a Bayer one.
+    /// Colours of the top-left 2×2 pixels; only for Bayer formats.
     pub bayer_order: BayerOrder,
     /// Exposure time; 0 when unknown.
     pub exposure_us: u32,
 }
 
-/// A frame that has arrived, in shared memory, not yet published.
+/// A frame in shared memory, not yet published.
 pub struct Captured {
     /// Its pixels.
     pub frame: FrameLoan,
-    /// When it was taken.
+    /// Time and number.
     pub exposure: Exposure,
-    /// What its bytes are.
+    /// Layout of its bytes.
     pub picture: Picture,
 }
 
 impl Captured {
-    /// The header of the frame, to be handed on at `t_sent_ns`.
+    /// The header of the frame, published at `t_sent_ns`.
     pub fn header(&self, t_sent_ns: u64) -> FrameHeader {
         let Self { exposure, picture, .. } = self;
         FrameHeader {
@@ -85,7 +85,7 @@ impl Captured {
     }
 }
 
-/// A frame number and its capture time, from which a later grabber can continue.
+/// A frame number and its capture time, from which a successor continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LastFrame {
     /// Its number.
@@ -94,7 +94,7 @@ pub struct LastFrame {
     pub t_capture_ns: u64,
 }
 
-/// Why a source cannot deliver.
+/// A source cannot deliver.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// A file could not be read, or is not a picture of the right kind.
@@ -102,7 +102,7 @@ pub enum CameraError {
     Picture {
         /// The file or folder.
         path: String,
-        /// What is wrong with it, and what would be right.
+        /// The problem, and what would be right.
         problem: String,
     },
     /// A recording cannot be played.
@@ -111,40 +111,39 @@ pub enum CameraError {
     /// The synthetic match cannot be built.
     #[error("synthetic match: {0}")]
     Synthetic(String),
-    /// Frames are to come from another program, but the configuration names none.
+    /// Frames come from another program, but the configuration names none.
     #[error(
         "the source external takes frames of a program that the configuration permits: put the name under which \
          it joins the group into access.publishers"
     )]
     External,
-    /// All of the topic's memory is in readers' hands: possible only if a reader breaks the rules.
+    /// All memory of the topic is held by readers: possible only if a reader breaks the rules.
     #[error("no shared memory for another frame: {0}")]
     NoMemory(String),
 }
 
 /// A source of frames. It owns their numbers and capture times.
 pub trait Camera {
-    /// Waits for the next frame, but not much longer than
-    /// [`LOOK_AROUND`](common::process::LOOK_AROUND) if it can be helped: the process has a
-    /// heartbeat to send. `None` when nothing has come.
+    /// Waits for the next frame, if possible for at most [`LOOK_AROUND`](common::process::LOOK_AROUND), since
+    /// the process has a heartbeat to send. `None` if there was none.
     ///
     /// An error ends the process, except [`CameraError::NoMemory`], which loses a frame.
     fn capture(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, CameraError>;
 
-    /// For a source that knows what is really there: the truth of the frame just captured.
+    /// The truth of the frame just captured; only for simulated sources.
     fn truth(&self) -> Option<&TruthFrame> {
         None
     }
 
-    /// For a source that plays the strategies too: the commands sent up to the frame just captured.
+    /// The commands sent up to the frame just captured; only for sources that simulate strategies.
     fn commands(&self) -> &[Commands] {
         &[]
     }
 
-    /// Somebody else has sent commands; robots that are only played obey them.
+    /// Commands of another program; simulated robots obey them.
     fn obey(&mut self, _commands: &Commands) {}
 
-    /// Whether the next frame is known to be a long time off, and nothing is wrong about that.
+    /// Whether a regular pause precedes the next frame.
     fn is_waiting(&self) -> bool {
         false
     }
@@ -154,7 +153,7 @@ pub trait Camera {
         false
     }
 
-    /// How a real camera is.
+    /// State of a real camera.
     fn report(&self) -> Option<&CameraReport> {
         None
     }

@@ -2,11 +2,12 @@
 
 use super::LastFrame;
 
-/// Makes of a device's own numbers those of the group, which rise without end, whatever happens to
-/// the device.
+/// Converts a device's own numbers to those of the group, which always rise.
 ///
-/// While a device streams, its gaps are kept. After an interruption the gap follows from the time
-/// that has passed, so that in the end each number stands for one frame period.
+/// Within a session the number grows by the difference of the device's numbers, so its gaps are preserved. If
+/// that difference is impossible (not positive, or far more frames than the elapsed time allows) or the
+/// device was restarted, it grows by `max(1, round(elapsed / period))` instead. So in the long run each
+/// number stands for one frame period.
 #[derive(Debug, Clone)]
 pub struct Numbering {
     period_ns: f64,
@@ -14,26 +15,26 @@ pub struct Numbering {
     device_seq: Option<u64>,
 }
 
-/// A number, and what it says about the time before.
+/// A number, and the frames lost before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Numbered {
     /// The frame's number.
     pub seq: u64,
-    /// Frames that the running device has captured since the last one, but that have not come.
+    /// Frames that the running device has captured since the last one and that did not arrive.
     pub lost: u64,
 }
 
-/// A device may lose so many frames more in a row than there was time for; then its numbers are
-/// rubbish.
+/// Number of frames beyond those the elapsed time allows that may be lost in a row; more means invalid
+/// numbers.
 const MARGIN: f64 = 100.0;
 
 impl Numbering {
-    /// Numbers from 0, or after a predecessor's last frame, at about so many frames a second.
+    /// Numbers from 0, or after a predecessor's last frame; `fps` is the nominal rate.
     pub fn new(fps: f64, last: Option<LastFrame>) -> Self {
         Self { period_ns: 1e9 / fps, last, device_seq: None }
     }
 
-    /// The device has been started anew: its numbers mean nothing compared with those before.
+    /// Must be called when the device was restarted: its numbers no longer continue the old ones.
     pub fn interrupted(&mut self) {
         self.device_seq = None;
     }
@@ -47,7 +48,7 @@ impl Numbering {
                 let periods = elapsed_ns / self.period_ns;
                 let step = self.device_seq.and_then(|before| device_seq.checked_sub(before));
                 match step {
-                    // A duplicate number, or one from the past, is a device that was reset.
+                    // A repeated number, or a lower one, means that the device was reset.
                     Some(step) if step > 0 && (step as f64) < 4.0 * periods + MARGIN => {
                         Numbered { seq: last.seq + step, lost: step - 1 }
                     }
@@ -86,9 +87,9 @@ mod tests {
         numbering.number(500, 0);
         numbering.interrupted();
         assert_eq!(numbering.number(0, 300 * PERIOD_NS), Numbered { seq: 300, lost: 0 });
-        // A device that starts to count again without a word.
+        // A device that starts counting anew without notice.
         assert_eq!(numbering.number(0, 301 * PERIOD_NS), Numbered { seq: 301, lost: 0 });
-        // A number no device can have reached.
+        // A number that no device can have reached.
         assert_eq!(numbering.number(1 << 40, 302 * PERIOD_NS), Numbered { seq: 302, lost: 0 });
     }
 
@@ -101,7 +102,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_rise_whatever_a_device_says(
+        fn numbers_rise_for_any_device(
             frames in prop::collection::vec((any::<u64>(), any::<u32>(), any::<bool>()), 1..100),
         ) {
             let mut numbering = numbering();

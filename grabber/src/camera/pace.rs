@@ -1,6 +1,6 @@
-//! How many frames really come.
+//! Measurement of the actual frame rate.
 
-/// Measures the rate of arrivals, and says when it falls short.
+/// Measures the rate of arrivals, and detects when it falls short.
 #[derive(Debug, Clone)]
 pub struct Pace {
     expected_fps: f64,
@@ -9,23 +9,24 @@ pub struct Pace {
     fps: Option<f64>,
 }
 
-/// Over which the rate is measured.
+/// Length of a measurement.
 const WINDOW_NS: u64 = 2_000_000_000;
-/// Clocks differ, and a frame may fall to the other side of a window's edge.
+/// Part of the expected rate that suffices: clocks differ, and a frame may fall on the other side of a
+/// window's edge.
 const SHARE: f64 = 0.95;
 
 impl Pace {
-    /// Expects so many frames a second, from now on.
+    /// Expects a rate, frames per second, from now on.
     pub fn new(expected_fps: f64, now_ns: u64) -> Self {
         Self { expected_fps, window_start_ns: now_ns, count: 0, fps: None }
     }
 
-    /// A frame has arrived.
+    /// Counts a frame.
     pub fn arrived(&mut self) {
         self.count += 1;
     }
 
-    /// Looks at the clock; `true` when a measurement is new.
+    /// Updates the measurement; `true` if a new one is complete.
     pub fn measure(&mut self, now_ns: u64) -> bool {
         let elapsed_ns = now_ns.saturating_sub(self.window_start_ns);
         if elapsed_ns < WINDOW_NS {
@@ -36,14 +37,14 @@ impl Pace {
         true
     }
 
-    /// Frames a second, when last measured.
+    /// The latest measurement, frames per second.
     pub fn fps(&self) -> Option<f64> {
         self.fps
     }
 
-    /// Whether clearly fewer frames come than were expected.
+    /// Whether clearly fewer frames arrive than expected.
     pub fn is_slow(&self) -> bool {
-        // At a few frames a second one frame more or less is a large share.
+        // At a few frames per second one frame more or less is a large share.
         let tolerance = (1e9 / WINDOW_NS as f64 * 1.5).max((1.0 - SHARE) * self.expected_fps);
         self.fps.is_some_and(|fps| fps < self.expected_fps - tolerance)
     }
@@ -63,20 +64,20 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_in_time_is_not_slow() {
+    fn a_camera_at_its_rate_is_not_slow() {
         let pace = after_four_seconds(80.0, 319);
         assert!((pace.fps().unwrap() - 80.0).abs() < 1.0 && !pace.is_slow());
         assert!(!after_four_seconds(1.0, 4).is_slow());
     }
 
     #[test]
-    fn a_camera_that_delivers_half_is() {
+    fn a_camera_at_half_its_rate_is_slow() {
         let pace = after_four_seconds(80.0, 160);
         assert!((pace.fps().unwrap() - 40.0).abs() < 1.0 && pace.is_slow());
     }
 
     #[test]
-    fn nothing_is_said_before_it_is_known() {
+    fn no_rate_is_reported_before_it_is_measured() {
         assert!(!Pace::new(80.0, 0).is_slow());
     }
 }

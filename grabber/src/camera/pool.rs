@@ -6,17 +6,16 @@ use common::config::CameraConfig;
 use common::messages::FrameHeader;
 use common::topics;
 
-/// Memory for one frame, which nobody else can see until it is published. Its bytes hold an old
-/// frame.
+/// Memory for one frame, invisible to other processes until it is published. Its bytes hold an old frame.
 pub type FrameLoan = Loan<u8, FrameHeader>;
 
-/// Where cameras get memory for frames from.
+/// The source of memory for frames.
 pub struct FramePool {
     publisher: Publisher<u8, FrameHeader>,
 }
 
 impl FramePool {
-    /// Frames a camera may hold at the same time, those on their way to being published included.
+    /// Frames a camera may hold at the same time, including those being published.
     pub const CAPACITY: usize = topics::FRAMES.loaned;
 
     /// Memory for frames of up to `capacity` bytes, on the topic `frames` of a group with this camera.
@@ -25,7 +24,7 @@ impl FramePool {
         Ok(Self { publisher })
     }
 
-    /// Memory for a frame.
+    /// Borrows memory for a frame.
     pub fn loan(&mut self, bytes: usize) -> Result<FrameLoan, CameraError> {
         self.publisher.loan(bytes).map_err(|error| CameraError::NoMemory(error.to_string()))
     }

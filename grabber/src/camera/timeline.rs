@@ -1,14 +1,17 @@
-//! The clock of sources that have none of their own.
+//! Pacing of sources without a clock of their own.
 
 use super::{Exposure, LastFrame};
 use common::clock::{monotonic_ns, wall_ns};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
-/// The clock of a source that has none of its own: frame `seq` is due at `epoch + seq · period`.
+/// Due times and numbers of the frames of a source without a clock: frame `seq` is due at `epoch + seq ·
+/// period`.
 ///
-/// Frame numbers follow from time, so a grabber that is started again continues its predecessor's
-/// numbers with a gap of exactly the frames nobody captured.
+/// Since frame numbers follow from time, a grabber that is restarted continues its predecessor's numbers with
+/// a gap of exactly the frames that were not captured. Small delays are caught up, since due times do not
+/// move. After a delay of more than [`MAX_LAG_NS`] the frames before the present are skipped, and their
+/// numbers with them.
 #[derive(Debug, Clone)]
 pub struct Timeline {
     epoch_ns: u64,
@@ -16,12 +19,12 @@ pub struct Timeline {
     next_seq: u64,
 }
 
-/// How far the grabber may fall behind before frames are skipped: a hiccup of the machine is made
-/// up for at once, a long stop (a debugger, a suspended machine) is not replayed.
+/// Maximum delay that is caught up; a longer stop (a debugger, a suspended machine) is skipped.
 const MAX_LAG_NS: u64 = 250_000_000;
 
-/// So long before a frame is due a source stops sleeping and looks at the clock instead, but at most for
-/// [`MAX_WATCHED_SHARE`] of the time: a processor takes its time to wake up, and a camera would not.
+/// Time before a due frame at which the source changes from sleeping to polling the clock, limited to
+/// [`MAX_WATCHED_SHARE`] of the time: waking a processor takes long, and a camera's timing would not depend
+/// on it.
 const WATCHED_NS: u64 = 150_000;
 const MAX_WATCHED_SHARE: f64 = 0.02;
 
@@ -44,14 +47,14 @@ impl Timeline {
         }
     }
 
-    /// Number of the frame that comes next.
+    /// Number of the next frame.
     pub fn next_seq(&self) -> u64 {
         self.next_seq
     }
 
-    /// For a source that paints its frames, which takes `painting_ns`: leaves the first half of the
-    /// period to those who work on the last frame, if it can afford to. A camera would not take
-    /// their processor either.
+    /// For a source whose frames take `painting_ns` to render: leaves the first half of the period to the
+    /// stages that process the last frame, if there is time. A real camera would not take their processor
+    /// either.
     pub fn rest(&self, painting_ns: u64) {
         let half_ns = (self.period_ns / 2.0) as u64;
         if painting_ns < half_ns / 2 {
@@ -65,7 +68,7 @@ impl Timeline {
         let watched_ns = WATCHED_NS.min((self.period_ns * MAX_WATCHED_SHARE) as u64);
         sleep_until(due_ns.saturating_sub(watched_ns));
         while monotonic_ns() < due_ns {
-            // Whoever needs the processor meanwhile shall have it.
+            // Lets other threads run meanwhile.
             std::thread::yield_now();
         }
         let exposure = Exposure {
@@ -78,7 +81,7 @@ impl Timeline {
         exposure
     }
 
-    /// Skips frames that are hopelessly late; returns how many.
+    /// Skips frames that are later than [`MAX_LAG_NS`]; returns their number.
     pub fn skip_late(&mut self) -> u64 {
         let now = monotonic_ns();
         if now > self.due_ns(self.next_seq) + MAX_LAG_NS { self.skip_to(now) } else { 0 }
@@ -102,7 +105,7 @@ fn sleep_until(time_ns: u64) {
         tv_sec: (time_ns / 1_000_000_000) as _,
         tv_nsec: (time_ns % 1_000_000_000) as _,
     };
-    // Signals interrupt the sleep; the time is absolute, so it is simply continued.
+    // A signal interrupts the sleep; as the time is absolute, it is simply continued.
     while clock_nanosleep_absolute(ClockId::Monotonic, &time) == Err(rustix::io::Errno::INTR) {}
 }
 

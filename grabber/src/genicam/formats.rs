@@ -1,10 +1,10 @@
-//! Which of GenICam's formats can be used, and as what; and how its cameras number frames.
+//! Supported pixel formats of GenICam, and frame numbers of its cameras.
 
 use common::messages::BayerOrder::{self, *};
 use common::messages::PixelFormat::{self, *};
 
-/// The names and numbers of the formats that can be used (GenICam's Pixel Format Naming
-/// Convention), best first: raw ones keep all that the sensor saw, and take the least bandwidth.
+/// The names and numbers of the supported formats (GenICam's Pixel Format Naming Convention), best first: raw
+/// formats preserve all sensor data, and take the least bandwidth.
 pub const USABLE: [(&str, u32, PixelFormat, BayerOrder); 19] = [
     ("BayerRG8", 0x0108_0009, Bayer8, Rggb),
     ("BayerGR8", 0x0108_0008, Bayer8, Grbg),
@@ -27,7 +27,7 @@ pub const USABLE: [(&str, u32, PixelFormat, BayerOrder); 19] = [
     ("RGB8", 0x0218_0014, Rgb24, Rggb),
 ];
 
-/// Names under which older cameras have the same formats.
+/// Names of the same formats on older cameras.
 const ALIASES: [(&str, &str); 4] = [
     ("YUV422Packed", "YUV422_8_UYVY"),
     ("YUYVPacked", "YUV422_8"),
@@ -35,20 +35,20 @@ const ALIASES: [(&str, &str); 4] = [
     ("RGB8Packed", "RGB8"),
 ];
 
-/// Place in the list of a format with this name.
+/// Index in the list of a format with this name.
 fn place(name: &str) -> Option<usize> {
     let alias = ALIASES.iter().find(|(alias, _)| *alias == name);
     let name = alias.map_or(name, |&(_, name)| name);
     USABLE.iter().position(|&(known, ..)| known == name)
 }
 
-/// What a number of GenICam's stands for.
+/// The format with this GenICam number.
 pub fn of_number(number: u32) -> Option<(PixelFormat, BayerOrder)> {
     let found = USABLE.iter().find(|&&(_, known, ..)| known == number)?;
     Some((found.2, found.3))
 }
 
-/// Why a format cannot be used; `None` if it can.
+/// Reason for which a format cannot be used; `None` if it can.
 pub fn refusal(name: &str) -> Option<&'static str> {
     if place(name).is_some() {
         None
@@ -61,12 +61,12 @@ pub fn refusal(name: &str) -> Option<&'static str> {
     }
 }
 
-/// The best of the formats a camera offers.
+/// The best of the formats that a camera offers.
 pub fn best(offered: &[String]) -> Option<&String> {
     offered.iter().filter(|name| place(name).is_some()).min_by_key(|name| place(name))
 }
 
-/// How far a camera's number has come. GigE Vision counts in 16 bits and leaves out 0.
+/// Increment of a camera's frame number. GigE Vision counts in 16 bits and skips 0.
 pub fn step(last: u64, id: u64) -> u64 {
     const END: u64 = 0xffff;
     if id < last && last <= END && last - id > END / 2 {
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_is_raw() {
+    fn the_best_format_is_raw() {
         let offered = ["Mono8", "RGB8Packed", "BayerGR8", "YUV422Packed"].map(String::from);
         assert_eq!(best(&offered), Some(&"BayerGR8".to_string()));
         assert_eq!(best(&offered[..2]), Some(&"RGB8Packed".to_string()));
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_sixteen_bits_go_round_without_zero() {
+    fn sixteen_bit_numbers_wrap_without_zero() {
         assert_eq!(step(7, 8), 1);
         assert_eq!(step(65_535, 1), 1);
         assert_eq!(step(65_530, 3), 8);

@@ -1,8 +1,7 @@
 //! Aravis, loaded when it is first needed.
 //!
-//! The program is built without it and starts without it; only who has a GigE Vision or USB3 Vision
-//! camera needs it. These are the functions that are used, with the signatures of Aravis' header
-//! files (0.8, whose interface is frozen).
+//! The program is built and starts without it; only GigE Vision and USB3 Vision cameras need it. Declared are
+//! the functions in use, with the signatures of Aravis' header files (0.8, whose interface is frozen).
 
 // A foreign library cannot be called otherwise; `objects` and `stream` wrap it.
 #![allow(unsafe_code)]
@@ -13,7 +12,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Any object of the library.
 pub type Object = *mut c_void;
-/// Where a function leaves its error.
+/// Address at which a function stores its error.
 pub type ErrorPlace = *mut *mut GError;
 
 /// An error of the library.
@@ -24,10 +23,10 @@ pub struct GError {
     pub message: *mut c_char,
 }
 
-/// The name under which every distribution has it.
+/// File name in all distributions.
 const FILE: &str = "libaravis-0.8.so.0";
 
-/// What to tell who does not have it.
+/// Error message if the library is missing.
 const MISSING: &str = "GigE Vision and USB3 Vision cameras need the library Aravis 0.8: install the \
                        package libaravis-0.8-0 (`sudo apt-get install libaravis-0.8-0`)";
 
@@ -38,7 +37,7 @@ macro_rules! library {
             $(pub $name: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
             /// Takes pairs of a property's name and its value, and a null pointer at the end.
             pub g_object_set: unsafe extern "C" fn(Object, *const c_char, ...),
-            // Last: the functions above are in it.
+            // Last field: the functions above are in this library.
             _file: SharedLibrary,
         }
 
@@ -121,7 +120,7 @@ library! {
     arv_buffer_get_image_pixel_format: fn(Object) -> u32;
 }
 
-/// The library. It is loaded once and stays; where it is missing, the next call looks again.
+/// The library. It is loaded once and never unloaded; while it is missing, each call tries again.
 pub fn library() -> Result<&'static Library, String> {
     static LIBRARY: Mutex<Option<&'static Library>> = Mutex::new(None);
     let mut known = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
@@ -139,14 +138,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_does_not_have_it_is_told_what_to_install() {
+    fn a_missing_library_is_reported_with_the_package() {
         let problem = Library::load("libthere-is-none-0.8.so.0").err().unwrap();
         assert!(problem.contains("apt-get install libaravis-0.8-0"), "{problem}");
     }
 
     #[test]
     fn another_library_is_refused() {
-        // It is always there, and has none of the functions.
+        // Always present, and without any of the functions.
         let problem = Library::load("libc.so.6").err().unwrap();
         assert!(problem.contains("too old"), "{problem}");
     }

@@ -1,11 +1,11 @@
-//! What GenICam cameras there are.
+//! Discovery of GenICam cameras.
 
 use super::formats;
 use super::library::library;
 use super::objects::{Camera, Found, discover};
 use crate::listing::{CameraDescription, FeatureDescription, FormatDescription};
 
-/// Features that most cameras have, and that matter here.
+/// Features that most cameras have and that matter here.
 const FEATURES: [&str; 7] = [
     "ExposureTime",
     "ExposureTimeAbs",
@@ -16,7 +16,7 @@ const FEATURES: [&str; 7] = [
     "Height",
 ];
 
-/// All cameras that the library finds; takes about a second. An error when there is no library.
+/// All cameras that the library finds; takes about a second. An error if there is no library.
 pub fn list() -> Result<Vec<CameraDescription>, String> {
     library()?;
     Ok(discover()?.iter().map(describe).collect())
@@ -32,9 +32,8 @@ fn describe(found: &Found) -> CameraDescription {
         controls: Vec::new(),
         features: Vec::new(),
     };
-    let opened = library().and_then(|library| {
-        Camera::open(library, Some(&found.id)).map_err(|complaint| complaint.text)
-    });
+    let opened = library()
+        .and_then(|library| Camera::open(library, Some(&found.id)).map_err(|error| error.text));
     match opened {
         Ok(camera) => {
             description.formats =

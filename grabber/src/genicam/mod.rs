@@ -1,8 +1,7 @@
 //! GigE Vision and USB3 Vision cameras, by way of the library Aravis.
 //!
-//! `library` loads it, `objects` and `stream` make its functions safe, this file does the work: it opens a
-//! camera, sets it up as configured, and has the library write pictures straight into shared
-//! memory.
+//! `library` loads it, and `objects` and `stream` make its functions safe. This file opens a camera,
+//! configures it, and has the library write pictures straight into shared memory.
 
 mod formats;
 // Names are the library's, and documented there.
@@ -20,17 +19,17 @@ use crate::camera::{
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::{CameraConfig, SettingValue};
 use common::messages::CameraState;
-use objects::{Camera, Complaint, error_code};
+use objects::{AravisError, Camera, error_code};
 use std::time::Duration;
 use stream::Received;
 
-/// The name of the library's own simulated cameras.
+/// Name prefix of the library's simulated cameras.
 const SIMULATED: &str = "Fake_";
-/// Packets fit everywhere.
+/// Packet size that every network supports.
 const EVERYWHERE_BYTES: u32 = 1500;
-/// A camera that has been silent for so long may not answer either.
+/// Silence after which a camera may not answer requests either.
 const SILENCE_NS: u64 = 500_000_000;
-/// Packets on this machine's own network.
+/// Packet size on this machine's loopback network.
 const LOOPBACK_BYTES: u32 = 8000;
 
 /// A GenICam camera, by its name or address; without one, the first that is found.
@@ -40,8 +39,7 @@ pub struct GenicamDevice {
 }
 
 impl GenicamDevice {
-    /// The camera of this name (`touchline cameras` shows it) or network address, to be set up as
-    /// configured.
+    /// The camera of this name (as in `touchline cameras`) or network address, and its configuration.
     pub fn new(id: Option<String>, config: &CameraConfig) -> Self {
         Self { id, config: config.clone() }
     }
@@ -53,11 +51,11 @@ impl GenicamDevice {
         }
     }
 
-    /// What a complaint about opening the camera means.
-    fn refusal(&self, complaint: &Complaint) -> Fault {
+    /// The fault for an error of opening the camera.
+    fn refusal(&self, error: &AravisError) -> Fault {
         let wanted = self.wanted();
-        match complaint.code {
-            // Known from before, but gone: asking it runs into a timeout.
+        match error.code {
+            // Known earlier, but gone: requests to it time out.
             error_code::NOT_FOUND | error_code::NOT_CONNECTED | error_code::TIMEOUT => Fault::new(
                 CameraState::Missing,
                 format!(
@@ -68,25 +66,25 @@ impl GenicamDevice {
             error_code::NOT_CONTROLLER | error_code::ACCESS_DENIED | error_code::BUSY => {
                 Fault::new(
                     CameraState::Busy,
-                    format!("{wanted} is in use by another program ({})", complaint.text),
+                    format!("{wanted} is in use by another program ({})", error.text),
                 )
             }
-            _ if complaint.text.contains("ermission") => Fault::new(
+            _ if error.text.contains("ermission") => Fault::new(
                 CameraState::NoRights,
                 format!(
                     "no rights to open {wanted} ({}): USB cameras need a udev rule, which comes with \
                      the package libaravis-0.8-0",
-                    complaint.text
+                    error.text
                 ),
             ),
-            _ => Fault::new(CameraState::Failed, format!("{wanted}: {}", complaint.text)),
+            _ => Fault::new(CameraState::Failed, format!("{wanted}: {}", error.text)),
         }
     }
 
     fn set_format(&self, camera: &Camera) -> Result<String, Fault> {
         let wrong = |problem: String| Fault::new(CameraState::WrongFormat, problem);
         let CameraConfig { width, height, genicam, .. } = &self.config;
-        let offered = camera.formats().map_err(|complaint| self.refusal(&complaint))?;
+        let offered = camera.formats().map_err(|error| self.refusal(&error))?;
         let format = match genicam.format.as_str() {
             "auto" => formats::best(&offered).cloned(),
             name => {
@@ -101,10 +99,10 @@ impl GenicamDevice {
         })?;
         camera
             .set_format(&format)
-            .map_err(|complaint| wrong(format!("format {format}: {}", complaint.text)))?;
+            .map_err(|error| wrong(format!("format {format}: {}", error.text)))?;
         let got = camera
             .set_size(*width, *height)
-            .map_err(|complaint| wrong(format!("size {width}×{height}: {}", complaint.text)))?;
+            .map_err(|error| wrong(format!("size {width}×{height}: {}", error.text)))?;
         if got != (*width, *height) {
             let problem =
                 format!("{} gives {}×{} instead of {width}×{height}", self.wanted(), got.0, got.1);
@@ -113,8 +111,8 @@ impl GenicamDevice {
         Ok(format)
     }
 
-    /// The configured features; switches and entries go first, since an automatic has to be off
-    /// before what it was in charge of can be set.
+    /// Sets the configured features. Switches and enumerations go first, since an automatic must be off
+    /// before the values that it controls can be set.
     fn set_features(&self, camera: &Camera) -> Result<(), Fault> {
         let wrong = |problem: String| Fault::new(CameraState::WrongSetting, problem);
         let mut features: Vec<(&String, &SettingValue)> =
@@ -132,8 +130,8 @@ impl GenicamDevice {
                 let problem = format!("feature {name} = {value}: allowed are {low} to {high}");
                 return Err(wrong(problem));
             }
-            camera.set_feature(name, &value.to_string()).map_err(|complaint| {
-                wrong(format!("feature {name} = {value}: the camera says: {}", complaint.text))
+            camera.set_feature(name, &value.to_string()).map_err(|error| {
+                wrong(format!("feature {name} = {value}: the camera says: {}", error.text))
             })?;
         }
         Ok(())
@@ -152,8 +150,8 @@ impl GenicamDevice {
             0 => EVERYWHERE_BYTES,
             bytes => bytes,
         };
-        camera.set_packets(bytes, genicam.packet_socket).map_err(|complaint| {
-            let problem = format!("packet_size = {bytes}: {}", complaint.text);
+        camera.set_packets(bytes, genicam.packet_socket).map_err(|error| {
+            let problem = format!("packet_size = {bytes}: {}", error.text);
             Fault::new(CameraState::WrongSetting, problem)
         })
     }
@@ -173,7 +171,7 @@ impl Device for GenicamDevice {
         if self.id.as_ref().is_some_and(|id| id.starts_with(SIMULATED)) {
             objects::enable_fake().map_err(no_library)?;
         }
-        let failed = |complaint: Complaint| self.refusal(&complaint);
+        let failed = |error: AravisError| self.refusal(&error);
         let camera = Camera::open(library, self.id.as_deref()).map_err(failed)?;
         let format = self.set_format(&camera)?;
         self.set_features(&camera)?;
@@ -220,21 +218,21 @@ impl Session for Opened {
         let mut stream = self
             .camera
             .create_stream()
-            .map_err(|complaint| failed("receiving from the camera", complaint.text))?;
+            .map_err(|error| failed("receiving from the camera", error.text))?;
         if self.is_gige {
             let timeout = Duration::from_millis(genicam.frame_timeout_ms.into());
             stream.set_network(genicam.socket_buffer_bytes, genicam.packet_resend, timeout);
         }
         for _ in 0..genicam.buffers {
-            // Fewer do as well, if there are any.
+            // Fewer buffers suffice, if there are any.
             if let Ok(frame) = pool.loan(self.payload) {
                 stream.add(frame);
             }
         }
-        if let Err(complaint) = self.camera.start() {
-            let remains = stream.end();
-            std::thread::spawn(move || drop((remains, self.camera)));
-            return Err(failed("starting the camera", complaint.text));
+        if let Err(error) = self.camera.start() {
+            let ended = stream.end();
+            std::thread::spawn(move || drop((ended, self.camera)));
+            return Err(failed("starting the camera", error.text));
         }
         let CameraConfig { width, height, .. } = self.config;
         let description = format!(
@@ -259,7 +257,7 @@ impl Session for Opened {
 }
 
 struct GenicamStream {
-    // Both are only absent while `self` is being dropped.
+    // Both are `None` only while `self` is being dropped.
     stream: Option<stream::Stream>,
     camera: Option<Camera>,
     width: u32,
@@ -267,16 +265,16 @@ struct GenicamStream {
     exposure_us: u32,
     payload: usize,
     clock: DeviceClock,
-    /// In which Aravis says when a picture has arrived.
+    /// The clock of Aravis' arrival times.
     wall_clock: WallClock,
     frame_id: Option<u64>,
     device_seq: u64,
-    /// When something came last.
+    /// Time of the last arrival.
     arrived_ns: u64,
 }
 
 impl GenicamStream {
-    /// Numbers that rise for ever.
+    /// Extends the camera's number to one that never wraps.
     fn count(&mut self, frame_id: u64) -> u64 {
         let step = self.frame_id.map_or(0, |last| formats::step(last, frame_id));
         self.frame_id = Some(frame_id);
@@ -341,12 +339,11 @@ impl Drop for GenicamStream {
         if is_answering {
             camera.stop();
         }
-        let remains = stream.end();
+        let ended = stream.end();
         if is_answering {
             return;
         }
-        // Speaking with a camera that does not answer takes seconds, in which the process could
-        // give no sign of life.
-        std::thread::spawn(move || drop((remains, camera)));
+        // Closing a camera that does not answer takes seconds, in which the process could send no heartbeat.
+        std::thread::spawn(move || drop((ended, camera)));
     }
 }

@@ -1,4 +1,4 @@
-//! The library's cameras and how they are found, with safe methods.
+//! Safe methods for the library's cameras and their discovery.
 
 // A foreign library cannot be called otherwise.
 #![allow(unsafe_code)]
@@ -8,12 +8,12 @@ use super::stream::Stream;
 use std::ffi::{CStr, CString, c_char, c_int, c_uint};
 use std::ptr::{null, null_mut};
 
-/// What the library complains about.
+/// An error of the library.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Complaint {
-    /// One of [`error_code`], when the device is concerned.
+pub struct AravisError {
+    /// One of [`error_code`], if it concerns the device.
     pub code: c_int,
-    /// Its words.
+    /// The library's message.
     pub text: String,
 }
 
@@ -27,17 +27,17 @@ pub mod error_code {
     pub const TIMEOUT: c_int = 5;
     /// There is no such device.
     pub const NOT_FOUND: c_int = 6;
-    /// Somebody else controls the device.
+    /// Another program controls the device.
     pub const NOT_CONTROLLER: c_int = 10;
-    /// Somebody else controls the device.
+    /// Another program controls the device.
     pub const ACCESS_DENIED: c_int = 17;
     /// The device is in use.
     pub const BUSY: c_int = 18;
 }
 
-type Outcome<T> = Result<T, Complaint>;
+type Outcome<T> = Result<T, AravisError>;
 
-/// Calls a function that leaves its error in a place of ours.
+/// Calls a function that stores its error at a given address.
 fn checked<T>(library: &Library, call: impl FnOnce(ErrorPlace) -> T) -> Outcome<T> {
     let mut error: *mut GError = null_mut();
     let value = call(&mut error);
@@ -45,19 +45,19 @@ fn checked<T>(library: &Library, call: impl FnOnce(ErrorPlace) -> T) -> Outcome<
         return Ok(value);
     }
     // SAFETY: a function that fails leaves an error with a message, which is ours to free.
-    let complaint = unsafe {
-        let complaint = Complaint { code: (*error).code, text: text((*error).message) };
+    let copy = unsafe {
+        let copy = AravisError { code: (*error).code, text: text((*error).message) };
         (library.g_error_free)(error);
-        complaint
+        copy
     };
-    Err(complaint)
+    Err(copy)
 }
 
-/// A text of the library's; empty where there is none.
+/// A text of the library; empty if it is null.
 ///
 /// # Safety
 ///
-/// `text` must be null or point to a text that ends with a zero.
+/// `text` must be null or point to a zero-terminated text.
 unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {
         return String::new();
@@ -70,29 +70,29 @@ fn c_text(text: &str) -> CString {
     CString::new(text.replace('\0', "")).unwrap_or_default()
 }
 
-/// A camera somewhere on network or bus.
+/// A camera on network or bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// How it is named to be opened.
+    /// Its name for opening it.
     pub id: String,
-    /// Who made it.
+    /// Its vendor.
     pub vendor: String,
     /// Its model.
     pub model: String,
     /// "GigEVision", "USB3Vision" or "Fake".
     pub protocol: String,
-    /// Where it is.
+    /// Its address.
     pub address: String,
 }
 
-/// Lets the library's own simulated camera be found.
+/// Enables discovery of the library's simulated camera.
 pub fn enable_fake() -> Result<(), String> {
     // SAFETY: takes the name of an interface.
     unsafe { (library()?.arv_enable_interface)(c"Fake".as_ptr()) };
     Ok(())
 }
 
-/// Looks for cameras; takes about a second.
+/// Discovers cameras; takes about a second.
 pub fn discover() -> Result<Vec<Found>, String> {
     let library = library()?;
     // SAFETY: no arguments; the texts are the library's until the next update, and copied here.
@@ -129,12 +129,15 @@ impl Camera {
         // SAFETY: the name is null or a text that outlives the call.
         let object = checked(library, |error| unsafe { (library.arv_camera_new)(name, error) })?;
         if object.is_null() {
-            return Err(Complaint { code: error_code::NOT_FOUND, text: "no camera found".into() });
+            return Err(AravisError {
+                code: error_code::NOT_FOUND,
+                text: "no camera found".into(),
+            });
         }
         Ok(Self { library, object })
     }
 
-    /// Maker and model.
+    /// Vendor and model.
     pub fn model(&self) -> String {
         let (library, object) = (self.library, self.object);
         // SAFETY: the object is a camera; the texts are its own.
@@ -151,8 +154,8 @@ impl Camera {
         unsafe { (self.library.arv_camera_is_gv_device)(self.object) != 0 }
     }
 
-    /// How its packets are to come: size, never changed by itself, and by which kind of socket. Only
-    /// for one that [is connected by network](Self::is_gige).
+    /// Sets the size of its packets, which then never changes by itself, and the kind of socket. Only for
+    /// cameras [connected by network](Self::is_gige).
     pub fn set_packets(&self, bytes: u32, packet_socket: bool) -> Outcome<()> {
         let (library, object) = (self.library, self.object);
         /// Never.
@@ -198,8 +201,7 @@ impl Camera {
         })
     }
 
-    /// Sets the size of its pictures, wherever they lie on the sensor, and returns what has become
-    /// of it.
+    /// Sets the size of its pictures, anywhere on the sensor, and returns the resulting size.
     pub fn set_size(&self, width: u32, height: u32) -> Outcome<(u32, u32)> {
         let (library, object) = (self.library, self.object);
         let (mut x, mut y, mut got_width, mut got_height) = (0, 0, 0, 0);
@@ -229,7 +231,7 @@ impl Camera {
         Ok((got_width as u32, got_height as u32))
     }
 
-    /// Sets the frame rate, and returns what it says has become of it; `None` if it has no say.
+    /// Sets the frame rate, and returns the resulting one; `None` if it cannot be set.
     pub fn set_rate(&self, fps: f64) -> Outcome<Option<f64>> {
         let (library, object) = (self.library, self.object);
         // SAFETY: the object is a camera.
@@ -245,7 +247,7 @@ impl Camera {
         }
     }
 
-    /// The exposure time in microseconds, if it tells.
+    /// The exposure time in microseconds, if it is readable.
     pub fn exposure_us(&self) -> Option<f64> {
         let (library, object) = (self.library, self.object);
         // SAFETY: the object is a camera.
@@ -254,7 +256,7 @@ impl Camera {
             .filter(|time| *time > 0.0)
     }
 
-    /// Whether it has a feature that can be used now.
+    /// Whether a feature is available now.
     pub fn has(&self, feature: &str) -> bool {
         let (library, object, name) = (self.library, self.object, c_text(feature));
         // SAFETY: the object is a camera; the text outlives the call.
@@ -264,7 +266,7 @@ impl Camera {
         .is_ok_and(|available| available != 0)
     }
 
-    /// Lowest, highest and present value of a feature that is a number.
+    /// Lowest, highest and present value of a numeric feature.
     pub fn range(&self, feature: &str) -> Option<[f64; 3]> {
         let (library, object, name) = (self.library, self.object, c_text(feature));
         let (mut low, mut high) = (0.0, 0.0);
@@ -324,7 +326,7 @@ impl Camera {
             .map(|bytes| bytes as usize)
     }
 
-    /// Makes ready to receive.
+    /// Creates the stream that receives pictures.
     pub fn create_stream(&self) -> Outcome<Stream> {
         let (library, object) = (self.library, self.object);
         // SAFETY: the object is a camera; without a callback nothing of ours is called.
@@ -332,13 +334,13 @@ impl Camera {
             (library.arv_camera_create_stream)(object, null_mut(), null_mut(), error)
         })?;
         if stream.is_null() {
-            return Err(Complaint { code: -1, text: "no stream".into() });
+            return Err(AravisError { code: -1, text: "no stream".into() });
         }
         // SAFETY: the object is a stream, and the only reference to it is ours to give away.
         Ok(unsafe { Stream::new(library, stream) })
     }
 
-    /// Lets pictures come, without end.
+    /// Starts continuous acquisition.
     pub fn start(&self) -> Outcome<()> {
         let (library, object) = (self.library, self.object);
         /// Until it is stopped.
@@ -353,7 +355,7 @@ impl Camera {
         }
     }
 
-    /// Ends that. A camera that is gone makes this take seconds.
+    /// Stops acquisition. Takes seconds if the camera is gone.
     pub fn stop(&self) {
         let (library, object) = (self.library, self.object);
         // SAFETY: the object is a camera. One that cannot be stopped stops by itself, when nobody

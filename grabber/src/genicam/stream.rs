@@ -1,4 +1,4 @@
-//! The library's streams: shared memory is lent to them, and comes back with a picture in it.
+//! The library's streams: shared memory is lent to them, and returned with a picture in it.
 
 // A foreign library cannot be called otherwise.
 #![allow(unsafe_code)]
@@ -18,19 +18,19 @@ pub struct Stream {
     loans: ManuallyDrop<Vec<Option<FrameLoan>>>,
 }
 
-/// A buffer that the library has given back, and its memory.
+/// A buffer returned by the library, with its memory.
 pub struct Received {
     /// The picture's memory.
     pub frame: FrameLoan,
-    /// Which buffer it was.
+    /// Index of the buffer.
     pub index: usize,
-    /// Whether all of the picture has come.
+    /// Whether the whole picture has arrived.
     pub is_complete: bool,
     /// The camera's number for it.
     pub frame_id: u64,
-    /// When it was taken, on the camera's clock.
+    /// Capture time on the camera's clock.
     pub device_ns: u64,
-    /// When its first packet came, nanoseconds since 1970.
+    /// Arrival of its first packet, nanoseconds since 1970.
     pub arrived_wall_ns: u64,
     /// Pixels in a row.
     pub width: u32,
@@ -41,18 +41,18 @@ pub struct Received {
 }
 
 impl Stream {
-    /// Nothing is lent yet.
+    /// A stream without buffers.
     ///
     /// # Safety
     ///
-    /// `object` must be a stream, and nobody else may let go of it.
+    /// `object` must be a stream, and this must be its only reference.
     pub(super) unsafe fn new(library: &'static Library, object: Object) -> Self {
         Self { library, object, loans: ManuallyDrop::new(Vec::new()) }
     }
 
-    /// How a stream from the network deals with sockets and lost packets. Only for such.
+    /// Configures sockets and the handling of lost packets. Only for streams from the network.
     pub fn set_network(&self, socket_buffer_bytes: u32, resend: bool, frame_timeout: Duration) {
-        /// A socket buffer of a size of ours.
+        /// A socket buffer of fixed size.
         const FIXED: c_int = 0;
         let timeout_us = frame_timeout.as_micros() as c_uint;
         let end: *const c_char = null();
@@ -74,13 +74,13 @@ impl Stream {
         }
     }
 
-    /// Lends memory to the library, as the next new buffer.
+    /// Lends memory to the library, as a new buffer.
     pub fn add(&mut self, frame: FrameLoan) {
         self.loans.push(None);
         self.give(self.loans.len() - 1, frame);
     }
 
-    /// Lends memory to the library, in place of that which came back in this buffer.
+    /// Lends memory to the library, in place of the memory returned in this buffer.
     pub fn give(&mut self, index: usize, mut frame: FrameLoan) {
         let pixels = frame.elements();
         // SAFETY: the memory is a loan that stays in `self.loans`, untouched, until its buffer has
@@ -100,10 +100,10 @@ impl Stream {
         }
     }
 
-    /// Waits for a buffer to come back, for so long at most.
+    /// Waits for a buffer to be returned, for at most `timeout`.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         let Self { library, object, loans } = self;
-        /// Everything has come.
+        /// Everything has arrived.
         const SUCCESS: c_int = 0;
         // SAFETY: the object is a stream. A buffer that comes back is ours alone; its user data is
         // the number it was made with; the picture's properties may only be asked of a complete
@@ -141,30 +141,29 @@ impl Stream {
     }
 }
 
-/// What is left of a stream that receives no more. Letting go of it takes seconds when the camera
-/// does not answer.
-pub struct Remains {
+/// A stream that no longer receives. Dropping it takes seconds if the camera does not answer.
+pub struct EndedStream {
     library: &'static Library,
     object: Object,
 }
 
 // SAFETY: the library's objects may be let go of on any thread.
-unsafe impl Send for Remains {}
+unsafe impl Send for EndedStream {}
 
 impl Stream {
     /// Ends receiving: from here on, nothing is written to shared memory.
-    pub fn end(mut self) -> Remains {
-        /// The buffers go too.
+    pub fn end(mut self) -> EndedStream {
+        /// The buffers are deleted, too.
         const DELETE_BUFFERS: c_int = 1;
         // SAFETY: the object is a stream. This waits for its thread, the only one that writes to
         // the loans, to end; only then do these go.
         unsafe { (self.library.arv_stream_stop_thread)(self.object, DELETE_BUFFERS) };
         self.loans.clear();
-        Remains { library: self.library, object: self.object }
+        EndedStream { library: self.library, object: self.object }
     }
 }
 
-impl Drop for Remains {
+impl Drop for EndedStream {
     fn drop(&mut self) {
         // SAFETY: the only reference of ours.
         unsafe { (self.library.g_object_unref)(self.object) };

@@ -1,14 +1,14 @@
 //! A recording as a source of frames.
 //!
-//! Frames keep their distances in time and their gaps in number; the first one is called 0. With them
-//! come the commands and, of a synthetic match, the truth that were recorded, moved in time as the
-//! frames are. Reading and decompressing happen on a thread of their own, ahead of time.
+//! Frames keep their distances in time and their gaps in number; the first one becomes number 0. The recorded
+//! commands and, for a synthetic match, the truth are replayed with them, shifted in time like the frames. A
+//! thread of its own reads and decompresses ahead of time.
 
 mod pacer;
 mod playlist;
 mod times;
 
-pub use pacer::{Pacer, ask_for_steps};
+pub use pacer::{Pacer, request_steps};
 pub use playlist::{Pace, Playlist};
 
 use crate::camera::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame, Picture};
@@ -26,9 +26,9 @@ use times::{Due, Times};
 
 /// Messages read ahead: some tenths of a second.
 const AHEAD: usize = 128;
-/// Truth that is kept until its frame comes.
+/// Truth messages kept until their frame comes.
 const KEPT_TRUTH: usize = 16;
-/// Longer than this until the next frame is a pause, of which others should know.
+/// Time until the next frame above which the source reports a pause.
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// The configuration with which a recording was made.
@@ -43,10 +43,10 @@ pub fn recorded_config(path: &Path) -> Result<Config, CameraError> {
     Config::parse(&setup.config_toml, &origin).map_err(|error| problem(error.to_string()))
 }
 
-/// Plays a recording.
+/// A recording being played.
 pub struct Playback {
     playlist: Playlist,
-    /// Larger frames than the group has memory for are rubbish.
+    /// Largest frame that the group has memory for; larger ones are invalid.
     most_bytes: usize,
     entries: Receiver<Entry>,
     /// The next frame, read and waiting to be shown.
@@ -55,10 +55,10 @@ pub struct Playback {
     truths: VecDeque<TruthFrame>,
     /// Commands since the last frame.
     heard: Vec<Commands>,
-    /// Of the frame shown last.
+    /// Truth of the last frame shown.
     truth: Option<TruthFrame>,
     commands: Vec<Commands>,
-    /// The next frame is a long time off.
+    /// Whether a long pause precedes the next frame.
     is_pausing: bool,
     is_over: bool,
 }
@@ -87,7 +87,7 @@ impl Playback {
         })
     }
 
-    /// Takes in what is there, up to the next frame.
+    /// Takes in messages up to the next frame.
     fn read(&mut self) -> Result<(), CameraError> {
         while self.next.is_none() && !self.is_over {
             match self.entries.recv_timeout(LOOK_AROUND) {
@@ -120,15 +120,15 @@ impl Playback {
     }
 
     fn at_end(&mut self) -> Result<(), CameraError> {
-        // One without a single frame is not played round and round.
-        if !self.playlist.is_loop || !self.times.have_begun() {
+        // A recording without a single frame is not repeated.
+        if !self.playlist.is_loop || !self.times.has_begun() {
             self.is_over = true;
             return Ok(());
         }
         let reader = Reader::open(&self.playlist.path)
             .map_err(|error| CameraError::Recording(error.to_string()))?;
         self.entries = read_ahead(reader, &self.playlist);
-        self.times.begin_anew();
+        self.times.restart();
         Ok(())
     }
 }
@@ -198,8 +198,7 @@ impl Camera for Playback {
     }
 }
 
-/// Numbers that mean nothing were recorded as they were, and the classifier refuses them; here they
-/// only need to be something.
+/// Invalid numbers were recorded unchanged, and the classifier refuses them; here any value does.
 fn picture(header: &FrameHeader) -> Picture {
     Picture {
         width: header.width,
@@ -219,7 +218,7 @@ fn read_ahead(mut reader: Reader, playlist: &Playlist) -> Receiver<Entry> {
         let from_ns = (from_s * 1e9) as u64;
         let mut first_ns = None;
         let mut told = 0;
-        // What cannot be read any more is the end.
+        // The first unreadable message is the end.
         while let Some(Ok(entry)) = reader.next() {
             for part in reader.damages().parts.iter().skip(told) {
                 common::tell!("touchline: {}: {part}", path.display());

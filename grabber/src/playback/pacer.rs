@@ -1,5 +1,5 @@
-//! For recordings that are not played with their own timing: the group, or a person, says when the
-//! next frame may be shown.
+//! Pacing of recordings that are not played with their own timing: the group, or a person, decides when the
+//! next frame is shown.
 
 use super::Pace;
 use crate::source::Source;
@@ -15,17 +15,17 @@ use std::fs;
 use std::io;
 use std::os::unix::net::UnixDatagram;
 
-/// A frame whose `world` has not come after so long has none: a stage has dropped it.
+/// Time after which a frame without `world` counts as dropped by a stage.
 const GIVE_UP_NS: u64 = 1_000_000_000;
 /// Longest request: a number.
 const MAX_BYTES: usize = 20;
 
-/// Says when the next frame of a recording may be shown: when the one before it is in `world`, so that
-/// every stage has the same before it as it had in the match, however fast it goes.
+/// Decides when the next frame of a recording may be shown: when the `world` of the previous one has arrived.
+/// So every stage processes the same sequence of messages as in the match, at any speed.
 pub struct Pacer {
     world: Subscriber<WorldFrame, ()>,
     wake_up: WakeUp,
-    /// The last frame shown, and when, while its `world` has not come.
+    /// Number and time of the last frame shown, until its `world` arrives.
     under_way: Option<(u64, u64)>,
     steps: Option<Steps>,
 }
@@ -52,7 +52,7 @@ impl Pacer {
         Ok(Some(Self { world, wake_up, under_way: None, steps }))
     }
 
-    /// Waits until the next frame may be shown, but not longer than [`LOOK_AROUND`]; whether it may.
+    /// Waits until the next frame may be shown, but not longer than [`LOOK_AROUND`]; returns whether it may.
     pub fn may_show(&mut self) -> Result<bool, BusError> {
         while let Some(received) = self.world.receive()? {
             let seq = received.message().map(|world| world.frame.seq);
@@ -69,12 +69,12 @@ impl Pacer {
         Ok(steps.left > 0)
     }
 
-    /// Whether it is a person that is waited for.
-    pub fn waits_for_a_person(&self) -> bool {
+    /// Whether it is waiting for a person.
+    pub fn is_waiting_for_person(&self) -> bool {
         self.under_way.is_none() && self.steps.as_ref().is_some_and(|steps| steps.left == 0)
     }
 
-    /// A frame was shown.
+    /// Records that a frame was shown.
     pub fn shown(&mut self, seq: u64) {
         self.under_way = Some((seq, monotonic_ns()));
         if let Some(steps) = &mut self.steps {
@@ -83,8 +83,8 @@ impl Pacer {
     }
 }
 
-/// The steps a person has asked for: numbers of frames, on a socket in the runtime directory, which
-/// nobody but the group's user can reach.
+/// Steps requested by a person: numbers of frames, received on a socket in the runtime directory, which only
+/// the group's user can access.
 struct Steps {
     socket: UnixDatagram,
     left: u64,
@@ -95,7 +95,7 @@ impl Steps {
         let path = instance.step_path();
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            // A predecessor has left it.
+            // Left by a predecessor.
             _ => {}
         }
         let socket = common::private::bind_datagram(&path)?;
@@ -103,11 +103,11 @@ impl Steps {
         Ok(Self { socket, left: 0 })
     }
 
-    /// Takes in what is asked for; waits for it if there is nothing left to do.
+    /// Receives requests; waits for one if no step is left.
     fn listen(&mut self) {
         if self.left == 0 {
             let timeout = Timespec { tv_sec: 0, tv_nsec: LOOK_AROUND.as_nanos() as _ };
-            // Whatever keeps it from waiting, it is called again.
+            // An error here has no effect: the function is called again.
             let _ = poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&timeout));
         }
         let mut buffer = [0; MAX_BYTES];
@@ -118,8 +118,8 @@ impl Steps {
     }
 }
 
-/// Asks the grabber of a group that plays a recording step by step for so many frames.
-pub fn ask_for_steps(instance: &Instance, frames: u64) -> io::Result<()> {
+/// Requests frames from the grabber of a group that plays a recording step by step.
+pub fn request_steps(instance: &Instance, frames: u64) -> io::Result<()> {
     let socket = UnixDatagram::unbound()?;
     socket.send_to(frames.to_string().as_bytes(), instance.step_path())?;
     Ok(())
@@ -130,15 +130,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_add_up_and_rubbish_is_none() {
+    fn steps_add_up_and_invalid_requests_are_ignored() {
         let base = std::env::temp_dir().join(format!("tl-steps-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();
-        assert!(ask_for_steps(&instance, 1).is_err(), "nobody is there");
+        assert!(request_steps(&instance, 1).is_err(), "nobody is there");
         std::mem::forget(Steps::open(&instance).unwrap());
         let mut steps = Steps::open(&instance).unwrap();
         for frames in [3, 4] {
-            ask_for_steps(&instance, frames).unwrap();
+            request_steps(&instance, frames).unwrap();
         }
         let stranger = UnixDatagram::unbound().unwrap();
         for rubbish in [&b"-1"[..], b"", b"\xff\xfe", b"99999999999999999999999999", b"5 "] {
@@ -146,7 +146,7 @@ mod tests {
         }
         steps.listen();
         assert_eq!(steps.left, 7);
-        ask_for_steps(&instance, u64::MAX).unwrap();
+        request_steps(&instance, u64::MAX).unwrap();
         steps.listen();
         assert_eq!(steps.left, u64::MAX);
         drop(steps);

@@ -1,23 +1,23 @@
-//! Which recording is played, and how.
+//! Selection of a recording, and how to play it.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// What says when the next frame of a recording is shown.
+/// Pacing of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Pace {
-    /// The distances in time with which it was recorded.
+    /// The recorded distances in time.
     #[default]
     Recorded,
-    /// The group: a frame is shown as soon as the one before it is in `world`, within reason.
+    /// By the group: a frame is shown when the `world` of the previous one has arrived, within limits.
     Group,
-    /// A person, with `touchline step`.
+    /// By a person, with `touchline step`.
     Steps,
 }
 
 impl Pace {
-    /// How it is called behind the name of a recording; what goes without saying has no name.
+    /// Names on the command line; the default has none.
     const NAMES: [(Self, &str); 2] = [(Self::Group, "fast"), (Self::Steps, "step")];
 
     fn name(self) -> Option<&'static str> {
@@ -29,16 +29,16 @@ impl Pace {
     }
 }
 
-/// Which recording, and how to play it: `FILE[,fast|,step][,loop][,from=SECONDS]`.
+/// A recording, and how to play it: `FILE[,fast|,step][,loop][,from=SECONDS]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Playlist {
     /// The recording.
     pub path: PathBuf,
-    /// When frames are shown.
+    /// Pacing.
     pub pace: Pace,
-    /// Begin anew at the end.
+    /// Whether to repeat it endlessly.
     pub is_loop: bool,
-    /// Leave out so many seconds at the beginning.
+    /// Seconds to skip at the beginning.
     pub from_s: f64,
 }
 
@@ -51,7 +51,7 @@ impl FromStr for Playlist {
         let mut playlist =
             Self { path: PathBuf::new(), pace: Pace::Recorded, is_loop: false, from_s: 0.0 };
         let mut rest = text;
-        // From the end, so that file names may have commas.
+        // From the end, since file names may contain commas.
         while let Some((before, option)) = rest.rsplit_once(',') {
             match option.split_once('=') {
                 None if option == "loop" => playlist.is_loop = true,

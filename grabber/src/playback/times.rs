@@ -1,43 +1,44 @@
-//! From the times and numbers of a recording to those of now.
+//! Conversion of a recording's times and numbers to the present.
 
 use super::Pace;
 use crate::camera::LastFrame;
 use common::messages::{FrameHeader, MOST_AGE_NS};
 
-/// A delay of more than this is not made up for: the rest is shown that much later.
+/// Maximum delay that is caught up; after a longer one, all further frames are shifted.
 const MAX_LAG_NS: u64 = 250_000_000;
-/// So many times as fast as recorded frames are shown at most, so that programs which read along, and
-/// only look every tenth of a second, have read them before they are overwritten.
+/// Maximum speed relative to the recording, so that programs that read along, and poll only ten times a
+/// second, have read the frames before they are overwritten.
 const MOST_SPEED: u64 = 8;
 
-/// What becomes of a frame.
+/// A frame's number and times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Due {
-    /// What it is called now.
+    /// Its number now.
     pub seq: u64,
-    /// When it was captured.
+    /// Its capture time now.
     pub t_capture_ns: u64,
-    /// When it is to be shown.
+    /// Time at which it is to be shown.
     pub show_ns: u64,
 }
 
-/// What frames of a recording are called now, and when they are taken to be captured.
+/// Maps numbers and capture times of a recording to the present.
 ///
-/// Frames keep their distances in time, since speeds depend on them. Played as they were recorded, they
-/// are captured when they are shown. Where somebody else says when that is, they may come faster, and no
-/// frame can be of the future: so they lie in the past, half of what is allowed at first.
+/// Capture times are shifted by a constant, `t = base + (t_recorded − t_first)`, since speeds depend on their
+/// distances. With recorded pacing a frame is shown at its capture time. With another pacing frames may be
+/// shown faster, and since no frame may lie in the future, capture times begin in the past, half of the
+/// permitted age ago. If a capture time falls behind by more than the permitted lag, the base moves.
 #[derive(Debug)]
 pub(super) struct Times {
     pace: Pace,
-    /// The first frame of this round: number and capture time, as recorded.
+    /// Number and capture time, as recorded, of the first frame of this round.
     first: Option<(u64, u64)>,
-    /// What that frame is called now, and when it was captured.
+    /// Number and capture time now of that frame.
     base_seq: u64,
     base_ns: Option<u64>,
-    /// The last frame shown, and when that really was.
+    /// The last frame shown, and the actual time.
     last: Option<(Due, u64)>,
     period_ns: u64,
-    /// Numbers up to here were shown by a predecessor.
+    /// Frames up to here were shown by a predecessor.
     resume_after: Option<LastFrame>,
 }
 
@@ -54,8 +55,7 @@ impl Times {
         }
     }
 
-    /// What becomes of a frame; `None` if it was shown by a predecessor, or cannot be told from one
-    /// shown already.
+    /// Number and times of a frame; `None` if it was shown by a predecessor, or if its number does not rise.
     pub fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<Due> {
         let (first_seq, first_ns) = *self.first.get_or_insert((header.seq, header.t_capture_ns));
         let seq = self.base_seq.checked_add(header.seq.checked_sub(first_seq)?)?;
@@ -71,7 +71,7 @@ impl Times {
         }
         let (shown_ns, most_lag_ns) = match self.pace {
             Pace::Recorded => (now_ns, MAX_LAG_NS),
-            // On a machine that was just started there is not so much of a past.
+            // The monotonic clock of a machine that has just started does not reach back far.
             Pace::Group | Pace::Steps => {
                 (now_ns - (MOST_AGE_NS / 2).min(now_ns / 2), MOST_AGE_NS / 4)
             }
@@ -92,18 +92,18 @@ impl Times {
         Some(Due { seq, t_capture_ns, show_ns: t_capture_ns.max(soonest_ns) })
     }
 
-    /// A frame was shown.
+    /// Records that a frame was shown.
     pub fn shown(&mut self, due: Due, now_ns: u64) {
         self.last = Some((due, now_ns));
     }
 
     /// Whether any frame was found.
-    pub fn have_begun(&self) -> bool {
+    pub fn has_begun(&self) -> bool {
         self.first.is_some()
     }
 
-    /// The next frame is the first one again.
-    pub fn begin_anew(&mut self) {
+    /// Starts the next round: the next frame is the first one again.
+    pub fn restart(&mut self) {
         let last = self.last.map(|(last, _)| {
             (last.seq.saturating_add(1), last.t_capture_ns.saturating_add(self.period_ns))
         });
@@ -112,7 +112,7 @@ impl Times {
         self.base_ns = last.map(|(_, t_ns)| t_ns);
     }
 
-    /// A stamp of the recording, now.
+    /// A time stamp of the recording, shifted to the present.
     pub fn moved(&self, t_ns: u64) -> u64 {
         match (self.first, self.base_ns) {
             (Some((_, first_ns)), Some(base_ns)) => {
@@ -133,7 +133,7 @@ mod tests {
         FrameHeader { seq, t_capture_ns: t_ms * MS, ..Default::default() }
     }
 
-    /// Shows a frame as soon as it may be; its number, capture time, and when it is shown.
+    /// Shows a frame as soon as permitted; returns its number, capture time, and time of showing.
     fn show(times: &mut Times, frame: &FrameHeader, now_ms: u64) -> Option<[u64; 3]> {
         let due = times.due(frame, now_ms * MS)?;
         let now_ns = due.show_ns.max(now_ms * MS);
@@ -154,15 +154,15 @@ mod tests {
         assert_eq!(show(76, 5060, 2000), Some((6, 2000)), "long stops are not");
         assert_eq!(show(77, 5070, 2001), Some((7, 2010)));
         assert_eq!(times.moved(5080 * MS), 2020 * MS);
-        times.begin_anew();
+        times.restart();
         let due = times.due(&frame(70, 5000), 2011 * MS);
         assert_eq!(due.map(|due| (due.seq, due.t_capture_ns)), Some((8, 2020 * MS)));
     }
 
     #[test]
-    fn a_successor_goes_on_behind_its_predecessor() {
+    fn a_successor_continues_after_its_predecessor() {
         let last = Some(LastFrame { seq: 1, t_capture_ns: 400 * MS });
-        // Where the pace is not its own, there is no jump in time.
+        // With another pacing than the recorded one, capture times do not jump.
         for (pace, t_ms) in [(Pace::Recorded, 900), (Pace::Group, 410)] {
             let mut times = Times::new(pace, 100.0, last);
             assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_others_pace_lies_in_the_past_and_never_too_far() {
+    fn capture_times_of_paced_frames_lie_in_the_recent_past() {
         let (half_ms, start_ms) = (MOST_AGE_NS / 2 / MS, 10 * MOST_AGE_NS / MS);
         for pace in [Pace::Group, Pace::Steps] {
             let mut times = Times::new(pace, 100.0, None);
@@ -192,7 +192,7 @@ mod tests {
             // A person who came back an hour later.
             let late_ms = start_ms + 2 * half_ms;
             assert_eq!(show(3, 670, late_ms), (late_ms - half_ms, late_ms));
-            // Faster than time itself for so long that the recording has caught up.
+            // Played faster than recorded until the capture time reaches the present.
             let caught_up_ms = late_ms + 70;
             assert_eq!(show(4, 670 + half_ms + 70, late_ms), (caught_up_ms, caught_up_ms));
         }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn rubbish_times_and_numbers_do_no_harm() {
+    fn invalid_times_and_numbers_are_survived() {
         let extremes = [0, 1, u64::MAX / 2, u64::MAX - 1, u64::MAX];
         for pace in [Pace::Recorded, Pace::Group] {
             for last in [None, Some(LastFrame { seq: u64::MAX, t_capture_ns: u64::MAX })] {

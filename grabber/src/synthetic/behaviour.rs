@@ -1,17 +1,17 @@
-//! What the robots do: no football worth the name, but everything a vision system has to cope
-//! with. They drive to random places, turn on the spot, chase the ball, run into each other and the
-//! walls and back off again, and a good part of the time they stand.
+//! Simulated strategies: not football, but all situations that a vision system has to cope with. Robots drive
+//! to random places, turn on the spot, chase the ball, run into each other and the walls and back off again,
+//! and stand for a good part of the time.
 
 use super::collision::Walls;
 use super::motion::Twist;
 use super::random::Random;
 use common::geometry::{FieldPoint, Pose, wrap_angle};
 
-/// Fastest a robot is asked to turn, rad/s.
+/// Maximum commanded turning rate, rad/s.
 const MAX_TURN_RATE: f64 = 6.0;
-/// Robots steer around others that come nearer than this many robot sizes.
+/// Distance below which a robot steers around another one, robot sizes.
 const KEEP_CLEAR_SIZES: f64 = 2.6;
-/// A robot that runs against something notices after this time (and the delay of its commands).
+/// Time after which a robot reacts to an obstruction, besides the delay of its commands.
 const NOTICE_S: f64 = 0.12;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,28 +23,28 @@ enum Task {
     BackOff { speed_mm_s: f64, omega: f64 },
 }
 
-/// What a robot knows about the pitch.
+/// A robot's knowledge about the pitch.
 #[derive(Debug, Clone, Copy)]
 pub struct Surroundings<'a> {
     /// Every robot.
     pub robots: &'a [Pose],
     /// The ball.
     pub ball: FieldPoint,
-    /// Whether enough robots are after the ball already.
+    /// Whether enough robots chase the ball already.
     pub ball_is_chased: bool,
     /// The walls.
     pub walls: Walls,
     /// Side of a robot.
     pub size_mm: f64,
-    /// Fastest a robot drives.
+    /// Maximum speed of a robot.
     pub max_speed_mm_s: f64,
-    /// Strongest a robot accelerates.
+    /// Maximum acceleration of a robot.
     pub max_acceleration_mm_s2: f64,
-    /// Time until a command acts.
+    /// Delay until a command acts.
     pub delay_s: f64,
 }
 
-/// The will of one robot.
+/// The strategy of one robot.
 #[derive(Debug, Clone)]
 pub struct Behaviour {
     own: usize,
@@ -55,8 +55,8 @@ pub struct Behaviour {
 }
 
 impl Behaviour {
-    /// Robot number `own` of [`Surroundings::robots`]; it begins by standing for a few seconds, or
-    /// by driving somewhere.
+    /// For robot number `own` of [`Surroundings::robots`]; it begins with standing for a few seconds, or with
+    /// driving.
     pub fn new(own: usize, stands: bool, mut random: Random, around: &Surroundings) -> Self {
         let mut behaviour = Self {
             own,
@@ -73,13 +73,13 @@ impl Behaviour {
         behaviour
     }
 
-    /// Whether it is after the ball.
+    /// Whether it chases the ball.
     pub fn chases_ball(&self) -> bool {
         matches!(self.task, Task::Chase { .. })
     }
 
-    /// What the robot should do when it has come to `pose`, as the command sent now will find it.
-    /// `blocked` says that it runs against something at this moment.
+    /// The next motion of a robot that will be at `pose` when the command sent now acts. `blocked` tells
+    /// whether it is obstructed at this moment.
     pub fn decide(&mut self, pose: Pose, blocked: bool, around: &Surroundings, dt_s: f64) -> Twist {
         self.remaining_s -= dt_s;
         self.blocked_s = if blocked { self.blocked_s + dt_s } else { 0.0 };
@@ -162,7 +162,7 @@ impl Behaviour {
 
     fn begin_back_off(&mut self) {
         let speed = self.random.range(150.0, 400.0);
-        // Away from where it was going; after that anywhere, so that a knot of robots comes undone.
+        // Reverse of the last direction; after that any direction, so that a cluster of robots dissolves.
         let backwards = match self.task {
             Task::Drive { .. } | Task::Chase { .. } => true,
             _ => self.random.chance(0.5),
@@ -173,7 +173,7 @@ impl Behaviour {
         self.blocked_s = 0.0;
     }
 
-    /// The nearest point that is at least `margin_mm` away from the walls.
+    /// The nearest point at least `margin_mm` away from the walls.
     fn inside(&self, point: FieldPoint, margin_mm: f64, around: &Surroundings) -> FieldPoint {
         let clamp = |value: f64, half: f64| {
             let limit = (half - margin_mm).max(0.0);
@@ -197,7 +197,7 @@ impl Behaviour {
             FieldPoint::new(target.x_mm - pose.position.x_mm, target.y_mm - pose.position.y_mm);
         let mut direction = to_target.y_mm.atan2(to_target.x_mm);
         if let Some((bearing, nearness)) = self.obstacle(pose, direction, around) {
-            // Past it on the side that is nearer to the way it wants to go.
+            // Around it on the side nearer to the desired direction.
             let side = if wrap_angle(direction - bearing) >= 0.0 { 1.0 } else { -1.0 };
             direction = bearing + side * (0.9 + 0.6 * nearness);
             speed *= 1.0 - 0.7 * nearness;
@@ -209,7 +209,7 @@ impl Behaviour {
         }
     }
 
-    /// The nearest robot in the way: its bearing, and 0 (far) to 1 (touching).
+    /// The nearest robot in the way: its bearing, and its nearness from 0 (far) to 1 (touching).
     fn obstacle(&self, pose: Pose, direction: f64, around: &Surroundings) -> Option<(f64, f64)> {
         let keep_clear = KEEP_CLEAR_SIZES * around.size_mm;
         around

@@ -1,14 +1,19 @@
-//! Who touches whom: robots are squares or discs with a flat front, the ball is a disc, the field is a
-//! box.
+//! Contact geometry: robots are squares or discs with a flat front, the ball is a disc, the field is a box.
+//!
+//! A ball of radius r touches a robot if the point p of the body nearest to its centre c is closer than r.
+//! The contact has the depth r − |c − p| and the normal (c − p)/|c − p|; for a centre inside the body they
+//! follow from the nearest side. The ball bounces as off a body of infinite mass: with u the velocity of the
+//! robot's contact point, the normal component of v − u is reversed and multiplied by the restitution e, v' =
+//! v − (1 + e)·((v − u)·n)·n, if it is negative.
 
 use super::motion::Twist;
 use common::body::Body;
 use common::geometry::{FieldPoint, Pose};
 
-/// Robots keep this far apart and from the walls.
+/// Minimum distance of robots from each other and from the walls.
 const GAP_MM: f64 = 0.5;
 
-/// The inside of the walls, seen from the middle of the field.
+/// The inside of the walls, relative to the middle of the field.
 #[derive(Debug, Clone, Copy)]
 pub struct Walls {
     /// Half the field's length.
@@ -18,7 +23,7 @@ pub struct Walls {
 }
 
 impl Walls {
-    /// Whether a robot stands inside the walls. A disc counts whole: its front is flat only ahead.
+    /// Whether a robot is inside the walls. A disc counts without its flat front.
     pub fn hold_robot(&self, pose: &Pose, body: &Body) -> bool {
         let (sin, cos) = pose.orientation.sin_cos();
         let along = if body.is_round() { 1.0 } else { sin.abs() + cos.abs() };
@@ -27,7 +32,7 @@ impl Walls {
             && pose.position.y_mm.abs() + reach <= self.half_width_mm
     }
 
-    /// The nearest place inside the walls for a ball.
+    /// The nearest position inside the walls for a ball.
     pub fn keep_ball(&self, center: FieldPoint, radius_mm: f64) -> FieldPoint {
         let keep = |value: f64, half: f64| {
             let limit = (half - radius_mm).max(0.0);
@@ -39,7 +44,7 @@ impl Walls {
         )
     }
 
-    /// Whether a ball lies inside the walls.
+    /// Whether a ball is inside the walls.
     pub fn hold_ball(&self, center: FieldPoint, radius_mm: f64) -> bool {
         center.x_mm.abs() + radius_mm <= self.half_length_mm
             && center.y_mm.abs() + radius_mm <= self.half_width_mm
@@ -52,14 +57,14 @@ pub fn robots_touch(a: &Pose, b: &Pose, body: &Body) -> bool {
     body.overlaps(a, &body, b)
 }
 
-/// How a ball touches a robot.
+/// Contact of a ball with a robot.
 #[derive(Debug, Clone, Copy)]
 pub struct BallContact {
-    /// How far the ball reaches into the robot.
+    /// Penetration depth.
     pub depth_mm: f64,
-    /// Away from the robot, of length 1, in field coordinates.
+    /// Unit normal away from the robot, in field coordinates.
     pub normal: [f64; 2],
-    /// The touching point of the robot, relative to its centre, in field coordinates.
+    /// The robot's contact point, relative to its centre, in field coordinates.
     pub arm_mm: [f64; 2],
 }
 
@@ -81,15 +86,14 @@ impl BallContact {
             (radius_mm - distance, [away_x / distance, away_y / distance], near)
         } else {
             // The centre itself is inside: out through the nearest side.
-            let (normal, side) = way_out(body, [x, y]);
+            let (normal, side) = nearest_side(body, [x, y]);
             (radius_mm + body.depth_mm([x, y]), normal, side)
         };
         let rotate = |x: f64, y: f64| [x * cos - y * sin, x * sin + y * cos];
         (depth_mm > 0.0).then(|| Self { depth_mm, normal: rotate(nx, ny), arm_mm: rotate(ax, ay) })
     }
 
-    /// A ball's velocity after it bounced off the robot, which moves with `twist` and is too heavy
-    /// to notice.
+    /// The ball's velocity after a bounce off the robot, which moves with `twist` and has infinite mass.
     pub fn bounce(
         &self,
         velocity_mm_s: [f64; 2],
@@ -112,17 +116,17 @@ impl BallContact {
     }
 }
 
-/// The point of a square that is nearest.
+/// The nearest point of a square.
 fn near_square(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
     let half = body.half_mm();
     [x.clamp(-half, half), y.clamp(-half, half)]
 }
 
-/// The point of a disc with a flat front that is nearest.
+/// The nearest point of a disc with a flat front.
 fn near_disc(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
     let (radius, front) = (body.half_mm(), body.front_mm());
     let half_front = (radius * radius - front * front).max(0.0).sqrt();
-    // Ahead of the front, all that is nearest lies on it.
+    // Ahead of the front, the nearest point is on it.
     if x > front && y.abs() <= half_front * x / front {
         return [front, y.clamp(-half_front, half_front)];
     }
@@ -130,8 +134,8 @@ fn near_disc(body: &Body, [x, y]: [f64; 2]) -> [f64; 2] {
     [inward * x, inward * y]
 }
 
-/// For a point inside: the direction out through the nearest side, and where it meets that side.
-fn way_out(body: &Body, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+/// For a point inside: the normal of the nearest side, and the nearest point on it.
+fn nearest_side(body: &Body, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
     let half = body.half_mm();
     if body.is_round() {
         let (radius, front) = (x.hypot(y), body.front_mm());
@@ -155,7 +159,7 @@ mod tests {
         Pose { position: FieldPoint::new(x_mm, y_mm), orientation: degrees.to_radians() }
     }
 
-    /// Of half side or radius 10, a disc with its front at 8.
+    /// Half side or radius 10; a disc with its front at 8.
     fn body(shape: RobotShape) -> Body {
         let front_mm = (shape == RobotShape::Round).then_some(8.0);
         let robots = RobotsConfig { shape, size_mm: 20.0, front_mm, ..Config::default().robots };
@@ -163,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_count_corners() {
+    fn corners_must_be_inside_the_walls() {
         let walls = Walls { half_length_mm: 100.0, half_width_mm: 50.0 };
         assert!(walls.hold_robot(&pose(89.0, 39.0, 0.0), &body(RobotShape::Square)));
         assert!(!walls.hold_robot(&pose(89.0, 0.0, 45.0), &body(RobotShape::Square)));
@@ -175,14 +179,14 @@ mod tests {
     fn a_ball_bounces_off_a_side_and_is_carried_along() {
         let robot = pose(0.0, 0.0, 90.0);
         let square = body(RobotShape::Square);
-        // In front of the robot (which looks along y), 1 mm too near.
+        // In front of the robot (which faces y), 1 mm too near.
         let contact = BallContact::find(&robot, &square, FieldPoint::new(2.0, 14.0), 5.0)
             .expect("they touch");
         assert!((contact.depth_mm - 1.0).abs() < 1e-9);
         assert!(contact.normal[0].abs() < 1e-9 && (contact.normal[1] - 1.0).abs() < 1e-9);
         let pushed =
             contact.bounce([0.0, -100.0], &robot, Twist { v_mm_s: 300.0, omega: 0.0 }, 0.5);
-        // Approach 400, so it leaves with 200 relative to the robot.
+        // Approaches with 400, so it leaves with 200 relative to the robot.
         assert!((pushed[1] - 500.0).abs() < 1e-9);
         assert_eq!(contact.bounce([0.0, 900.0], &robot, Twist::default(), 0.5), [0.0, 900.0]);
         assert!(BallContact::find(&robot, &square, FieldPoint::new(2.0, 15.1), 5.0).is_none());
@@ -198,11 +202,11 @@ mod tests {
             let contact = BallContact::find(&robot, &disc, FieldPoint::new(x, y), 5.0);
             contact.map_or(0.0, |contact| contact.depth_mm)
         };
-        // It looks along y: its front is nearer there than its rim elsewhere.
+        // It faces y: its front is nearer there than its rim elsewhere.
         assert!((depth(2.0, 12.0) - 1.0).abs() < 1e-9);
         assert!((depth(0.0, -14.0) - 1.0).abs() < 1e-9 && (depth(14.0, 0.0) - 1.0).abs() < 1e-9);
         assert_eq!(depth(0.0, 13.1), 0.0);
-        // The centre of the ball inside: out by the nearest side.
+        // The centre of the ball inside: out through the nearest side.
         let inside = BallContact::find(&robot, &disc, FieldPoint::new(0.0, 7.0), 5.0).unwrap();
         assert!((inside.depth_mm - 6.0).abs() < 1e-9 && inside.normal[1] > 0.99);
     }

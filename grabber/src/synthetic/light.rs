@@ -1,10 +1,10 @@
-//! Light on the pitch: brightest a little off the middle, darker towards the corners and to one side,
-//! of the colour of a lamp, and mirrored somewhere.
+//! Light on the pitch: brightest a little off the middle, darker towards the corners and to one side, with
+//! the colour of a lamp, and mirrored in one place.
 
 use common::config::Config;
 use common::messages::BayerOrder;
 
-/// What part of a painted colour reaches the sensor, pixel by pixel.
+/// Illumination of each pixel: factor on painted colours, and added glare.
 #[derive(Debug, Clone, Copy)]
 pub struct Light {
     order: BayerOrder,
@@ -14,7 +14,7 @@ pub struct Light {
     fall_px2: f32,
     /// Loss per column.
     fall_px: f32,
-    /// Of red, green and blue.
+    /// Factors of red, green and blue.
     channels: [f32; 3],
     glare_px: [f32; 2],
     glare_radius_px: f32,
@@ -22,7 +22,7 @@ pub struct Light {
     glare: f32,
 }
 
-/// The light for which colours look as configured.
+/// Colour temperature under which colours look as configured.
 const NEUTRAL_K: f64 = 6500.0;
 
 impl Light {
@@ -30,7 +30,7 @@ impl Light {
     pub fn new(config: &Config) -> Self {
         let (width, height) = (config.camera.width as f32, config.camera.height as f32);
         let center_px = [0.46 * width, 0.54 * height];
-        // The corner that is farthest away gets the full vignette.
+        // The farthest corner gets the full vignette.
         let farthest2 = (width - center_px[0]).powi(2) + center_px[1].powi(2);
         let synthetic = &config.synthetic;
         let vignette = synthetic.vignette.clamp(0.0, 1.0) as f32;
@@ -47,14 +47,14 @@ impl Light {
         }
     }
 
-    /// The part of a painted colour that reaches a pixel.
+    /// Factor on a painted colour at a pixel.
     pub fn at(&self, column: usize, row: usize) -> f32 {
         let (x, y) = (column as f32 - self.center_px[0], row as f32 - self.center_px[1]);
         let falls = (1.0 - (x * x + y * y) * self.fall_px2) * (1.0 - column as f32 * self.fall_px);
         self.brightness * falls * self.channels[self.order.channel_at(column, row)]
     }
 
-    /// What a pixel shows of the mirrored lamp, in grey levels, whatever is painted there.
+    /// Brightness of the mirrored lamp at a pixel, grey levels, independent of what is painted there.
     pub fn glare_at(&self, column: usize, row: usize) -> f32 {
         if self.glare == 0.0 {
             return 0.0;
@@ -65,8 +65,8 @@ impl Light {
     }
 }
 
-/// What a black body of a temperature gives of red, green and blue in relation to one of
-/// [`NEUTRAL_K`], green being 1: Planck's law at 600, 540 and 450 nm.
+/// Red, green and blue of a black body relative to one at [`NEUTRAL_K`], with green 1: Planck's law at 600,
+/// 540 and 450 nm.
 fn channels(temperature_k: f64) -> [f32; 3] {
     /// hc/k in nanometre kelvins.
     const SECOND_RADIATION_CONSTANT: f64 = 1.4388e7;
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn gradient_and_glare_have_their_places() {
+    fn gradient_and_glare_are_where_configured() {
         let mut config = Config::default();
         config.synthetic.vignette = 0.0;
         config.synthetic.gradient = 0.5;

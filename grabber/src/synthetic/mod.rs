@@ -1,24 +1,23 @@
-//! The synthetic match: a camera above robots that drive about, without either.
+//! The synthetic match: a simulated camera above simulated robots.
 //!
-//! [`SyntheticMatch`] knows what is true, and takes pictures of it as the camera would: through the
-//! same geometry that the tracker inverts, with uneven light, motion blur, sensor noise and a Bayer
+//! [`SyntheticMatch`] holds the true state, and renders pictures of it as the camera would take them: through
+//! the same geometry that the tracker inverts, with uneven light, motion blur, sensor noise and a Bayer
 //! mosaic. It has no clock; every [`advance`](SyntheticMatch::advance) is one frame period.
 //!
 //! # Time
 //!
 //! Frame k is the instant k / `camera.fps`, which is the middle of its exposure. Poses in
-//! [`truth`](SyntheticMatch::truth) are those of that instant. During the exposure everything moves
-//! on evenly with the speeds given in the truth.
+//! [`truth`](SyntheticMatch::truth) are those of that instant. During the exposure everything moves at the
+//! constant speeds given in the truth.
 //!
 //! The [`commands`](SyntheticMatch::commands) of frame k are sent at that instant and act from
-//! `filter.actuation_delay_ms` later until the next ones do. Accelerations are limited before a
-//! command is sent, so wheels do exactly what they were told: a filter that integrates eq. (7) over
-//! the commands, delayed, gets the true motion. The exceptions are collisions: a robot that runs
-//! into a wall, another robot or a ball that cannot give way stops dead, whatever its command, and
-//! speeds up again with limited acceleration when the way is free. Before frame 0 robots had
-//! commands too, which nobody saw; those reach into the first frames.
+//! `filter.actuation_delay_ms` later until the next ones do. Accelerations are limited before a command is
+//! sent, so wheels obey exactly: a filter that integrates eq. (7) over the delayed commands gets the true
+//! motion. The exceptions are collisions: a robot that runs into a wall, another robot or a ball that cannot
+//! give way stops dead, whatever its command, and accelerates again with its limit when the way is free.
+//! Before frame 0 robots had commands, too, which were not published; those act in the first frames.
 //!
-//! # Sameness
+//! # Reproducibility
 //!
 //! The state of frame k depends on the configuration (with its seed) and k alone, and so does every
 //! pixel, noise included: rendering a frame again, or after others were skipped, gives the same
@@ -30,10 +29,10 @@ mod light;
 mod motion;
 mod optics;
 mod pitch;
-mod play;
 mod random;
 mod render;
 mod shape;
+mod simulation;
 mod slip;
 mod sprite;
 #[cfg(test)]
@@ -44,10 +43,10 @@ use common::config::{Config, IdentityConfig};
 use common::geometry::GeometryError;
 use common::messages::{Commands, MAX_ROBOTS, Team, TruthFrame, TruthRobot, WheelCommand};
 use motion::WheelSpeeds;
-use play::Play;
 use render::Renderer;
+use simulation::Simulation;
 
-/// Why there can be no synthetic match.
+/// No synthetic match is possible with this configuration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SyntheticError {
     /// The camera geometry cannot be used.
@@ -64,28 +63,28 @@ pub enum SyntheticError {
     /// A colour that is not in `colors`.
     #[error("the colour \"{name}\" is not one of the configured colours")]
     UnknownColor {
-        /// What was asked for.
+        /// Its name.
         name: String,
     },
     /// More robots than messages carry.
     #[error("{robots} robots are configured, messages carry at most {MAX_ROBOTS}")]
     TooManyRobots {
-        /// How many were asked for.
+        /// Number of configured robots.
         robots: usize,
     },
-    /// They would stand on each other's toes.
+    /// The field is too small.
     #[error("the field has no room for {robots} robots and a ball")]
     NoRoom {
-        /// How many were asked for.
+        /// Number of configured robots.
         robots: usize,
     },
 }
 
-/// A match that exists in memory only.
+/// A simulated match.
 #[derive(Debug, Clone)]
 pub struct SyntheticMatch {
     frame_number: u64,
-    play: Play,
+    simulation: Simulation,
     renderer: Renderer,
     truth: TruthFrame,
     commands: Commands,
@@ -107,7 +106,7 @@ impl SyntheticMatch {
         }
         let mut synthetic = Self {
             frame_number: 0,
-            play: Play::new(config)?,
+            simulation: Simulation::new(config)?,
             renderer: Renderer::new(config)?,
             truth: TruthFrame::zeroed(),
             commands: Commands::zeroed(),
@@ -116,9 +115,9 @@ impl SyntheticMatch {
         Ok(synthetic)
     }
 
-    /// Moves the match on by one frame period, 1 / `camera.fps`.
+    /// Simulates one frame period, 1 / `camera.fps`.
     pub fn advance(&mut self) {
-        self.play.advance();
+        self.simulation.advance();
         self.frame_number += 1;
         self.describe();
     }
@@ -128,50 +127,50 @@ impl SyntheticMatch {
         self.frame_number
     }
 
-    /// What is true in the current frame. `seq` and `t_capture_ns` are 0, for the caller to fill in.
+    /// Truth of the current frame. `seq` and `t_capture_ns` are 0, for the caller to fill in.
     pub fn truth(&self) -> &TruthFrame {
         &self.truth
     }
 
-    /// What all robots, of both teams, are told in the current frame. `seq` and `t_sent_ns` are 0,
-    /// for the caller to fill in.
+    /// Commands of all robots, of both teams, in the current frame. `seq` and `t_sent_ns` are 0, for the
+    /// caller to fill in.
     pub fn commands(&self) -> &Commands {
         &self.commands
     }
 
-    /// Takes a picture of the current frame. Writes every pixel, whatever the memory held before,
-    /// and leaves the bytes between the end of one row and the start of the next alone.
+    /// Renders the current frame. Writes every pixel, and leaves the bytes between the end of one row and the
+    /// start of the next alone.
     ///
     /// # Panics
     ///
-    /// When `stride` is less than `camera.width`, or `pixels` too short for all rows.
+    /// If `stride` is less than `camera.width`, or `pixels` too short for all rows.
     pub fn render(&mut self, pixels: &mut [u8], stride: usize) {
-        self.renderer.render(&self.play, self.frame_number, pixels, stride);
+        self.renderer.render(&self.simulation, self.frame_number, pixels, stride);
     }
 
-    /// Has robots do as somebody else says. Each goes on doing it until that somebody says something
-    /// else, or says nothing for `filter.command_timeout_ms`; then it plays by itself again. Wheels
-    /// still speed up and turn no faster than they can. Such a robot's commands are not among
-    /// [`commands`](Self::commands), and what is said of [sameness](self#sameness) is no longer true.
+    /// Has robots obey commands of another program. Each obeys until the next command, or for
+    /// `filter.command_timeout_ms`; then it returns to its simulated strategy. Its wheels keep their limits
+    /// of speed and acceleration. Commands of such a robot are not among [`commands`](Self::commands), and
+    /// the match is no longer [reproducible](self#reproducibility).
     pub fn obey(&mut self, commands: &Commands) {
         for wheels in commands.wheels() {
             let speeds = WheelSpeeds { left_mm_s: wheels.left_mm_s, right_mm_s: wheels.right_mm_s };
             if let Some(team) = Team::from_number(wheels.team) {
-                self.play.obey(team, wheels.robot_id, speeds);
+                self.simulation.obey(team, wheels.robot_id, speeds);
             }
         }
     }
 
     fn describe(&mut self) {
-        let ball = self.play.ball;
-        let shows_ball = self.renderer.shows_ball(ball.position, &self.play.robots);
+        let ball = self.simulation.ball;
+        let shows_ball = self.renderer.shows_ball(ball.position, &self.simulation.robots);
         self.truth.ball_visible = shows_ball.into();
         self.truth.ball_x_mm = ball.position.x_mm;
         self.truth.ball_y_mm = ball.position.y_mm;
         [self.truth.ball_vx_mm_s, self.truth.ball_vy_mm_s] = ball.velocity_mm_s;
-        self.truth.robot_count = self.play.robots.len() as u32;
+        self.truth.robot_count = self.simulation.robots.len() as u32;
         self.commands.wheel_count = 0;
-        for (robot, truth) in self.play.robots.iter().zip(&mut self.truth.robots) {
+        for (robot, truth) in self.simulation.robots.iter().zip(&mut self.truth.robots) {
             *truth = TruthRobot {
                 team: robot.team as u32,
                 robot_id: robot.id,
@@ -181,7 +180,7 @@ impl SyntheticMatch {
                 v_mm_s: robot.twist.v_mm_s,
                 omega: robot.twist.omega,
                 frames_still: robot.frames_still,
-                visible: self.renderer.shows_robot(robot, &self.play.robots).into(),
+                visible: self.renderer.shows_robot(robot, &self.simulation.robots).into(),
             };
             if robot.is_obeying() {
                 continue;
@@ -199,7 +198,7 @@ impl SyntheticMatch {
     }
 }
 
-/// The configuration with robots of a team that has none, if such are to play.
+/// The configuration with robots for a team that has none, if such are to play.
 fn with_unknown_opponents(config: &Config) -> Config {
     let mut config = config.clone();
     let listed = config.robots.identities.clone();
@@ -218,7 +217,7 @@ fn with_unknown_opponents(config: &Config) -> Config {
     config
 }
 
-/// Refuses zero, negative, infinite and absent numbers.
+/// Rejects zero, negative, infinite and NaN numbers.
 fn positive(key: &'static str, value: f64) -> Result<f64, SyntheticError> {
     if value > 0.0 && value.is_finite() {
         Ok(value)
@@ -227,7 +226,7 @@ fn positive(key: &'static str, value: f64) -> Result<f64, SyntheticError> {
     }
 }
 
-/// Refuses negative, infinite and absent numbers.
+/// Rejects negative, infinite and NaN numbers.
 fn not_negative(key: &'static str, value: f64) -> Result<f64, SyntheticError> {
     if value == 0.0 { Ok(value) } else { positive(key, value) }
 }

@@ -1,4 +1,4 @@
-//! How a robot with two driven wheels moves (eq. 7), and how its commands reach it.
+//! Kinematics of a robot with two driven wheels (eq. 7), and the delay of its commands.
 
 use common::geometry::{FieldPoint, Pose, wrap_angle};
 use std::collections::VecDeque;
@@ -36,7 +36,7 @@ impl WheelSpeeds {
         }
     }
 
-    /// The same curve, driven slowly enough that no wheel turns faster than `limit_mm_s`.
+    /// The same curve at a speed at which no wheel turns faster than `limit_mm_s`.
     pub fn limited(self, limit_mm_s: f64) -> Self {
         let fastest = self.left_mm_s.abs().max(self.right_mm_s.abs());
         if fastest <= limit_mm_s {
@@ -46,7 +46,7 @@ impl WheelSpeeds {
         Self { left_mm_s: self.left_mm_s * scale, right_mm_s: self.right_mm_s * scale }
     }
 
-    /// As near to `target` as each wheel gets when its speed changes by at most `change_mm_s`.
+    /// The wheel speeds nearest to `target` if each may change by at most `change_mm_s`.
     pub fn towards(self, target: Self, change_mm_s: f64) -> Self {
         let step = |from: f64, to: f64| {
             let change = to - from;
@@ -59,16 +59,16 @@ impl WheelSpeeds {
     }
 }
 
-/// Where a robot gets in `dt_s` with a constant twist: eq. (7) integrated exactly, an arc. A robot
-/// that does not move keeps its pose to the last bit.
+/// The pose after `dt_s` with a constant twist: eq. (7) integrated exactly, an arc. A robot at rest keeps its
+/// pose to the last bit.
 pub fn drive(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     let turn = twist.omega * dt_s;
     let way = twist.v_mm_s * dt_s;
     if turn == 0.0 && way == 0.0 {
         return pose;
     }
-    // The chord of the arc points along the mean heading and is shorter than the arc by
-    // sin(turn/2) / (turn/2).
+    // The chord of the arc points along the mean heading and is shorter than the arc by sin(turn/2) /
+    // (turn/2).
     let half = turn / 2.0;
     let chord =
         if half.abs() < 1e-4 { way * (1.0 - half * half / 6.0) } else { way * half.sin() / half };
@@ -82,43 +82,42 @@ pub fn drive(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     }
 }
 
-/// Commands on their way to one robot: sent once a frame, each acts from `delay` after it was sent
-/// until the next one does.
+/// Commands under way to a robot: one is sent per frame, and acts from `delay` after it was sent until the
+/// next one does.
 #[derive(Debug, Clone)]
 pub struct CommandDelay {
-    /// Oldest first; the first one acts at the moment of the current frame.
+    /// Oldest first; the first one acts at the instant of the current frame.
     pending: VecDeque<WheelSpeeds>,
-    /// For how long after the moment of a frame the command that acted there goes on to act.
+    /// Time after the instant of a frame for which the command that acted there continues to act.
     rest_s: f64,
     period_s: f64,
 }
 
 impl CommandDelay {
-    /// A robot that has been sent `speeds` for a long time.
+    /// For a robot that has been sent `speeds` for a long time.
     pub fn new(speeds: WheelSpeeds, delay_s: f64, period_s: f64) -> Self {
-        // A delay of a whole number of frames that rounding made a little too short or too long
-        // must not leave a sliver.
+        // A delay of a whole number of frames, up to rounding, must not leave a tiny rest.
         let frames = delay_s / period_s;
         let whole = (frames + 1e-6).floor();
         let rest_s = ((frames - whole) * period_s).max(0.0);
         let rest_s = if rest_s < 1e-6 * period_s { 0.0 } else { rest_s };
-        // One for each whole frame of delay, the newest, and the one that is about to end.
+        // One for each whole frame of delay, the newest, and the one about to end.
         let count = whole as usize + 1 + usize::from(rest_s > 0.0);
         Self { pending: std::iter::repeat_n(speeds, count).collect(), rest_s, period_s }
     }
 
-    /// The newest command sent.
+    /// The command sent last.
     pub fn newest(&self) -> WheelSpeeds {
         self.pending.back().copied().unwrap_or_default()
     }
 
-    /// What acts from the moment of the current frame on.
+    /// The command that acts from the instant of the current frame on.
     pub fn acting(&self) -> WheelSpeeds {
         self.pending.front().copied().unwrap_or_default()
     }
 
-    /// What acts between the current frame and the next: speeds, and for how long, in seconds. The
-    /// second may last no time at all.
+    /// The commands that act between the current frame and the next: speeds, and durations in seconds. The
+    /// second duration may be 0.
     pub fn until_next_frame(&self) -> [(WheelSpeeds, f64); 2] {
         if self.rest_s == 0.0 {
             return [(self.acting(), self.period_s), (self.acting(), 0.0)];
@@ -127,17 +126,17 @@ impl CommandDelay {
         [(self.acting(), self.rest_s), (second, self.period_s - self.rest_s)]
     }
 
-    /// Goes on to the next frame, at which `command` is sent.
+    /// Advances to the next frame, at which `command` is sent.
     pub fn send(&mut self, command: WheelSpeeds) {
         self.pending.pop_front();
         self.pending.push_back(command);
     }
 
-    /// Where a robot at `pose` will be when a command that is sent at the next [`send`](Self::send)
-    /// begins to act, given that it is at the moment of that `send` now.
+    /// The pose at which a command sent at the next [`send`](Self::send) begins to act, for a robot that will
+    /// be at `pose` at that `send`.
     pub fn predict(&self, pose: Pose, wheel_base_mm: f64) -> Pose {
         let mut pose = pose;
-        // Of what is pending, the first will have been dropped by then.
+        // The first pending command will have been dropped by then.
         let mut pending = self.pending.iter().skip(1);
         if self.rest_s > 0.0
             && let Some(speeds) = pending.next()
@@ -205,13 +204,13 @@ mod tests {
         assert_eq!(speeds(0.0, 100.0).towards(speeds(50.0, 90.0), 20.0), speeds(20.0, 90.0));
     }
 
-    /// Sends 1, 2, 3, … and returns what acted when, as (time, left speed).
+    /// Sends 1, 2, 3, … and returns the commands that acted, as (time, left speed).
     fn timeline(delay_s: f64, period_s: f64) -> Vec<(f64, f64)> {
         let mut delay = CommandDelay::new(speeds(0.0, 0.0), delay_s, period_s);
         let mut changes = Vec::new();
         let mut last = 0.0;
         for frame in 0..20 {
-            // At the moment of frame 0 the robot's history is "0 forever".
+            // Before frame 0 the robot has had command 0 for ever.
             if frame > 0 {
                 delay.send(speeds(f64::from(frame), 0.0));
             }
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_prediction_is_what_happens() {
+    fn the_prediction_comes_true() {
         let period = 0.0125;
         for delay_s in [0.0, 0.003, 0.05, 0.0437] {
             let mut delay = CommandDelay::new(speeds(100.0, 200.0), delay_s, period);

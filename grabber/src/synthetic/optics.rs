@@ -1,26 +1,25 @@
-//! What lens and sensor do to a sharp scene: every point is spread over a round spot.
+//! Blur by lens and sensor: every point is spread over a round spot.
 //!
-//! The spot stands for the lens, the optical low-pass filter that belongs in front of a Bayer
-//! mosaic, and the area of a pixel. It is taken to be Gaussian, which has a great advantage besides
-//! being true to life: it looks the same from all directions, so a robot's top can be blurred once,
-//! in its own frame, and then be turned any way.
+//! The spot models the lens, the optical low-pass filter in front of a Bayer mosaic, and the area of a pixel,
+//! as a Gaussian. It is realistic, and isotropic: a robot's top can be blurred once, in its own frame, and
+//! then be rotated.
 
 use super::light::Light;
 use common::geometry::CameraModel;
 use common::messages::BayerOrder;
 use common::rolling_shutter::RollingShutter;
 
-/// Standard deviation of the spot of a lens in focus.
+/// Standard deviation of the spot of a focused lens.
 const SPOT_PX: f64 = 0.6;
-/// Beyond so many standard deviations there is no light worth a grey level.
+/// Radius of the spot in standard deviations; beyond it lies less than a grey level.
 pub const SPOT_REACH: f32 = 3.0;
 
-/// The camera as the painters see it.
+/// The camera model for rendering.
 #[derive(Debug, Clone)]
 pub struct Optics {
-    /// From field to image and back.
+    /// Projection from field to image and back.
     pub model: CameraModel,
-    /// The lens in field coordinates.
+    /// Position of the lens in field coordinates.
     pub lens_mm: [f64; 3],
     /// Pixels in a row.
     pub width: usize,
@@ -30,7 +29,7 @@ pub struct Optics {
     pub order: BayerOrder,
     /// Exposure time.
     pub exposure_s: f64,
-    /// Rows that are captured one after the other.
+    /// Rows are captured one after the other.
     pub shutter: RollingShutter,
     /// Light on the pitch.
     pub light: Light,
@@ -40,19 +39,19 @@ pub struct Optics {
     pub edge: SoftEdge,
 }
 
-/// Standard deviation of the spot of a lens that far out of focus, in pixels.
+/// Standard deviation of the spot for a given defocus, in pixels.
 pub fn spot_px(defocus_px: f64) -> f64 {
     SPOT_PX.hypot(defocus_px.clamp(0.0, 20.0))
 }
 
-/// How much of a spot lies on the near side of a straight edge.
+/// Part of a spot on the near side of a straight edge.
 #[derive(Debug, Clone)]
 pub struct SoftEdge(Vec<f32>);
 
 const EDGE_STEPS_PER_SIGMA: f32 = 64.0;
 
 impl SoftEdge {
-    /// Tabulates it.
+    /// Computes the table.
     pub fn new() -> Self {
         let steps = (2.0 * SPOT_REACH * EDGE_STEPS_PER_SIGMA) as usize;
         let depth = |step: usize| f64::from(step as f32 / EDGE_STEPS_PER_SIGMA - SPOT_REACH);
@@ -62,33 +61,33 @@ impl SoftEdge {
     /// The part, for a spot whose middle lies `depth` standard deviations inside the edge.
     pub fn part(&self, depth: f32) -> f32 {
         let step = (depth + SPOT_REACH) * EDGE_STEPS_PER_SIGMA + 0.5;
-        // Conversion brings negative numbers and NaN to 0.
+        // Conversion maps negative numbers and NaN to 0.
         let entry = if step < 1.0 { return 0.0 } else { self.0.get(step as usize) };
         entry.copied().unwrap_or(1.0)
     }
 }
 
-/// Looks taken at one pixel.
-pub const LOOKS: usize = 16;
-/// Different sets of them.
-pub const LOOK_SETS: usize = 4;
+/// Samples per pixel.
+pub const SAMPLES: usize = 16;
+/// Number of different sets of samples.
+pub const SAMPLE_SETS: usize = 4;
 
-/// Where to look at a scene to see it as a spot does: offsets in standard deviations. Each set is
-/// spread evenly; neighbouring pixels use different ones, so that their errors cancel.
-pub fn looks_within_spot() -> [[[f64; 2]; LOOKS]; LOOK_SETS] {
-    let count = (LOOKS * LOOK_SETS) as u32;
-    // The middle of each of as many intervals as there are looks.
+/// Offsets at which a scene is sampled to blur it by a spot, in standard deviations. Each set is evenly
+/// distributed; neighbouring pixels use different sets, so that their errors cancel.
+pub fn spot_samples() -> [[[f64; 2]; SAMPLES]; SAMPLE_SETS] {
+    let count = (SAMPLES * SAMPLE_SETS) as u32;
+    // The middle of each of as many intervals as there are samples.
     let middle = |bits: u32| f64::from(bits) / 2f64.powi(32) + 0.5 / f64::from(count);
     std::array::from_fn(|set| {
-        std::array::from_fn(|look| {
-            sobol((set * LOOKS + look) as u32).map(|bits| inverse_normal_cdf(middle(bits)))
+        std::array::from_fn(|sample| {
+            sobol((set * SAMPLES + sample) as u32).map(|bits| inverse_normal_cdf(middle(bits)))
         })
     })
 }
 
-/// Which set a pixel uses; alternates between pixels of the same colour of the Bayer mosaic.
-pub fn look_set(column: usize, row: usize) -> usize {
-    ((column >> 1) + 2 * (row >> 1) + (row >> 2)) & (LOOK_SETS - 1)
+/// Set of a pixel; alternates between pixels of the same colour of the Bayer mosaic.
+pub fn sample_set(column: usize, row: usize) -> usize {
+    ((column >> 1) + 2 * (row >> 1) + (row >> 2)) & (SAMPLE_SETS - 1)
 }
 
 /// Point `index` (below 64) of Sobol's sequence in two dimensions, as fractions of 2³².
@@ -105,8 +104,8 @@ fn sobol(index: u32) -> [u32; 2] {
     point
 }
 
-/// Probability that a standard normal number is below `x`; by its power series, good to 1e-12 for
-/// |x| ≤ 5.
+/// Probability that a standard normal number is below `x`, by its power series; error below 1e-12 for |x| ≤
+/// 5.
 fn normal_cdf(x: f64) -> f64 {
     let (mut term, mut sum) = (x, x);
     for k in 1..100 {
@@ -130,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_normal_distribution_is_the_known_one() {
+    fn the_normal_distribution_has_known_values() {
         for (x, expected) in [(0.0, 0.5), (1.0, 0.841_344_746), (-1.96, 0.024_997_895)] {
             assert!((normal_cdf(x) - expected).abs() < 1e-8);
             assert!((inverse_normal_cdf(expected) - x).abs() < 1e-6);
@@ -148,19 +147,19 @@ mod tests {
     }
 
     #[test]
-    fn looks_are_spread_like_the_spot() {
-        for set in looks_within_spot() {
+    fn samples_are_distributed_like_the_spot() {
+        for set in spot_samples() {
             for axis in 0..2 {
-                let mean: f64 = set.iter().map(|look| look[axis]).sum::<f64>() / LOOKS as f64;
-                let square: f64 =
-                    set.iter().map(|look| look[axis] * look[axis]).sum::<f64>() / LOOKS as f64;
+                let mean: f64 = set.iter().map(|sample| sample[axis]).sum::<f64>() / SAMPLES as f64;
+                let square: f64 = set.iter().map(|sample| sample[axis] * sample[axis]).sum::<f64>()
+                    / SAMPLES as f64;
                 assert!(mean.abs() < 0.15, "{mean}");
                 assert!((square - 1.0).abs() < 0.25, "{square}");
             }
         }
-        let all = looks_within_spot();
+        let all = spot_samples();
         for axis in 0..2 {
-            let mean: f64 = all.iter().flatten().map(|look| look[axis]).sum();
+            let mean: f64 = all.iter().flatten().map(|sample| sample[axis]).sum();
             assert!(mean.abs() < 1e-6, "{mean}");
         }
     }
@@ -168,13 +167,13 @@ mod tests {
     #[test]
     fn every_bayer_site_meets_every_set() {
         for site in 0..4 {
-            let mut seen = [false; LOOK_SETS];
+            let mut seen = [false; SAMPLE_SETS];
             for row in (site / 2..8).step_by(2) {
                 for column in (site % 2..8).step_by(2) {
-                    seen[look_set(column, row)] = true;
+                    seen[sample_set(column, row)] = true;
                 }
             }
-            assert_eq!(seen, [true; LOOK_SETS]);
+            assert_eq!(seen, [true; SAMPLE_SETS]);
         }
     }
 }

@@ -1,11 +1,11 @@
-//! What does not move: the pitch with its markings, the goals, the walls and the floor around.
+//! The static scene: the pitch with its markings, the goals, the walls and the floor around them.
 
-use super::optics::{LOOKS, Optics, look_set, looks_within_spot};
+use super::optics::{Optics, SAMPLES, sample_set, spot_samples};
 use common::config::FieldConfig;
 use common::geometry::{FieldPoint, ImagePoint};
 
-/// Painted colours. White is kept well below the sensor's limit, as anyone does who sets up a
-/// camera to tell colours apart.
+/// RenderedCamera colours. White stays well below the sensor's limit, as with any camera that is set up to
+/// distinguish colours.
 const LINE: [f32; 3] = [150.0, 152.0, 148.0];
 const WALL: [f32; 3] = [104.0, 103.0, 98.0];
 const GOAL: [f32; 3] = [44.0, 44.0, 48.0];
@@ -14,8 +14,8 @@ const OUTSIDE: [f32; 3] = [66.0, 61.0, 56.0];
 const LINE_WIDTH_MM: f64 = 12.0;
 const WALL_THICKNESS_MM: f64 = 25.0;
 
-/// The pitch and its markings; positions count from the middle, and only distances from the two
-/// axes matter, as everything is symmetrical.
+/// The pitch and its markings. Positions are relative to the middle; since everything is symmetrical, only
+/// distances from the two axes matter.
 #[derive(Debug, Clone)]
 struct Pitch {
     half_length: f64,
@@ -74,11 +74,11 @@ impl Pitch {
     }
 }
 
-/// Takes a picture of the empty pitch, without noise: one byte a pixel, behind the Bayer filter.
+/// Renders the empty pitch without noise: one byte per pixel, behind the Bayer filter.
 pub fn paint(field: &FieldConfig, floor_rgb: [u8; 3], optics: &Optics) -> Vec<u8> {
     let pitch = Pitch::new(field, floor_rgb);
     let (width, height) = (optics.width, optics.height);
-    let looks = looks_within_spot();
+    let samples = spot_samples();
     let see = |x: usize, y: usize| {
         // Corner (x, y) lies half a pixel up and left of the middle of pixel (x, y).
         optics.model.field_from_image(ImagePoint::new(x as f64 - 0.5, y as f64 - 0.5), 0.0)
@@ -90,8 +90,8 @@ pub fn paint(field: &FieldConfig, floor_rgb: [u8; 3], optics: &Optics) -> Vec<u8
         for column in 0..width {
             let channel = optics.order.channel_at(column, row);
             let corners = [above[column], above[column + 1], below[column], below[column + 1]];
-            let looks = &looks[look_set(column, row)];
-            let color = pixel_color(&pitch, corners, looks, optics.spot_px);
+            let samples = &samples[sample_set(column, row)];
+            let color = pixel_color(&pitch, corners, samples, optics.spot_px);
             let value =
                 color[channel] * optics.light.at(column, row) + optics.light.glare_at(column, row);
             pixels.push((value + 0.5) as u8);
@@ -101,16 +101,16 @@ pub fn paint(field: &FieldConfig, floor_rgb: [u8; 3], optics: &Optics) -> Vec<u8
     pixels
 }
 
-/// What a pixel shows whose corners see the given points of the floor.
+/// Colour of a pixel whose corners see the given points of the floor.
 fn pixel_color(
     pitch: &Pitch,
     [top_left, top_right, bottom_left, bottom_right]: [FieldPoint; 4],
-    looks: &[[f64; 2]; LOOKS],
+    samples: &[[f64; 2]; SAMPLES],
     spot_px: f64,
 ) -> [f32; 3] {
     let mut sum = [0.0; 3];
-    for look in looks {
-        let [x, y] = look.map(|sigmas| 0.5 + sigmas * spot_px);
+    for sample in samples {
+        let [x, y] = sample.map(|sigmas| 0.5 + sigmas * spot_px);
         let blend = |a: f64, b: f64, c: f64, d: f64| {
             (a * (1.0 - x) + b * x) * (1.0 - y) + (c * (1.0 - x) + d * x) * y
         };
@@ -122,7 +122,7 @@ fn pixel_color(
             *sum += value;
         }
     }
-    sum.map(|value| value / LOOKS as f32)
+    sum.map(|value| value / SAMPLES as f32)
 }
 
 #[cfg(test)]
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn markings_are_where_they_belong() {
+    fn markings_are_where_the_rules_put_them() {
         let pitch = Pitch::new(&FieldConfig::default(), [1, 2, 3]);
         let color = |x, y| pitch.color(FieldPoint::new(x, y));
         assert_eq!(color(0.0, 500.0), LINE);

@@ -1,5 +1,5 @@
-//! Random numbers that are the same on every machine and in every build: SplitMix64 (Steele, Lea
-//! and Flood 2014), a counter passed through a mixing function.
+//! Random numbers that are the same on every machine and in every build: SplitMix64 (Steele, Lea and Flood
+//! 2014), a counter passed through a mixing function.
 
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
@@ -53,7 +53,7 @@ impl Random {
     }
 }
 
-/// Random bits that depend on nothing but the two numbers.
+/// Random bits that depend only on the two numbers.
 pub fn hash(a: u64, b: u64) -> u64 {
     mix(mix(a.wrapping_add(STEP)).wrapping_add(b.wrapping_mul(STEP)))
 }
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_numbers_are_spread_as_promised() {
+    fn the_numbers_have_the_stated_distributions() {
         let mut random = Random::new(7, 1);
         let count = 100_000;
         let (mut sum, mut squares, mut uniform) = (0.0, 0.0, 0.0);

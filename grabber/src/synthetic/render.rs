@@ -1,16 +1,19 @@
-//! Pictures of the match.
+//! The renderer of the match.
 //!
-//! The renderer keeps one picture without noise. From frame to frame only the boxes around what
-//! has moved are taken back to the background and drawn anew, so the picture is always what drawing
-//! everything from scratch would give. Noise comes last, fresh for every pixel of every frame.
+//! It composes sprites over a background. The empty pitch is rendered once. Each robot and the ball have a
+//! sprite (`sprite.rs`) with light and coverage of its pixels, which is redrawn when its pose or motion
+//! changes. A pixel becomes `light + (1 − cover) · below`, from the farthest sprite to the nearest. The
+//! renderer keeps the composed picture without noise, and from frame to frame restores and recomposes only
+//! the boxes around changed sprites, which gives the same picture as composing all of it. Noise is added
+//! last, anew for every pixel of every frame.
 
 use super::light::Light;
 use super::motion::Twist;
 use super::optics::{Optics, SoftEdge, spot_px};
 use super::pitch;
-use super::play::{Play, Robot};
 use super::random::{Random, hash};
 use super::shape::{BODY, Outline, PARTS, SIDE, Shape};
+use super::simulation::{Robot, Simulation};
 use super::sprite::{Layer, Palette, Rect, draw_ball, draw_robot};
 use super::{SyntheticError, positive};
 use common::config::{Config, PatchRole, Top};
@@ -18,23 +21,23 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::rolling_shutter::RollingShutter;
 use std::sync::Arc;
 
-/// The robots' own colours, between the patches and on the sides.
+/// Colours of robots between the patches and on the sides.
 pub(super) const BODY_COLOR: [u8; 3] = [24, 25, 27];
 const SIDE_COLOR: [u8; 3] = [38, 38, 40];
 
-/// Noise values to choose from; a power of two.
+/// Number of noise values; a power of two.
 const NOISE_VALUES: usize = 1 << 16;
 
 const STREAM_NOISE: u64 = 3;
 
-/// How a sprite was drawn last.
+/// A sprite, and the state in which it was last drawn.
 #[derive(Debug, Clone, Default)]
 struct Sprite {
     layer: Layer,
     drawn: Option<(Pose, Twist, [f64; 2])>,
 }
 
-/// Takes the pictures.
+/// Renders pictures.
 #[derive(Debug, Clone)]
 pub struct Renderer {
     optics: Optics,
@@ -42,14 +45,14 @@ pub struct Renderer {
     shapes: Vec<Arc<Shape>>,
     ball_color: [u8; 3],
     ball_radius_mm: f64,
-    /// By index into `robots.identities`.
+    /// Indexed as `robots.identities`.
     palettes: Vec<Palette>,
     background: Vec<u8>,
     /// The picture without noise.
     clean: Vec<u8>,
     /// The robots, then the ball.
     sprites: Vec<Sprite>,
-    /// Indexes into `sprites`, lowest first.
+    /// Indices into `sprites`, lowest first.
     order: Vec<usize>,
     dirty: Vec<Rect>,
     noise: Vec<i8>,
@@ -57,7 +60,7 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Paints the empty pitch.
+    /// Renders the empty pitch.
     pub fn new(config: &Config) -> Result<Self, SyntheticError> {
         let camera = &config.camera;
         let model = CameraModel::new(&config.geometry, camera.width, camera.height)?;
@@ -83,7 +86,7 @@ impl Renderer {
             spot_px: spot_px(config.synthetic.defocus_px),
             edge: SoftEdge::new(),
         };
-        // The scale hardly changes over the picture, so one table serves everywhere.
+        // The scale hardly changes over the picture, so one table serves for all of it.
         let middle = optics.model.image_from_field(FieldPoint::default(), tallest_mm);
         let area_mm2 = optics.model.pixel_area_mm2(middle, tallest_mm);
         let spot_mm = positive("geometry.points", area_mm2.sqrt() * optics.spot_px)?;
@@ -105,7 +108,7 @@ impl Renderer {
         Ok(Self {
             optics,
             shapes,
-            ball_color: looks(config, &config.ball.color)?,
+            ball_color: display_color(config, &config.ball.color)?,
             ball_radius_mm,
             palettes,
             clean: background.clone(),
@@ -118,9 +121,15 @@ impl Renderer {
         })
     }
 
-    /// Takes frame number `frame_number`: writes every pixel of every row, and nothing between rows.
-    pub fn render(&mut self, play: &Play, frame_number: u64, pixels: &mut [u8], stride: usize) {
-        self.draw(play);
+    /// Renders frame number `frame_number`: writes every pixel of every row, and nothing between rows.
+    pub fn render(
+        &mut self,
+        simulation: &Simulation,
+        frame_number: u64,
+        pixels: &mut [u8],
+        stride: usize,
+    ) {
+        self.draw(simulation);
         let width = self.optics.width;
         let frame_seed = hash(self.noise_seed, frame_number);
         let rows = pixels.chunks_mut(stride).zip(self.clean.chunks_exact(width));
@@ -133,8 +142,7 @@ impl Renderer {
         }
     }
 
-    /// Whether all of a robot's top is in the picture and no taller robot stands between it and the
-    /// camera.
+    /// Whether all of a robot's top is in the picture and no taller robot stands between it and the camera.
     pub fn shows_robot(&self, robot: &Robot, robots: &[Robot]) -> bool {
         let shape = &self.shapes[robot.identity];
         let reach = f64::from(shape.reach_mm);
@@ -160,8 +168,8 @@ impl Renderer {
         all_inside && !robots.iter().any(|robot| self.hides(robot, ball, radius, radius))
     }
 
-    /// Whether a robot may hide some of a disc at a height above a place: the disc, swept along its line
-    /// of sight up to the height of the robot, touches it.
+    /// Whether a robot may hide a part of a disc at a height above a place: whether the disc, swept along its
+    /// line of sight up to the height of the robot, touches it.
     fn hides(&self, robot: &Robot, place: FieldPoint, height_mm: f64, radius_mm: f64) -> bool {
         let (shape, robot) = (&self.shapes[robot.identity], &robot.pose);
         let [lens_x, lens_y, lens_height] = self.optics.lens_mm;
@@ -181,10 +189,10 @@ impl Renderer {
             && (0.0..=(self.optics.height - 1) as f64).contains(&point.y_px)
     }
 
-    /// Brings the clean picture up to date.
-    fn draw(&mut self, play: &Play) {
+    /// Updates the picture without noise.
+    fn draw(&mut self, simulation: &Simulation) {
         self.dirty.clear();
-        for (robot, sprite) in play.robots.iter().zip(&mut self.sprites) {
+        for (robot, sprite) in simulation.robots.iter().zip(&mut self.sprites) {
             let state = (robot.pose, robot.twist, [0.0; 2]);
             if sprite.drawn == Some(state) {
                 continue;
@@ -201,8 +209,8 @@ impl Renderer {
             sprite.drawn = Some(state);
             self.dirty.push(before.union(sprite.layer.rect));
         }
-        let ball_pose = Pose { position: play.ball.position, orientation: 0.0 };
-        let state = (ball_pose, Twist::default(), play.ball.velocity_mm_s);
+        let ball_pose = Pose { position: simulation.ball.position, orientation: 0.0 };
+        let state = (ball_pose, Twist::default(), simulation.ball.velocity_mm_s);
         if let Some(sprite) = self.sprites.last_mut()
             && sprite.drawn != Some(state)
         {
@@ -211,24 +219,24 @@ impl Renderer {
                 &self.optics,
                 self.ball_color,
                 self.ball_radius_mm,
-                play.ball.position,
-                play.ball.velocity_mm_s,
+                simulation.ball.position,
+                simulation.ball.velocity_mm_s,
                 &mut sprite.layer,
             );
             sprite.drawn = Some(state);
-            // Both boxes, as the ball may have been put somewhere else altogether.
+            // Separate boxes, since the ball may have been put somewhere else altogether.
             self.dirty.extend([before, sprite.layer.rect]);
         }
-        self.sort(play);
+        self.sort(simulation);
         self.compose();
     }
 
-    /// Orders the sprites: the ball is lower than robots; of two robots the one nearer to the lens
-    /// may hide something of the other's side, never of its top.
-    fn sort(&mut self, play: &Play) {
+    /// Orders the sprites: the ball is lower than robots; of two robots, the one nearer to the lens may hide
+    /// part of the other's side, never of its top.
+    fn sort(&mut self, simulation: &Simulation) {
         let [lens_x, lens_y, _] = self.optics.lens_mm;
         let lens = FieldPoint::new(lens_x, lens_y);
-        let distance = |index: usize| match play.robots.get(index) {
+        let distance = |index: usize| match simulation.robots.get(index) {
             Some(robot) => robot.pose.position.distance(lens),
             None => f64::INFINITY,
         };
@@ -237,7 +245,7 @@ impl Renderer {
         self.order.sort_by(|&a, &b| distance(b).total_cmp(&distance(a)));
     }
 
-    /// Composes the dirty parts of the picture anew.
+    /// Recomposes the changed boxes of the picture.
     fn compose(&mut self) {
         let width = self.optics.width;
         for &dirty in &self.dirty {
@@ -252,7 +260,7 @@ impl Renderer {
     }
 }
 
-fn looks(config: &Config, name: &str) -> Result<[u8; 3], SyntheticError> {
+fn display_color(config: &Config, name: &str) -> Result<[u8; 3], SyntheticError> {
     let color = config.colors.iter().find(|color| color.name == name);
     color
         .map(|color| color.looks)
@@ -270,14 +278,14 @@ fn palette(config: &Config, identity: usize) -> Result<Palette, SyntheticError> 
             PatchRole::Identification => identification.next().map(String::as_str),
         };
         if let Some(name) = name {
-            colors[part] = looks(config, name)?;
+            colors[part] = display_color(config, name)?;
         }
     }
     colors[SIDE] = SIDE_COLOR;
     Ok(Palette::new(&colors))
 }
 
-/// More noise values than there are, so that a row can start anywhere.
+/// Noise values, extended by a row's length, so that a row can start at any of the [`NOISE_VALUES`].
 fn noise_values(config: &Config) -> Vec<i8> {
     let mut random = Random::new(config.synthetic.seed, STREAM_NOISE);
     let sigma = config.synthetic.noise.clamp(0.0, 60.0);

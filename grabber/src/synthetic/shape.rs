@@ -1,34 +1,37 @@
-//! What a robot looks like from above, as the lens would show it: a table of how much of each patch
-//! a spot of light at any place of its top would cover.
+//! A robot's top, blurred by the camera's spot: a table of the part of each patch that a spot of light at any
+//! place of the top covers.
+//!
+//! The top is sampled on a fine grid and convolved with the Gaussian spot, one axis after the other, since
+//! the kernel is separable. The renderer interpolates bilinearly between the table's entries.
 
 use common::body::Body;
 use common::config::{RobotsConfig, Top};
 use common::layout::{reach_mm, topmost_patch};
 use common::messages::MAX_PATCHES;
 
-/// Parts of a robot: the patches, then its body where no patch is, then its sides.
+/// Parts of a robot: the patches, then its body between them, then its sides.
 pub const PARTS: usize = MAX_PATCHES + 2;
 /// The body's top.
 pub const BODY: usize = MAX_PATCHES;
 /// The sides.
 pub const SIDE: usize = MAX_PATCHES + 1;
 
-/// The whole of a spot, in the units of [`Shape::weights`].
+/// A whole spot, in the units of [`Shape::weights`].
 pub const WHOLE: u32 = 255 * FRACTIONS * FRACTIONS;
 
-/// Places between two entries of the table, along one axis.
+/// Interpolated positions between two entries of the table, along one axis.
 const FRACTIONS: u32 = 16;
-/// Most entries along one axis.
+/// Maximum number of entries along one axis.
 const MAX_SIDE: usize = 512;
-/// How far a spot is taken to reach, in standard deviations.
+/// Radius of a spot, standard deviations.
 const REACH: f64 = 3.5;
 
 /// The top of a robot in its own frame, blurred.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    /// The body, whose outline the sides have.
+    /// The body, which has the same outline as the sides.
     pub body: Body,
-    /// How far from the centre, along x or y, body and patches reach.
+    /// Maximum |x| or |y| of body and patches.
     pub reach_mm: f32,
     /// Height of the top above the floor.
     pub height_mm: f64,
@@ -44,11 +47,11 @@ pub struct Shape {
 impl Shape {
     /// Blurs the configured top with a spot of standard deviation `spot_mm`.
     pub fn new(robots: &RobotsConfig, top: Top, spot_mm: f64) -> Self {
-        // Painted straight, also where the layout looks over a corner.
+        // Axis-aligned, even if the layout's forward direction is over a corner.
         let body = Body::new(robots, &[]);
         let reach_mm = reach_mm(top.patches).max(body.half_mm());
         let extent_mm = reach_mm + REACH * spot_mm;
-        // Interpolation between entries 0.4 standard deviations apart is good to 1 %.
+        // Interpolation between entries 0.4 standard deviations apart has an error of 1 %.
         let step_mm = (0.4 * spot_mm).max(2.0 * extent_mm / (MAX_SIDE - 3) as f64);
         let half_side = (extent_mm / step_mm).ceil() as usize;
         let side = 2 * half_side + 1;
@@ -68,7 +71,7 @@ impl Shape {
             })
             .collect();
 
-        // A spot finer than the tables would slip between their entries.
+        // A spot finer than the tables would be lost between their entries.
         let blur_mm = spot_mm.max(fine_mm).max(step_mm);
         let kernel = Kernel::new(side, half_side, step_mm, fine_half, fine_mm, blur_mm);
         let mut weights = vec![[0; PARTS]; side * side];
@@ -99,14 +102,14 @@ impl Shape {
         }
     }
 
-    /// How much of each part of the top a spot at a point of the robot's frame covers, in
-    /// fractions of [`WHOLE`].
+    /// The part of each area of the top that a spot at a point of the robot's frame covers, in fractions of
+    /// [`WHOLE`].
     pub fn weights(&self, x_mm: f32, y_mm: f32) -> [u16; PARTS] {
         let x = x_mm * self.entries_per_mm + self.origin;
         let y = y_mm * self.entries_per_mm + self.origin;
         // Short of the last entry by more than rounding adds.
         let limit = self.side as f32 - 1.1;
-        // This way round it is false for NaN.
+        // Written this way it is false for NaN.
         if !(x >= 0.0 && y >= 0.0 && x < limit && y < limit) {
             return [0; PARTS];
         }
@@ -127,7 +130,7 @@ impl Shape {
     }
 }
 
-/// One dimension of the spot: for each entry of the table the fine samples that matter, weighted.
+/// One dimension of the spot: for each entry of the table, the fine samples it covers, with weights.
 struct Kernel {
     first: Vec<usize>,
     weights: Vec<Vec<f64>>,
@@ -168,30 +171,30 @@ impl Kernel {
     }
 }
 
-/// The outline of a robot as the camera sees it: its top together with its sides, that is, its body
-/// swept along the line of sight.
+/// The outline of a robot as the camera sees it, top and sides together: its body swept along the line of
+/// sight.
 #[derive(Debug, Clone, Copy)]
 pub enum Outline {
     Square {
         low: [f32; 2],
         high: [f32; 2],
-        /// Across the sweep.
+        /// Normal to the sweep.
         normal: [f32; 2],
         half_width: f32,
     },
     Round {
         radius: f32,
-        /// Along x, of all the sweep.
+        /// Front of the sweep along x.
         front: f32,
-        /// Where the centre is swept to, and the square of that way's length.
+        /// End of the sweep of the centre, and the square of its length.
         end: [f32; 2],
         length2: f32,
     },
 }
 
 impl Outline {
-    /// Of a body around the origin. A line of sight that passes the top at some point meets the floor
-    /// `onward` from there.
+    /// Outline of a body around the origin. A line of sight through a point of the top meets the floor at a
+    /// distance of `[x, y]` from that point.
     pub fn new(body: &Body, [x, y]: [f32; 2]) -> Self {
         let half = body.half_mm() as f32;
         if body.is_round() {
@@ -216,10 +219,9 @@ impl Outline {
         }
     }
 
-    /// How far inside a point lies; negative outside. Exact beside an edge, and too large beyond
-    /// corners.
+    /// Depth of a point inside; negative outside. Exact beside an edge, and too large beyond corners.
     pub fn depth(&self, x: f32, y: f32) -> f32 {
-        // One machine instruction, where `f32::min` spends four on NaN.
+        // One machine instruction; `f32::min` takes four because of NaN.
         let lesser = |a: f32, b: f32| if a < b { a } else { b };
         match self {
             Self::Square { low, high, normal, half_width } => {
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_blurred_parts_keep_area_and_place() {
+    fn blurring_preserves_area_and_centroid() {
         for preset in Preset::ALL {
             let robots = preset.config().robots;
             let layout = common::layout::Layout::new(&robots);
@@ -282,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_a_spot_make_the_whole_on_the_robot_and_nothing_beside_it() {
+    fn parts_add_up_to_a_whole_spot_on_the_robot_and_to_none_beside_it() {
         let shape =
             Shape::new(&Config::default().robots, preset_top(&Config::default().robots), 2.3);
         let sum = |x: f32, y: f32| -> f64 {
@@ -300,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn extreme_spots_do_no_harm() {
+    fn extreme_spots_are_survived() {
         for spot_mm in [0.01, 0.3, 40.0] {
             let shape = Shape::new(
                 &Config::default().robots,

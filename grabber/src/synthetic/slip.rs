@@ -1,23 +1,24 @@
-//! How robots stray from what their wheels do.
+//! Slip: the difference between a robot's motion and that of its wheels.
 //!
-//! As the filter takes it to be, with its own numbers: white noises of speed, turning rate and sideways
-//! slide ([`FilterConfig::NOISE_LASTS_S`]), so that what the filter claims can be held against a match of which it is true.
+//! It follows the filter's model, with the filter's own numbers: white noises of speed, turning rate and
+//! sideways motion ([`FilterConfig::NOISE_LASTS_S`]). So the filter's covariances can be tested with a match
+//! in which its model is true.
 
 use super::motion::{Twist, WheelSpeeds, drive};
 use super::random::Random;
 use common::config::{Config, FilterConfig};
 use common::geometry::{FieldPoint, Pose};
 
-/// How one robot strays for the time of a frame, with wheels that turn fast.
+/// A robot's slip during one frame, for fast wheels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Slip {
     /// Added to its motion.
     twist: Twist,
-    /// Added to its left.
+    /// Added to its motion to the left.
     sideways_mm_s: f64,
 }
 
-/// How much robots stray, 1σ, in what is one frame's constant slip.
+/// Strength of slip, 1σ, if it is constant during a frame.
 #[derive(Debug, Clone)]
 pub struct SlipRate {
     sigma: Slip,
@@ -25,10 +26,10 @@ pub struct SlipRate {
 }
 
 impl SlipRate {
-    /// As configured.
+    /// From the configuration.
     pub fn new(config: &Config, random: Random) -> Self {
         let filter = &config.filter;
-        // What is constant for a frame moves a robot as far as white noise does.
+        // Slip that is constant during a frame displaces a robot as far as white noise does.
         let scale =
             config.synthetic.slip * (FilterConfig::NOISE_LASTS_S * config.camera.fps).sqrt();
         let twist = Twist {
@@ -38,7 +39,7 @@ impl SlipRate {
         Self { sigma: Slip { twist, sideways_mm_s: scale * filter.lateral_noise_mm_s }, random }
     }
 
-    /// One robot's slip for one frame.
+    /// A robot's slip for one frame.
     pub fn draw(&mut self) -> Slip {
         let Self { sigma: Slip { twist, sideways_mm_s }, random } = self;
         Slip {
@@ -52,7 +53,7 @@ impl SlipRate {
 }
 
 impl Slip {
-    /// Where a robot gets in `dt_s` whose wheels turn with `speeds`, which would give it `twist`.
+    /// The pose after `dt_s` of a robot whose wheels turn with `speeds`, which would give it `twist`.
     pub fn drive(&self, pose: Pose, speeds: WheelSpeeds, twist: Twist, dt_s: f64) -> Pose {
         let wheel_mm_s = speeds.left_mm_s.abs().max(speeds.right_mm_s.abs());
         let share = (wheel_mm_s / FilterConfig::FULL_SLIP_MM_S).min(1.0);
@@ -76,7 +77,7 @@ impl Slip {
 mod tests {
     use super::*;
 
-    /// Whatever the frame rate, a second's slip adds up to what the filter expects of it.
+    /// At any frame rate, a second's slip has the variance that the filter assumes.
     #[test]
     fn slip_adds_up_to_the_noise_of_the_filter() {
         for fps in [20.0, 80.0, 160.0] {
@@ -100,7 +101,7 @@ mod tests {
                 squares.iter_mut().zip(strayed).for_each(|(sum, off)| *sum += off * off);
             }
             let filter = &config.filter;
-            // The slide, and half of the slip's turn to the side of the way, which is little.
+            // The sideways motion, and half of the slip's rotation, which is little.
             let sigmas =
                 [filter.command_noise_mm_s, filter.lateral_noise_mm_s, filter.command_noise_deg_s];
             for (axis, (sum, sigma)) in squares.iter().zip(sigmas).enumerate() {

@@ -1,7 +1,10 @@
-//! Pictures of one robot or one ball: which pixels it covers, how much of each, and with what.
+//! Rendering of one robot or one ball: coverage and light of each pixel.
 //!
-//! The camera's spot is already in the table of the robot's top ([`Shape`]), so one look at a pixel's
-//! middle shows what the pixel shows; motion blur takes a few more.
+//! For each pixel near the sprite, the projection is inverted by a quadratic approximation around the
+//! sprite's centre, which gives the point seen in the robot's frame. The table of the robot's top ([`Shape`])
+//! already contains the camera's spot, so one sample at a pixel's middle gives its colour, the weighted mean
+//! of the colours of the parts there. Motion blur is the mean over the exposure, by Gauss–Legendre quadrature
+//! with two points per pixel of motion. Sides are the swept outline of the body minus the top.
 
 use super::motion::{Twist, drive};
 use super::optics::{Optics, SPOT_REACH};
@@ -22,7 +25,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// What both cover; may be empty.
+    /// The common part; may be empty.
     pub fn intersection(self, other: Self) -> Self {
         let (left, top) = (self.left.max(other.left), self.top.max(other.top));
         Self {
@@ -33,7 +36,7 @@ impl Rect {
         }
     }
 
-    /// The smallest that covers both.
+    /// The smallest rectangle that contains both.
     pub fn union(self, other: Self) -> Self {
         if self.is_empty() {
             return other;
@@ -49,7 +52,7 @@ impl Rect {
         }
     }
 
-    /// Whether it covers nothing.
+    /// Whether it contains no pixel.
     pub fn is_empty(self) -> bool {
         self.left >= self.right || self.top >= self.bottom
     }
@@ -58,14 +61,14 @@ impl Rect {
         self.right - self.left
     }
 
-    /// The pixels of a picture within `margin_px` of the box around some points.
+    /// The pixels of a picture within `margin_px` of the bounding box of some points.
     fn around(points: &[ImagePoint], margin_px: f64, width: usize, height: usize) -> Self {
         let span = |values: &mut dyn Iterator<Item = f64>, limit: usize| {
             let (low, high) = values
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
                     (low.min(value), high.max(value))
                 });
-            // Conversion brings negative numbers to 0.
+            // Conversion maps negative numbers to 0.
             let first = ((low - margin_px).ceil() as usize).min(limit);
             let behind = ((high + margin_px).floor() + 1.0) as usize;
             (first, behind.clamp(first, limit))
@@ -76,20 +79,20 @@ impl Rect {
     }
 }
 
-/// One pixel of a sprite, in 256ths: how much of it the sprite covers, and with how much light.
+/// A pixel of a sprite, in 256ths: its coverage, and its light.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
     light: u16,
     cover: u16,
 }
 
-/// A fully covered pixel.
+/// Full coverage.
 const FULL: u16 = 256;
 
-/// A picture of a sprite, ready to be laid over a background.
+/// A sprite's pixels, ready to be composed over a background.
 #[derive(Debug, Clone, Default)]
 pub struct Layer {
-    /// The pixels it may cover.
+    /// The pixels that may be covered.
     pub rect: Rect,
     cells: Vec<Cell>,
 }
@@ -101,7 +104,7 @@ impl Layer {
         self.cells.resize(rect.width() * (rect.bottom - rect.top), Cell::default());
     }
 
-    /// Lays it over the part of a picture (rows of `width` pixels) that `clip` covers.
+    /// Composes it over the part of a picture (rows of `width` pixels) in `clip`.
     pub fn blend(&self, picture: &mut [u8], width: usize, clip: Rect) {
         let area = self.rect.intersection(clip);
         if area.is_empty() {
@@ -118,8 +121,8 @@ impl Layer {
     }
 }
 
-/// The camera model near one place, as a quadratic: millimetres on the field from pixels, both
-/// relative to that place. The terms left out are those of third order.
+/// Quadratic approximation of the camera model near a place: millimetres on the field from pixels, both
+/// relative to that place. Its error is of third order.
 #[derive(Debug, Clone)]
 struct LocalMap {
     center: ImagePoint,
@@ -152,7 +155,7 @@ impl LocalMap {
         Self { center, terms }
     }
 
-    /// The same map into the frame of a body at the place, with heading `orientation`.
+    /// The map to the frame of a body at the place, with heading `orientation`.
     fn rotated(&self, orientation: f64) -> Self {
         let (sin, cos) = orientation.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);
@@ -161,22 +164,21 @@ impl LocalMap {
         Self { center: self.center, terms: [turn(cos, sin), turn(-sin, cos)] }
     }
 
-    /// Millimetres, relative to the place, that pixel (`column`, `row`) sees.
+    /// Point, relative to the place, that pixel (`column`, `row`) sees, in millimetres.
     fn at(&self, column: usize, row: usize) -> [f32; 2] {
         let u = (column as f64 - self.center.x_px) as f32;
         let v = (row as f64 - self.center.y_px) as f32;
         self.terms.map(|[a, b, c, d, e]| u * (a + c * u + d * v) + v * (b + e * v))
     }
 
-    /// Millimetres in one pixel's length.
+    /// Millimetres per pixel.
     fn mm_per_px(&self) -> f32 {
         let [[a, b, ..], [c, d, ..]] = self.terms;
         (a * d - b * c).abs().sqrt()
     }
 }
 
-/// A body's own frame some time after the middle of the exposure, seen from its own frame in the
-/// middle of the exposure.
+/// Transform from a body's frame in the middle of the exposure to its frame at another time of the exposure.
 #[derive(Debug, Clone, Copy, Default)]
 struct View {
     cos: f32,
@@ -196,12 +198,12 @@ impl View {
     }
 }
 
-/// Most looks at one pixel.
+/// Maximum number of samples per pixel.
 const MAX_VIEWS: usize = 32;
 
-/// The instants, as parts of the exposure from its middle, at which to look at something that moves
-/// by `blur_px` meanwhile. Two points placed after Gauss and Legendre in each stretch of about a
-/// pixel: for a scene as soft as the camera shows it that is as good as an integral.
+/// Sampling times of an object that moves by `blur_px` during the exposure, in exposures from its middle: two
+/// Gauss–Legendre points in each stretch of about a pixel, which is exact enough for a scene as smooth as the
+/// camera's spot makes it.
 fn instants(blur_px: f32) -> impl Iterator<Item = f32> {
     let stretches = if blur_px < 0.01 { 0 } else { (blur_px.ceil() as usize).min(MAX_VIEWS / 2) };
     let still = (stretches == 0).then_some(0.0);
@@ -223,10 +225,10 @@ impl Palette {
     }
 }
 
-/// A spot that lies on the top but for less than a grey level.
+/// Weight of a spot that lies on the top except for less than a grey level.
 const NEARLY_WHOLE: u32 = WHOLE - WHOLE / 128;
 
-/// Draws a robot: its top, and as much of its sides as the camera sees.
+/// Draws a robot: its top, and the visible part of its sides.
 pub fn draw_robot(
     optics: &Optics,
     shape: &Shape,
@@ -236,12 +238,12 @@ pub fn draw_robot(
     layer: &mut Layer,
 ) {
     let (reach, height_mm) = (f64::from(shape.reach_mm), shape.height_mm);
-    // Whole, as of the row of its middle: how a rolling shutter skews it is not painted.
+    // Drawn whole, at the time of the row of its middle: the skew of a rolling shutter is not rendered.
     let row_px = optics.model.image_from_field(pose.position, height_mm).y_px;
     let pose = drive(pose, twist, optics.shutter.delay_s(row_px));
     let map = LocalMap::new(&optics.model, pose.position, height_mm, reach);
     let map = map.rotated(pose.orientation);
-    // No point of the robot is farther than this from where it is in the middle of the exposure.
+    // Maximum displacement of any point of the robot from the middle of the exposure.
     let speed = twist.v_mm_s.abs() + twist.omega.abs() * reach * std::f64::consts::SQRT_2;
     let blur_mm = (speed * optics.exposure_s / 2.0) as f32;
     let blur_px = blur_mm / map.mm_per_px();
@@ -266,7 +268,8 @@ pub fn draw_robot(
     }
     let views = &views[..view_count];
 
-    // The line of sight through a point of the top meets the floor so much farther from the lens.
+    // Distance from a point of the top, along its line of sight, to the floor, relative to the point's
+    // distance from the lens.
     let farther = height_mm / (optics.lens_mm[2] - height_mm);
     let from_lens = [
         (pose.position.x_mm - optics.lens_mm[0]) * farther,
@@ -376,8 +379,9 @@ pub fn draw_ball(
     }
 }
 
-/// The outline of a ball on the plane of its centre: the rays from the lens that touch it make a cone, and that
-/// cuts the plane in an ellipse, longer away from below the lens, and with its middle a little farther there.
+/// The outline of a ball on the plane of its centre. The rays from the lens that touch it form a cone, which
+/// cuts the plane in an ellipse, elongated away from the point below the lens, and with its centre a little
+/// farther from there.
 struct BallOutline {
     /// Direction of the long axis.
     direction: [f32; 2],
@@ -408,18 +412,18 @@ impl BallOutline {
         }
     }
 
-    /// No point of it is farther from the ball's centre along x or y.
+    /// Limit of the distance of its points from the ball's centre along x or y.
     fn reach_mm(&self) -> f32 {
         self.long_mm.max(self.short_mm) + self.beyond_mm.abs()
     }
 
-    /// How far inside a point lies that is so far from the ball's centre, and where between middle and rim, 0–1.
+    /// Depth inside of a point relative to the ball's centre, and its relative radius, 0–1.
     fn depth(&self, x: f32, y: f32) -> (f32, f32) {
         let [cos, sin] = self.direction;
         let along = (x * cos + y * sin - self.beyond_mm) / self.long_mm;
         let across = (y * cos - x * sin) / self.short_mm;
         let distance = along.hypot(across);
-        // Growth of the distance for every millimetre outwards.
+        // Growth of the relative radius per millimetre outwards.
         let slope = (along / self.long_mm).hypot(across / self.short_mm) / distance.max(1e-6);
         let slope = if distance > 1e-3 { slope } else { 1.0 / self.short_mm };
         ((1.0 - distance) / slope, distance)
@@ -474,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_stay_in_the_picture() {
+    fn bounding_boxes_stay_in_the_picture() {
         let around = |x, y| Rect::around(&[ImagePoint::new(x, y)], 2.2, 640, 480);
         assert_eq!(around(10.0, 20.0), Rect { left: 8, top: 18, right: 13, bottom: 23 });
         assert_eq!(around(-1.0, 479.0), Rect { left: 0, top: 477, right: 2, bottom: 480 });

@@ -1,4 +1,4 @@
-//! A camera's controls: exposure, gain, white balance and whatever else it has.
+//! A camera's controls: exposure, gain, white balance and others.
 
 use super::ioctl::{self, Control as Value, QueryControl, QueryMenu, control_type};
 use crate::camera::Fault;
@@ -9,7 +9,7 @@ use rustix::fd::AsFd;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A control as a device describes it.
+/// A control as described by the device.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Control {
     #[serde(skip)]
@@ -18,27 +18,27 @@ pub struct Control {
     flags: u32,
     /// Its name in configurations.
     pub name: String,
-    /// What it takes.
+    /// Type of its value.
     pub kind: ControlKind,
     /// Lowest value.
     pub minimum: i64,
     /// Highest value.
     pub maximum: i64,
-    /// Values are this far apart.
+    /// Distance between values.
     pub step: u64,
     /// Value after power-up.
     pub default: i64,
-    /// Value now, where it can be read.
+    /// Present value, if it can be read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<i64>,
     /// The entries of a menu, by value.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub menu: BTreeMap<i64, String>,
-    /// Has no effect now because another control, mostly an automatic, is in charge.
+    /// Whether it has no effect now because another control, usually an automatic, overrides it.
     pub inactive: bool,
 }
 
-/// What a control takes.
+/// Type of a control's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlKind {
@@ -48,7 +48,7 @@ pub enum ControlKind {
     Boolean,
     /// One of a menu's entries.
     Menu,
-    /// Anything: setting it does something.
+    /// Any value triggers an action.
     Button,
 }
 
@@ -101,7 +101,7 @@ fn describe(device: impl AsFd, query: &QueryControl) -> Option<Control> {
 }
 
 fn menu(device: impl AsFd, query: &QueryControl) -> BTreeMap<i64, String> {
-    // No camera has longer menus; a driver that says so is not believed.
+    // No camera has longer menus; a greater number is an error of the driver.
     let last = query.maximum.min(query.minimum.saturating_add(255));
     let entry = |index: i64| {
         let mut entry =
@@ -125,20 +125,20 @@ fn read(device: impl AsFd, id: u32) -> Option<i32> {
     Some(value.value)
 }
 
-/// The exposure time in microseconds, if the camera tells it.
+/// The exposure time in microseconds, if it is readable.
 pub fn exposure_us(device: impl AsFd) -> Option<u32> {
     u32::try_from(read(device, EXPOSURE_ABSOLUTE)?).ok()?.checked_mul(100)
 }
 
-/// A control's name as one writes it: `White Balance, Automatic` is `white_balance_automatic`.
+/// A control's name in the configuration: `White Balance, Automatic` is `white_balance_automatic`.
 fn plain_name(name: &str) -> String {
     let words = name.split(|letter: char| !letter.is_ascii_alphanumeric());
     let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
     words.join("_").to_ascii_lowercase()
 }
 
-/// Sets the configured controls. Switches and menus go first: an automatic has to be off before what
-/// it was in charge of can be set.
+/// Sets the configured controls. Switches and menus go first, since an automatic must be off before the
+/// values that it controls can be set.
 pub fn apply(device: impl AsFd, settings: &BTreeMap<String, SettingValue>) -> Result<(), Fault> {
     if settings.is_empty() {
         return Ok(());
@@ -188,7 +188,7 @@ fn find<'a>(controls: &'a [Control], name: &str) -> Result<&'a Control, Fault> {
 }
 
 impl Control {
-    /// What to set for a configured value.
+    /// The number for a configured value.
     fn number(&self, value: &SettingValue) -> Result<i32, Fault> {
         let refuse =
             || wrong(format!("control {} = {value}: allowed are {}", self.name, self.allowed()));
@@ -211,7 +211,7 @@ impl Control {
         i32::try_from(number).map_err(|_| refuse())
     }
 
-    /// A value as one writes it in a configuration.
+    /// A value as written in the configuration.
     pub fn written(&self, value: i64) -> String {
         match self.kind {
             ControlKind::Boolean => (value != 0).to_string(),
@@ -222,7 +222,7 @@ impl Control {
         }
     }
 
-    /// The values it takes, in words.
+    /// The permitted values, in words.
     pub fn allowed(&self) -> String {
         match self.kind {
             ControlKind::Boolean => "true and false".into(),

@@ -1,4 +1,4 @@
-//! Opening a device, agreeing with it on a format and a rate, and saying what it can do.
+//! Opening a device, negotiating format and rate, and querying its abilities.
 
 use super::formats::{self, Use};
 use super::ioctl::{
@@ -14,9 +14,9 @@ use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use std::path::Path;
 
-/// Drivers with longer lists are not believed.
+/// Maximum length of a driver's lists.
 const LONGEST_LIST: u32 = 256;
-/// Rates that differ by less than this share are the same.
+/// Relative difference below which rates count as equal.
 const SAME_RATE: f64 = 0.01;
 
 /// Opens a device that captures pictures.
@@ -52,7 +52,7 @@ fn abilities(capability: &Capability) -> u32 {
     }
 }
 
-/// What an error of the system means for a camera.
+/// The camera fault for a system error.
 pub fn refusal(path: &Path, error: Errno) -> Fault {
     let path = path.display();
     match error {
@@ -77,31 +77,35 @@ pub fn refusal(path: &Path, error: Errno) -> Fault {
     }
 }
 
-/// What a device and the configuration have agreed on.
+/// Result of the negotiation with a device.
 #[derive(Debug, Clone, Copy)]
-pub struct Agreed {
+pub struct Negotiated {
     /// The format.
     pub fourcc: u32,
-    /// What becomes of it.
+    /// Treatment of the format.
     pub usage: Use,
-    /// Bytes from row to row, as the driver delivers them.
+    /// Bytes per row, as the driver delivers them.
     pub stride: u32,
-    /// Bytes that the driver wants for a picture.
+    /// Bytes that the driver needs for a picture.
     pub size_image: u32,
-    /// Frames a second, if the driver says.
+    /// Frames per second, if the driver states it.
     pub fps: Option<f64>,
 }
 
 /// Sets format, size and rate as configured.
-pub fn agree(device: impl AsFd, path: &Path, config: &CameraConfig) -> Result<Agreed, Fault> {
+pub fn negotiate(
+    device: impl AsFd,
+    path: &Path,
+    config: &CameraConfig,
+) -> Result<Negotiated, Fault> {
     let fourcc = choose(&device, path, config)?;
     let mut format = Format {
         kind: ioctl::CAPTURE,
         width: config.width,
         height: config.height,
         fourcc,
-        // Rows in order. Sizes that a driver remembers from another format, or that a program
-        // makes up, turn raw pictures purple: left at zero, the driver finds them itself.
+        // Rows in order. Wrong sizes, remembered from another format or made up, turn raw pictures purple; at
+        // zero, the driver computes them itself.
         field: 1,
         bytes_per_line: 0,
         size_image: 0,
@@ -132,11 +136,11 @@ pub fn agree(device: impl AsFd, path: &Path, config: &CameraConfig) -> Result<Ag
         _ => 3 * config.width,
     };
     let fps = set_rate(&device, config.fps);
-    Ok(Agreed { fourcc, usage, stride, size_image: format.size_image, fps })
+    Ok(Negotiated { fourcc, usage, stride, size_image: format.size_image, fps })
 }
 
-/// The configured format, or the best one in which the device has the configured size; formats that
-/// reach the configured rate come first.
+/// The configured format, or the best one available in the configured size; formats that reach the configured
+/// rate come first.
 fn choose(device: impl AsFd, path: &Path, config: &CameraConfig) -> Result<u32, Fault> {
     let offered = list_formats(&device);
     if config.v4l2.format != "auto" {
@@ -168,7 +172,7 @@ fn choose(device: impl AsFd, path: &Path, config: &CameraConfig) -> Result<u32, 
         })
 }
 
-/// A fault that says what there is instead: the sizes of the best format, and the other formats.
+/// A fault that lists the alternatives: the sizes of the best format, and the other formats.
 fn wrong_format(device: impl AsFd, path: &Path, problem: &str) -> Fault {
     let mut usable: Vec<u32> = list_formats(&device)
         .iter()
@@ -194,7 +198,7 @@ fn wrong_format(device: impl AsFd, path: &Path, problem: &str) -> Fault {
     Fault::new(CameraState::WrongFormat, problem)
 }
 
-/// Asks for a rate; returns what the driver promises.
+/// Requests a rate; returns the one that the driver promises.
 fn set_rate(device: impl AsFd, fps: f64) -> Option<f64> {
     let mut parameters = StreamParameters { kind: ioctl::CAPTURE, ..StreamParameters::zeroed() };
     ioctl::get_parameters(&device, &mut parameters).ok()?;
@@ -231,7 +235,7 @@ pub struct Size {
 }
 
 impl Size {
-    /// Whether a picture of this size can be had.
+    /// Whether a picture of this size is available.
     fn holds(&self, width: u32, height: u32) -> bool {
         let lies_in = |value: u32, [low, high, step]: [u32; 3]| {
             (low..=high).contains(&value) && (value - low).is_multiple_of(step.max(1))
@@ -255,7 +259,7 @@ impl std::fmt::Display for Size {
     }
 }
 
-/// The sizes a format comes in; empty where the driver does not say.
+/// The sizes of a format; empty if the driver does not state them.
 pub fn list_sizes(device: impl AsFd, fourcc: u32) -> Vec<Size> {
     let mut sizes = Vec::new();
     for index in 0..LONGEST_LIST {
@@ -273,7 +277,7 @@ pub fn list_sizes(device: impl AsFd, fourcc: u32) -> Vec<Size> {
     sizes
 }
 
-/// The rates a format comes in at a size, fastest first; of a range, its ends.
+/// The rates of a format at a size, fastest first; for a range, its ends.
 pub fn list_rates(device: impl AsFd, fourcc: u32, width: u32, height: u32) -> Vec<f64> {
     let mut rates = Vec::new();
     for index in 0..LONGEST_LIST {
@@ -313,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_camera_is_refused_with_a_reason() {
+    fn a_device_that_is_no_camera_is_refused() {
         let refused = |path: &str| open(Path::new(path)).err().expect("no camera");
         assert_eq!(refused("/dev/video-that-is-not").state, CameraState::Missing);
         let fault = refused("/dev/null");

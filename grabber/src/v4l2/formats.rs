@@ -1,26 +1,26 @@
-//! Which of Video for Linux's formats can be used, and as what.
+//! Supported pixel formats of Video for Linux.
 
 use common::messages::BayerOrder::{self, *};
 use common::messages::PixelFormat::{self, *};
 
-/// What becomes of a format.
+/// Treatment of a format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
-    /// Handed on as it comes.
+    /// Published unchanged.
     Raw(PixelFormat, BayerOrder),
-    /// Each picture is decoded into red, green and blue: costs the grabber a few milliseconds a
-    /// frame, and blurs colours at the edges of patches.
+    /// Each picture is decoded into red, green and blue: costs the grabber a few milliseconds per frame, and
+    /// blurs colours at the edges of patches.
     Jpeg,
-    /// Not at all, for this reason.
+    /// Not supported, for this reason.
     Refused(&'static str),
 }
 
-/// A four-letter name, as the kernel writes it.
+/// A four-character code, as the kernel writes it.
 pub const fn fourcc(name: &[u8; 4]) -> u32 {
     u32::from_le_bytes(*name)
 }
 
-/// A format's letters; what is no letter becomes a dot.
+/// A format's characters; unprintable ones become dots.
 pub fn name(fourcc: u32) -> String {
     let printable = |byte: u8| if (32..127).contains(&byte) { byte as char } else { '.' };
     fourcc.to_le_bytes().map(printable).iter().collect::<String>().trim_end().to_string()
@@ -29,8 +29,7 @@ pub fn name(fourcc: u32) -> String {
 const NO_COLOR: &str = "has no colour: robots and ball are told apart by colour";
 const PACKED: &str = "packs several pixels into common bytes; choose its unpacked relative";
 
-/// All formats that can be used, best first: raw ones keep all that the sensor saw, and take the
-/// least bandwidth.
+/// All supported formats, best first: raw formats preserve all sensor data, and take the least bandwidth.
 pub const USABLE: [(u32, Use); 23] = [
     (fourcc(b"RGGB"), Use::Raw(Bayer8, Rggb)),
     (fourcc(b"GRBG"), Use::Raw(Bayer8, Grbg)),
@@ -57,7 +56,7 @@ pub const USABLE: [(u32, Use); 23] = [
     (fourcc(b"JPEG"), Use::Jpeg),
 ];
 
-/// What becomes of a format.
+/// Treatment of a format.
 pub fn use_of(fourcc: u32) -> Use {
     if let Some(&(_, usage)) = USABLE.iter().find(|&&(known, _)| known == fourcc) {
         return usage;
@@ -74,12 +73,12 @@ pub fn use_of(fourcc: u32) -> Use {
     }
 }
 
-/// Place in the order of preference; the lower the better.
+/// Position in the order of preference; lower is better.
 pub fn preference(fourcc: u32) -> usize {
     USABLE.iter().position(|&(known, _)| known == fourcc).unwrap_or(usize::MAX)
 }
 
-/// The format of these letters.
+/// The format with these characters.
 pub fn parse(letters: &str) -> Result<u32, String> {
     let bytes = letters.as_bytes();
     if bytes.is_empty() || bytes.len() > 4 || !letters.is_ascii() {
@@ -98,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_format_is_what_it_says() {
+    fn formats_map_to_their_layout() {
         assert_eq!(use_of(fourcc(b"BA81")), Use::Raw(Bayer8, Bggr));
         assert_eq!(use_of(fourcc(b"YUYV")), Use::Raw(Yuyv, Rggb));
         assert_eq!(use_of(fourcc(b"MJPG")), Use::Jpeg);
@@ -110,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn letters_are_read_and_refusals_say_why() {
+    fn formats_are_parsed_and_refusals_give_reasons() {
         assert_eq!(parse("RGGB"), Ok(fourcc(b"RGGB")));
         assert_eq!(name(fourcc(b"Y10 ")), "Y10");
         assert!(parse("GREY").unwrap_err().contains("no colour"));

@@ -1,10 +1,10 @@
 //! The requests of Video for Linux, as `<linux/videodev2.h>` defines them.
 //!
-//! Written by hand rather than generated: a dozen requests are needed, and a generator would make
-//! everybody who builds this install libclang. Sizes are checked at compile time; the kernel checks
-//! them too, since they are part of a request's number.
+//! Written by hand rather than generated: a dozen requests are needed, and a generator would require libclang
+//! for every build. Sizes are checked at compile time, and by the kernel, since they are part of a request's
+//! number.
 
-// The kernel interface takes pointers; what makes each call sound is said where it is made.
+// The kernel interface takes pointers; each call states why it is sound.
 #![allow(unsafe_code)]
 
 use bytemuck::Zeroable;
@@ -21,7 +21,7 @@ pub const MEMORY_USERPTR: u32 = 2;
 
 /// The device captures single-plane pictures.
 pub const CAP_CAPTURE: u32 = 0x1;
-/// The device captures pictures whose planes lie apart.
+/// The device captures multi-planar pictures.
 pub const CAP_CAPTURE_MPLANE: u32 = 0x1000;
 /// The device streams.
 pub const CAP_STREAMING: u32 = 0x0400_0000;
@@ -33,7 +33,7 @@ pub const PARM_TIME_PER_FRAME: u32 = 0x1000;
 
 /// The picture is damaged.
 pub const BUFFER_ERROR: u32 = 0x40;
-/// Which clock a buffer's time is of.
+/// Mask of the clock of a buffer's time.
 pub const TIMESTAMP_MASK: u32 = 0xe000;
 /// The monotonic clock.
 pub const TIMESTAMP_MONOTONIC: u32 = 0x2000;
@@ -44,11 +44,11 @@ pub const TIMESTAMP_START_OF_EXPOSURE: u32 = 0x1_0000;
 pub const CONTROL_DISABLED: u32 = 0x1;
 /// The control can only be read.
 pub const CONTROL_READ_ONLY: u32 = 0x4;
-/// The control has no effect now, because of another one.
+/// The control has no effect now, because another one overrides it.
 pub const CONTROL_INACTIVE: u32 = 0x10;
 /// The control can only be written.
 pub const CONTROL_WRITE_ONLY: u32 = 0x40;
-/// Or'ed to a control's number: the next one after it.
+/// Or'ed with a control's number: requests the next control.
 pub const NEXT_CONTROL: u32 = 0x8000_0000;
 
 /// Kinds of controls.
@@ -59,15 +59,15 @@ pub mod control_type {
     pub const BOOLEAN: u32 = 2;
     /// One of several names.
     pub const MENU: u32 = 3;
-    /// Does something when it is set.
+    /// Setting it triggers an action.
     pub const BUTTON: u32 = 4;
-    /// A number whose bits mean something.
+    /// A bit set.
     pub const BITMASK: u32 = 8;
     /// One of several numbers.
     pub const INTEGER_MENU: u32 = 9;
 }
 
-/// What a device is and can do.
+/// Identity and abilities of a device.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct Capability {
@@ -80,7 +80,7 @@ pub struct Capability {
     pub reserved: [u32; 3],
 }
 
-/// One of the formats a device offers.
+/// A format that a device offers.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct FormatDescription {
@@ -93,7 +93,7 @@ pub struct FormatDescription {
     pub reserved: [u32; 3],
 }
 
-/// The format of what is captured.
+/// The format of captured pictures.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct Format {
@@ -125,7 +125,7 @@ pub struct RequestBuffers {
     pub flags: u32,
 }
 
-/// A buffer on its way in or out.
+/// A buffer being queued or dequeued.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct Buffer {
@@ -140,7 +140,7 @@ pub struct Buffer {
     pub timecode: [u32; 4],
     pub sequence: u32,
     pub memory: u32,
-    /// Where it lies: an offset to map, or an address of this process.
+    /// Its location: an offset to map, or an address of this process.
     pub place: u64,
     pub length: u32,
     pub reserved: u32,
@@ -148,7 +148,7 @@ pub struct Buffer {
     pub padding_at_end: u32,
 }
 
-/// A fraction, as of a second.
+/// A fraction, for example of a second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Zeroable)]
 #[repr(C)]
 pub struct Fraction {
@@ -167,7 +167,7 @@ pub struct StreamParameters {
     pub rest: [u32; 46],
 }
 
-/// A size, or a range of sizes, in which a format comes.
+/// A size, or a range of sizes, of a format.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct FrameSize {
@@ -179,7 +179,7 @@ pub struct FrameSize {
     pub reserved: [u32; 2],
 }
 
-/// A time between frames, or a range of them, that a format and size comes in.
+/// A frame interval, or a range of them, of a format and size.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct FrameInterval {
@@ -193,7 +193,7 @@ pub struct FrameInterval {
     pub reserved: [u32; 2],
 }
 
-/// What a control is.
+/// Description of a control.
 #[derive(Clone, Copy, Zeroable)]
 #[repr(C)]
 pub struct QueryControl {
@@ -218,7 +218,7 @@ pub struct QueryControl {
 pub struct QueryMenu {
     pub id: u32,
     pub index: u32,
-    /// The name; of a menu of numbers the first eight bytes are the number.
+    /// The name; in a menu of numbers the first eight bytes are the number.
     pub name: [u8; 32],
     pub reserved: u32,
 }
@@ -247,7 +247,7 @@ const _: () = {
     assert!(size_of::<QueryMenu>() == 44);
 };
 
-/// Repeats what a signal has interrupted.
+/// Repeats a request that a signal has interrupted.
 fn uninterrupted(mut request: impl FnMut() -> Result<()>) -> Result<()> {
     loop {
         match request() {
@@ -275,46 +275,46 @@ macro_rules! requests {
 }
 
 requests! {
-    /// Says what the device is.
+    /// Queries identity and abilities.
     query_capability: read 0 Capability;
-    /// Says what the format of this index is.
+    /// Queries the format of this index.
     describe_format: read_write 2 FormatDescription;
-    /// Sets the format, and says what has become of it.
+    /// Sets the format, and returns the resulting one.
     set_format: read_write 5 Format;
     /// Allocates buffers, or frees them.
     request_buffers: read_write 8 RequestBuffers;
-    /// Says where a buffer lies.
+    /// Queries a buffer's location.
     query_buffer: read_write 9 Buffer;
-    /// Takes back a buffer that has been filled.
+    /// Dequeues a filled buffer.
     dequeue_buffer: read_write 17 Buffer;
     /// Starts streaming.
     stream_on: write 18 i32;
-    /// Stops streaming; all buffers are the program's again.
+    /// Stops streaming; all buffers belong to the program again.
     stream_off: write 19 i32;
-    /// Says what the frame rate is.
+    /// Queries the frame rate.
     get_parameters: read_write 21 StreamParameters;
-    /// Sets the frame rate, and says what has become of it.
+    /// Sets the frame rate, and returns the resulting one.
     set_parameters: read_write 22 StreamParameters;
     /// Reads a control.
     get_control: read_write 27 Control;
     /// Sets a control.
     set_control: read_write 28 Control;
-    /// Says what a menu's entry of this index is.
+    /// Queries the menu entry of this index.
     query_menu: read_write 37 QueryMenu;
-    /// Says what size of this index a format comes in.
+    /// Queries the size of this index of a format.
     frame_size: read_write 74 FrameSize;
-    /// Says what time between frames of this index a format and size comes in.
+    /// Queries the frame interval of this index of a format and size.
     frame_interval: read_write 75 FrameInterval;
-    /// Says what a control is.
+    /// Queries the description of a control.
     query_control: read_write 103 QueryControl;
 }
 
-/// Gives a buffer to the driver to fill.
+/// Queues a buffer for the driver to fill.
 ///
 /// # Safety
 ///
-/// A buffer of [`MEMORY_USERPTR`] must describe memory (`place`, `length`) that stays valid and is
-/// accessed by nobody until the buffer was dequeued or the stream turned off.
+/// A buffer of [`MEMORY_USERPTR`] must describe memory (`place`, `length`) that stays valid and is not
+/// accessed until the buffer was dequeued or the stream turned off.
 pub unsafe fn queue_buffer(device: impl AsFd, buffer: &mut Buffer) -> Result<()> {
     // SAFETY: as for the other requests; that the memory it points to may be written is the
     // caller's promise.
@@ -337,8 +337,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_those_of_the_kernel() {
-        // As a C program that includes <linux/videodev2.h> prints them.
+    fn request_numbers_equal_the_kernels() {
+        // Printed by a C program that includes <linux/videodev2.h>.
         assert_eq!(opcode::read::<Capability>(b'V', 0) as u32, 0x8068_5600);
         assert_eq!(opcode::read_write::<Buffer>(b'V', 15) as u32, 0xc058_560f);
         assert_eq!(opcode::read_write::<QueryControl>(b'V', 103) as u32, 0xc0e8_5667);

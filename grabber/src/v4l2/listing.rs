@@ -1,4 +1,4 @@
-//! What cameras there are, and what they can do.
+//! Discovery of cameras of Video for Linux.
 
 use super::controls;
 use super::device::{list_formats, list_rates, list_sizes, open};
@@ -10,8 +10,8 @@ use common::messages::CameraState;
 use rustix::fd::AsFd;
 use std::path::{Path, PathBuf};
 
-/// All cameras of Video for Linux. Devices that are no cameras are left out; those that cannot be
-/// opened are listed with the reason.
+/// All cameras of Video for Linux. Devices that are no cameras are left out; those that cannot be opened are
+/// listed with the reason.
 pub fn list() -> Vec<CameraDescription> {
     let Ok(entries) = std::fs::read_dir("/dev") else { return Vec::new() };
     let number = |path: &PathBuf| -> Option<u32> {

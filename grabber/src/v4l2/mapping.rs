@@ -1,6 +1,6 @@
-//! A driver's memory, mapped to be read.
+//! A driver's memory, mapped for reading.
 
-// Mapping memory needs it; what makes it sound is said at each place.
+// Mapping memory requires it; each place states why it is sound.
 #![allow(unsafe_code)]
 
 use rustix::fd::AsFd;
@@ -8,7 +8,7 @@ use rustix::io::Result;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::ffi::c_void;
 
-/// Memory of a driver, readable until it is dropped.
+/// Memory of a driver, readable until this is dropped.
 pub struct Mapping {
     start: *mut c_void,
     length: usize,
@@ -24,8 +24,8 @@ impl Mapping {
         Ok(Self { start, length })
     }
 
-    /// What the driver has written. Call only while the buffer is not the driver's: what is read
-    /// meanwhile is torn, though never outside the mapping.
+    /// The bytes written by the driver. Must be called only while the buffer is dequeued; otherwise the
+    /// contents may be torn, though never outside the mapping.
     pub fn bytes(&self) -> &[u8] {
         // SAFETY: the mapping has this place and length until `self` is dropped. The driver writes
         // only to buffers it was given, and a buffer is read between being dequeued and queued.
@@ -35,7 +35,7 @@ impl Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: nobody holds a reference into the mapping, since they borrow `self`.
+        // SAFETY: no reference into the mapping exists any more, since they borrow `self`.
         let _ = unsafe { munmap(self.start, self.length) };
     }
 }

@@ -1,7 +1,7 @@
-//! Cameras of Video for Linux: webcams, capture cards, cameras on the board.
+//! Cameras of Video for Linux: webcams, capture cards, on-board cameras.
 //!
-//! `ioctl` speaks with the kernel, `device` agrees with a camera on what it delivers,
-//! `controls` sets exposure and the like, `stream` takes pictures.
+//! `ioctl` has the kernel's requests, `device` negotiates the format, `controls` sets exposure and the like,
+//! `stream` receives pictures.
 
 pub mod controls;
 mod device;
@@ -17,7 +17,7 @@ pub use listing::list;
 
 use crate::camera::{Device, Fault, FramePool, Session, Stream};
 use common::config::CameraConfig;
-use device::Agreed;
+use device::Negotiated;
 use rustix::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use stream::V4l2Stream;
@@ -29,7 +29,7 @@ pub struct V4l2Device {
 }
 
 impl V4l2Device {
-    /// The camera of this device, to be set up as configured.
+    /// The camera of this device, and its configuration.
     pub fn new(path: &Path, config: &CameraConfig) -> Self {
         Self { path: path.to_path_buf(), config: config.clone() }
     }
@@ -42,7 +42,7 @@ impl Device for V4l2Device {
 
     fn open(&self) -> Result<Box<dyn Session>, Fault> {
         let (device, capability) = device::open(&self.path)?;
-        let agreed = device::agree(&device, &self.path, &self.config)?;
+        let negotiated = device::negotiate(&device, &self.path, &self.config)?;
         controls::apply(&device, &self.config.v4l2.controls)?;
         let exposure_us = controls::exposure_us(&device).unwrap_or(self.config.exposure_us);
         Ok(Box::new(Opened {
@@ -50,7 +50,7 @@ impl Device for V4l2Device {
             path: self.path.clone(),
             model: ioctl::text(&capability.card),
             config: self.config.clone(),
-            agreed,
+            negotiated,
             exposure_us,
         }))
     }
@@ -61,29 +61,29 @@ struct Opened {
     path: PathBuf,
     model: String,
     config: CameraConfig,
-    agreed: Agreed,
+    negotiated: Negotiated,
     exposure_us: u32,
 }
 
 impl Session for Opened {
     fn promised_fps(&self) -> Option<f64> {
-        self.agreed.fps
+        self.negotiated.fps
     }
 
     fn start(self: Box<Self>, pool: &mut FramePool) -> Result<(Box<dyn Stream>, String), Fault> {
         let CameraConfig { width, height, .. } = self.config;
-        let picture = stream::picture_of(&self.agreed, width, height, self.exposure_us);
+        let picture = stream::picture_of(&self.negotiated, width, height, self.exposure_us);
         let stream = V4l2Stream::start(
             self.device,
             self.path,
-            self.agreed,
+            self.negotiated,
             picture,
             self.config.v4l2.buffers,
             self.config.v4l2.direct,
             pool,
         )?;
         let way = if stream.is_direct() { "straight into shared memory" } else { "copied" };
-        let format = formats::name(self.agreed.fourcc);
+        let format = formats::name(self.negotiated.fourcc);
         Ok((Box::new(stream), format!("{}, {format} {width}×{height}, {way}", self.model)))
     }
 }

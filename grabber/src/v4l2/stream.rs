@@ -1,9 +1,9 @@
-//! Streaming: buffers go to the driver empty and come back full.
+//! Streaming: empty buffers are queued to the driver, and dequeued when filled.
 //!
-//! Best is to lend the driver the shared memory of the next frames ("user pointers"): then nothing is
-//! copied. Drivers that cannot write there fill memory of their own, which is mapped and copied.
+//! Best is to lend the driver the shared memory of the next frames ("user pointers"), which avoids a copy.
+//! Drivers that cannot write there fill memory of their own, which is mapped and copied.
 
-use super::device::{Agreed, refusal};
+use super::device::{Negotiated, refusal};
 use super::formats::Use;
 use super::ioctl::{self, Buffer, RequestBuffers};
 use super::mapping::Mapping;
@@ -20,38 +20,38 @@ use std::time::Duration;
 
 /// A streaming device.
 pub struct V4l2Stream {
-    // First, so that it is closed before the memory goes that the driver may be writing to.
+    // First, so that it is closed before the memory that the driver may be writing to is freed.
     device: OwnedFd,
     memory: Memory,
     path: PathBuf,
-    agreed: Agreed,
+    negotiated: Negotiated,
     picture: Picture,
     device_seq: Option<u64>,
 }
 
-/// Where pictures are written to.
+/// Destination of pictures.
 enum Memory {
     /// Shared memory lent to the driver, by buffer.
     Lent(Vec<FrameLoan>),
-    /// The driver's own.
+    /// The driver's own memory.
     Mapped(Vec<Mapping>),
 }
 
 impl V4l2Stream {
-    /// Starts streaming with so many buffers; `direct` tries user pointers.
+    /// Starts streaming with `buffers` buffers; `direct` tries user pointers.
     pub fn start(
         device: OwnedFd,
         path: PathBuf,
-        agreed: Agreed,
+        negotiated: Negotiated,
         picture: Picture,
         buffers: u32,
         direct: bool,
         pool: &mut FramePool,
     ) -> Result<Self, Fault> {
         let memory = Memory::Mapped(Vec::new());
-        let mut stream = Self { device, memory, path, agreed, picture, device_seq: None };
-        // A picture that has to be decoded is no frame yet.
-        let lent = direct && agreed.usage != Use::Jpeg && stream.lend(buffers, pool).is_ok();
+        let mut stream = Self { device, memory, path, negotiated, picture, device_seq: None };
+        // A picture that has to be decoded is not written to shared memory by the driver.
+        let lent = direct && negotiated.usage != Use::Jpeg && stream.lend(buffers, pool).is_ok();
         if !lent {
             stream.map(buffers).map_err(|error| refusal(&stream.path, error))?;
         }
@@ -84,7 +84,7 @@ impl V4l2Stream {
 
     fn lend(&mut self, buffers: u32, pool: &mut FramePool) -> SystemResult<()> {
         let count = self.request(buffers, ioctl::MEMORY_USERPTR)?;
-        let bytes = self.agreed.size_image as usize;
+        let bytes = self.negotiated.size_image as usize;
         let loans: Result<Vec<FrameLoan>, _> = (0..count).map(|_| pool.loan(bytes)).collect();
         let queued = loans.map_err(|_| Errno::NOMEM).and_then(|loans| {
             self.memory = Memory::Lent(loans);
@@ -115,7 +115,7 @@ impl V4l2Stream {
         (0..count).try_for_each(|index| self.queue(index))
     }
 
-    /// Gives a buffer to the driver.
+    /// Queues a buffer to the driver.
     #[allow(unsafe_code)]
     fn queue(&mut self, index: u32) -> SystemResult<()> {
         let mut buffer = Buffer { index, kind: ioctl::CAPTURE, ..Buffer::zeroed() };
@@ -136,7 +136,7 @@ impl V4l2Stream {
         unsafe { ioctl::queue_buffer(&self.device, &mut buffer) }
     }
 
-    /// A full buffer, if there is one.
+    /// A filled buffer, if there is one.
     fn dequeue(&self) -> SystemResult<Option<Buffer>> {
         let memory = match self.memory {
             Memory::Lent(_) => ioctl::MEMORY_USERPTR,
@@ -160,11 +160,11 @@ impl V4l2Stream {
         }
     }
 
-    /// The frame in a full buffer, which goes back to the driver.
+    /// The frame in a filled buffer, which is queued again.
     fn take(&mut self, buffer: &Buffer, pool: &mut FramePool) -> Result<TakenFrame, Fault> {
         let index = buffer.index as usize;
         let is_whole = buffer.flags & ioctl::BUFFER_ERROR == 0
-            && match self.agreed.usage {
+            && match self.negotiated.usage {
                 Use::Raw(format, _) => {
                     let Picture { width, height, stride, .. } = self.picture;
                     u64::from(buffer.bytes_used) >= format.frame_bytes(width, height, stride)
@@ -174,7 +174,7 @@ impl V4l2Stream {
         let taken = match &mut self.memory {
             _ if !is_whole => TakenFrame::Damaged,
             Memory::Lent(loans) => {
-                match (pool.loan(self.agreed.size_image as usize), loans.get_mut(index)) {
+                match (pool.loan(self.negotiated.size_image as usize), loans.get_mut(index)) {
                     (Ok(fresh), Some(slot)) => TakenFrame::Frame(std::mem::replace(slot, fresh)),
                     (Err(_), _) => TakenFrame::NoMemory,
                     (_, None) => return Err(strange_buffer()),
@@ -183,14 +183,14 @@ impl V4l2Stream {
             Memory::Mapped(mappings) => {
                 let mapping = mappings.get(index).ok_or_else(strange_buffer)?;
                 let used = mapping.bytes().get(..buffer.bytes_used as usize);
-                copy(used.ok_or_else(strange_buffer)?, self.agreed, &self.picture, pool)
+                copy(used.ok_or_else(strange_buffer)?, self.negotiated, &self.picture, pool)
             }
         };
         self.queue(buffer.index).map_err(|error| self.fault(error))?;
         Ok(taken)
     }
 
-    /// Numbers of 32 bits, made to rise for ever.
+    /// Extends a 32-bit number to one that never wraps.
     fn count(&mut self, sequence: u32) -> u64 {
         let seq = match self.device_seq {
             None => sequence.into(),
@@ -213,14 +213,19 @@ fn strange_buffer() -> Fault {
     Fault::new(CameraState::Failed, "the driver gives back a buffer it was never given")
 }
 
-/// A copy of a mapped picture, decoded if need be.
-fn copy(bytes: &[u8], agreed: Agreed, picture: &Picture, pool: &mut FramePool) -> TakenFrame {
-    let length = match agreed.usage {
+/// A copy of a mapped picture, decoded if needed.
+fn copy(
+    bytes: &[u8],
+    negotiated: Negotiated,
+    picture: &Picture,
+    pool: &mut FramePool,
+) -> TakenFrame {
+    let length = match negotiated.usage {
         Use::Jpeg => 3 * picture.width as usize * picture.height as usize,
         _ => bytes.len(),
     };
     let Ok(mut frame) = pool.loan(length) else { return TakenFrame::NoMemory };
-    if agreed.usage == Use::Jpeg {
+    if negotiated.usage == Use::Jpeg {
         let decoded = jpeg::decode(bytes, picture.width, picture.height, frame.elements());
         return if decoded { TakenFrame::Frame(frame) } else { TakenFrame::Damaged };
     }
@@ -260,8 +265,8 @@ impl Drop for V4l2Stream {
     }
 }
 
-/// The middle of the exposure, from the driver's time of its start or, mostly, of the end of the
-/// frame. Drivers that have no such time leave us the present.
+/// The middle of the exposure, from the driver's time of its start or, usually, of the end of the frame; the
+/// present for drivers without such a time.
 fn capture_time(buffer: &Buffer, exposure_us: u32) -> u64 {
     if buffer.flags & ioctl::TIMESTAMP_MASK != ioctl::TIMESTAMP_MONOTONIC {
         return monotonic_ns();
@@ -276,13 +281,13 @@ fn capture_time(buffer: &Buffer, exposure_us: u32) -> u64 {
     u64::try_from(middle_ns).unwrap_or(0)
 }
 
-/// What a picture is in which form.
-pub fn picture_of(agreed: &Agreed, width: u32, height: u32, exposure_us: u32) -> Picture {
-    let (pixel_format, bayer_order) = match agreed.usage {
+/// Layout of a picture in the negotiated format.
+pub fn picture_of(negotiated: &Negotiated, width: u32, height: u32, exposure_us: u32) -> Picture {
+    let (pixel_format, bayer_order) = match negotiated.usage {
         Use::Raw(format, order) => (format, order),
         _ => (PixelFormat::Rgb24, common::messages::BayerOrder::Rggb),
     };
-    Picture { width, height, stride: agreed.stride, pixel_format, bayer_order, exposure_us }
+    Picture { width, height, stride: negotiated.stride, pixel_format, bayer_order, exposure_us }
 }
 
 #[cfg(test)]
@@ -290,7 +295,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_of_the_exposure_is_half_of_it_before_the_end_or_after_the_start() {
+    fn capture_time_is_the_middle_of_the_exposure() {
         let flags = ioctl::TIMESTAMP_MONOTONIC;
         let buffer = Buffer { flags, seconds: 5, microseconds: 4000, ..Buffer::zeroed() };
         assert_eq!(capture_time(&buffer, 2000), 5_003_000_000);

@@ -86,7 +86,7 @@ fn margins_are_wide_and_even() {
 }
 
 #[test]
-fn what_is_not_shown_is_left_out() {
+fn colors_without_samples_are_left_out() {
     let colors = ["red", "blue"].map(color);
     let samples = samples(&[&[RED]], &[FLOOR]);
     let learned = learn(&colors, &samples, &Objective::default());

@@ -1,4 +1,4 @@
-//! What is painted lies where the truth and the camera model say.
+//! Rendered objects lie where truth and camera model say.
 
 use super::super::render::BODY_COLOR;
 use super::*;
@@ -7,7 +7,7 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::Layout;
 use common::messages::{Team, TruthRobot};
 
-/// Everything coloured except what is named looks like a robot's body.
+/// All colours except the named ones are those of a robot's body.
 fn only(config: &Config, names: &[&str]) -> Config {
     let mut config = config.clone();
     for color in &mut config.colors {
@@ -20,7 +20,7 @@ fn only(config: &Config, names: &[&str]) -> Config {
     config
 }
 
-/// The centre of gravity of what distinguishes two pictures around some place, and its weight.
+/// Centroid of the difference between two pictures around a place, and its weight.
 fn centroid(a: &Picture, b: &Picture, around: ImagePoint, radius: f64) -> (ImagePoint, f64) {
     let (mut sum, mut x_sum, mut y_sum) = (0.0, 0.0, 0.0);
     let span = |center: f64, limit: usize| {
@@ -46,8 +46,8 @@ fn off(a: ImagePoint, b: ImagePoint) -> f64 {
     (a.x_px - b.x_px).hypot(a.y_px - b.y_px)
 }
 
-/// Largest distance, in pixels, between the teams' patches as painted and where they should be:
-/// of robots that stand, and of robots that move.
+/// Largest distance, in pixels, between the teams' rendered patches and their true positions: for standing
+/// and for moving robots.
 fn worst_patch_error(config: &Config, frames: &[u64]) -> [f64; 2] {
     let model =
         CameraModel::new(&config.geometry, config.camera.width, config.camera.height).unwrap();
@@ -95,13 +95,13 @@ fn long_exposures_blur_evenly_around_the_truth() {
     // Up to five pixels of blur.
     config.camera.exposure_us = 12_000;
     let [standing, moving] = worst_patch_error(&config, &[40, 90, 300, 500]);
-    // A patch on a turning robot is blurred along an arc, whose middle is not on the arc.
+    // A patch on a turning robot is blurred along an arc, whose centroid is not on the arc.
     assert!(standing < 0.02 && moving < 0.08, "{standing} {moving} px");
 }
 
-/// Where the middle of a ball's outline is seen. Rays that touch the sphere make a cone around the ray
-/// through its centre: nearest and farthest from the point below the lens they are equally far from that
-/// ray in angle, not on the plane.
+/// Middle of a ball's outline in the picture. Rays that touch the sphere form a cone around the ray through
+/// its centre: its nearest and farthest rays from the point below the lens have the same angle to that ray,
+/// but not the same distance on the plane.
 fn middle_of_outline(config: &Config, model: &CameraModel, ball: FieldPoint) -> ImagePoint {
     let radius = config.ball.diameter_mm / 2.0;
     let [lens_x, lens_y, lens_z] = config.geometry.camera_mm;
@@ -137,7 +137,7 @@ fn the_ball_is_painted_where_the_truth_says() {
 }
 
 #[test]
-fn a_patch_shows_with_its_whole_area() {
+fn a_patch_is_rendered_with_its_whole_area() {
     let config = Config::default();
     let model =
         CameraModel::new(&config.geometry, config.camera.width, config.camera.height).unwrap();

@@ -1,12 +1,11 @@
-//! The standard colours on the synthetic pitch: each is found, and hardly any other is seen by
-//! mistake.
+//! The preset's colours on the synthetic pitch: each is found, with few false pixels.
 
 use super::*;
 use common::config::{ColorConfig, PatchRole, Preset};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::topmost_patch;
 
-/// The first colour whose box holds a value.
+/// The first colour whose box contains a value.
 fn class_of(colors: &[ColorConfig], rgb: [f64; 3]) -> Option<usize> {
     let within =
         |value: f64, [low, high]: [u8; 2]| f64::from(low) <= value && value <= f64::from(high);
@@ -15,10 +14,10 @@ fn class_of(colors: &[ColorConfig], rgb: [f64; 3]) -> Option<usize> {
     })
 }
 
-/// What a pixel truly shows.
+/// True content of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Shows {
-    /// Nothing coloured, and nothing coloured near.
+    /// No colour here or nearby.
     Nothing,
     /// Near a patch or the ball.
     Edge,
@@ -36,8 +35,8 @@ fn truth_map(config: &Config, scene: &SyntheticMatch) -> Vec<Shows> {
         let (cx, cy) = (center.x_px.round() as i64, center.y_px.round() as i64);
         for y in (cy - radius).max(0)..(cy + radius).min(height as i64) {
             for x in (cx - radius).max(0)..(cx + radius).min(width as i64) {
-                // All that lies within 1.25 pixels must be alike for a pixel to be inside, and
-                // nothing coloured may lie within 2 pixels of one that is not near an edge.
+                // A pixel is inside if all points within 1.25 pixels are alike, and outside if there is no
+                // colour within 2 pixels.
                 let around = |reach: f64| {
                     (0..16).map(move |step| {
                         let angle = f64::from(step) * std::f64::consts::TAU / 16.0;
@@ -130,18 +129,18 @@ fn largest_cluster(classes: &[Option<usize>], wrong: &[bool], width: usize) -> u
     largest
 }
 
-/// How well boxes tell the colours apart in a match.
+/// Separation of the colours by their boxes in a match.
 #[derive(Debug, Default)]
 struct Tally {
-    /// By true colour: pixels well inside it, and those of them that were given its class.
+    /// For each true colour: pixels well inside it, and those of them that were classified correctly.
     inside: Vec<[u32; 2]>,
-    /// Pixels given a class with nothing of that colour anywhere near.
+    /// Pixels classified as a colour that is nowhere near.
     wrong: usize,
-    /// Size of the largest connected set of them.
+    /// Size of the largest connected set of these.
     largest: usize,
 }
 
-/// Plays a match and compares every pixel's class with what it truly shows.
+/// Simulates a match and compares every pixel's class with the truth.
 fn tally(config: &Config, frames: u64) -> Tally {
     let (width, height) = (config.camera.width as usize, config.camera.height as usize);
     let mut tally = Tally { inside: vec![[0; 2]; config.colors.len()], ..Tally::default() };
@@ -177,7 +176,7 @@ fn tally(config: &Config, frames: u64) -> Tally {
 }
 
 #[test]
-fn every_color_is_found_and_little_else() {
+fn every_color_is_found_with_few_false_pixels() {
     let bright = |brightness| {
         let mut config = Config::default();
         config.synthetic.brightness = brightness;
@@ -192,13 +191,13 @@ fn every_color_is_found_and_little_else() {
     ] {
         let tally = tally(&config, frames);
         for (color, &[inside, found]) in config.colors.iter().zip(&tally.inside) {
-            // Some colours are not worn in every preset.
+            // Some colours do not occur in every preset.
             let found_ratio = f64::from(found) / f64::from(inside.max(1));
             assert!(inside == 0 || found_ratio > 0.99, "{name}: {} {found_ratio}", color.name);
         }
         let seen: u32 = tally.inside.iter().map(|[inside, _]| inside).sum();
         assert!(seen > 500 * frames as u32, "{name}: only {seen} coloured pixels");
-        // Specks of up to seven pixels are noise to the tracker (`tracker.min_region_px`).
+        // Blobs of up to seven pixels are noise to the tracker (`tracker.min_region_px`).
         assert!(tally.largest < 6, "{name}: {} pixels in a wrong place", tally.largest);
         let robots = config.robots.identities.len() * frames as usize;
         assert!(tally.wrong < 4 * robots, "{name}: {} pixels in wrong places", tally.wrong);
@@ -212,7 +211,7 @@ fn no_shade_of_a_color_falls_into_the_box_of_another() {
         for percent in 0..=115 {
             let shade =
                 color.looks.map(|value| (f64::from(value) * f64::from(percent) / 100.0).min(255.0));
-            // Pure, and mixed with the robot's own dark.
+            // Pure, and mixed with the robot's body colour.
             for black in [0.0, 26.0] {
                 let rest = (1.0 - f64::from(percent) / 100.0).max(0.0) * black;
                 let class = class_of(&config.colors, shade.map(|value| value + rest));

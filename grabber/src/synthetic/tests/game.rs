@@ -1,4 +1,4 @@
-//! The game: bodies that respect each other, and a truth that fits the commands.
+//! The simulation: bodies do not overlap, and the truth agrees with the commands.
 
 use super::super::motion::{Twist, drive};
 use super::*;
@@ -16,15 +16,15 @@ fn corners(pose: &Pose, half: f64) -> [FieldPoint; 4] {
         .map(|corner| pose.field_from_robot(corner))
 }
 
-/// Where a point of the field lies in a robot's frame.
+/// A point of the field in a robot's frame.
 fn in_robot(pose: &Pose, point: FieldPoint) -> [f64; 2] {
     let (sin, cos) = pose.orientation.sin_cos();
     let (dx, dy) = (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
     [dx * cos + dy * sin, dy * cos - dx * sin]
 }
 
-/// Two squares of one size overlap if a corner of one is in the other, or if their middles are
-/// nearer than a side.
+/// Two squares of one size overlap if a corner of one is in the other, or if their middles are nearer than a
+/// side.
 fn overlap(a: &Pose, b: &Pose, half: f64) -> bool {
     let corner_inside = |of: &Pose, inside: &Pose| {
         corners(of, half).iter().any(|&corner| {
@@ -35,7 +35,7 @@ fn overlap(a: &Pose, b: &Pose, half: f64) -> bool {
     a.position.distance(b.position) < 2.0 * half || corner_inside(a, b) || corner_inside(b, a)
 }
 
-/// Plays a match and checks in every frame that nobody overlaps or leaves.
+/// Simulates a match and checks in every frame that no body overlaps another or leaves the field.
 fn play(config: &Config, frames: u32) -> SyntheticMatch {
     let half = config.robots.size_mm / 2.0;
     let radius = config.ball.diameter_mm / 2.0;
@@ -64,7 +64,7 @@ fn play(config: &Config, frames: u32) -> SyntheticMatch {
 }
 
 #[test]
-fn nobody_overlaps_or_leaves() {
+fn bodies_neither_overlap_nor_leave_the_field() {
     for seed in 0..4 {
         let mut config = Config::default();
         config.synthetic.seed = seed;
@@ -99,7 +99,7 @@ fn the_match_is_lively_from_the_start_and_has_pauses() {
         for _ in 0..40 {
             scene.advance();
         }
-        // Half a second on.
+        // Half a second later.
         let standing = |scene: &SyntheticMatch, frames| {
             scene.truth().robots().iter().filter(|robot| robot.frames_still >= frames).count()
         };
@@ -127,8 +127,8 @@ fn the_match_is_lively_from_the_start_and_has_pauses() {
     }
 }
 
-/// Plays a match, drives every robot along by its commands as a filter would, and returns how
-/// often that was right, how often not.
+/// Simulates a match, integrates every robot's commands as a filter would, and counts the moves that agree
+/// and those that do not.
 fn follow_commands(config: &Config, frames: usize) -> (usize, usize) {
     let period = 1.0 / config.camera.fps;
     let delay = config.filter.actuation_delay_ms / 1000.0;
@@ -144,7 +144,7 @@ fn follow_commands(config: &Config, frames: usize) -> (usize, usize) {
             for (index, robot) in before.robots().iter().enumerate() {
                 let (mut pose, mut t) = (pose_of(robot), start);
                 while t < start + period - 1e-9 {
-                    // The newest command that acts, and when the next begins to.
+                    // The newest command that acts, and the time at which the next begins to.
                     let newest = ((t - delay) / period + 1e-6).floor();
                     let end = ((newest + 1.0) * period + delay).min(start + period);
                     let wheels = sent[newest as usize].wheels()[index];
@@ -167,14 +167,14 @@ fn follow_commands(config: &Config, frames: usize) -> (usize, usize) {
 }
 
 #[test]
-fn robots_do_what_they_were_told_unless_something_is_in_the_way() {
+fn robots_obey_their_commands_unless_blocked() {
     for delay_ms in [0.0, 50.0, 43.0] {
         let mut config = Config::default();
         config.filter.actuation_delay_ms = delay_ms;
         let (right, wrong) = follow_commands(&config, 4000);
         let share = wrong as f64 / (right + wrong) as f64;
         assert!(share < 0.08, "delay {delay_ms} ms: {share} of all moves were wrong");
-        // There must be collisions, though.
+        // Collisions must occur, though.
         assert!(wrong > 20, "delay {delay_ms} ms: only {wrong} moves were blocked");
     }
 }
@@ -230,7 +230,7 @@ fn robots_are_listed_by_team_and_number() {
 }
 
 #[test]
-fn small_and_strange_matches_work() {
+fn small_and_unusual_matches_work() {
     let run = |config: &Config| {
         let mut scene = SyntheticMatch::new(config).unwrap();
         for _ in 0..300 {
@@ -262,12 +262,12 @@ fn small_and_strange_matches_work() {
     (config.camera.width, config.camera.height) = (80, 60);
     config.geometry.distortion = DistortionConfig { k1: 0.0, ..DistortionConfig::default() };
     config.geometry.points.iter_mut().for_each(|point| {
-        // The field's top-left corner, and what is beyond it, is in the picture.
+        // The field's top-left corner, and the floor beyond it, is in the picture.
         point.image_px[0] += 30.0;
         point.image_px[1] += 40.0;
     });
     run(&config);
-    // One that sees all of it in six pixels.
+    // A camera that sees all of it in six pixels.
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (2, 3);
     config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);

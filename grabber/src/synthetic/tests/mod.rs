@@ -1,4 +1,4 @@
-//! What the synthetic match promises, seen from outside.
+//! Guarantees of the synthetic match, tested from outside.
 
 mod accuracy;
 mod colors;
@@ -9,7 +9,7 @@ use super::SyntheticMatch;
 use common::config::Config;
 use common::messages::BayerOrder;
 
-/// A picture with all three colours at every pixel.
+/// A picture with all three channels of every pixel.
 struct Picture {
     width: usize,
     height: usize,
@@ -30,7 +30,7 @@ fn render(scene: &mut SyntheticMatch, config: &Config) -> Vec<u8> {
     pixels
 }
 
-/// The match at some frame.
+/// The match at a given frame.
 fn scene_at(config: &Config, frame: u64) -> SyntheticMatch {
     let mut scene = SyntheticMatch::new(config).unwrap();
     for _ in 0..frame {
@@ -39,7 +39,7 @@ fn scene_at(config: &Config, frame: u64) -> SyntheticMatch {
     scene
 }
 
-/// What the sensor would see without its mosaic: put together from all four Bayer orders.
+/// The picture before the mosaic, assembled from all four Bayer orders.
 fn full_color(config: &Config, frame: u64) -> Picture {
     let (width, height) = (config.camera.width as usize, config.camera.height as usize);
     let mut pixels = vec![[f64::NAN; 3]; width * height];
@@ -55,7 +55,7 @@ fn full_color(config: &Config, frame: u64) -> Picture {
     Picture { width, height, pixels }
 }
 
-/// Bilinear demosaicing, eqs. (1)–(3): for each colour the mean of the nearest sites that see it.
+/// Bilinear demosaicing, eqs. (1)–(3): for each channel the mean of the nearest sites.
 fn demosaic(raw: &[u8], width: usize, height: usize, order: BayerOrder) -> Picture {
     let pixels = (0..width * height)
         .map(|index| {

@@ -1,4 +1,4 @@
-//! The bytes: sameness, borders, mosaic, noise.
+//! The bytes: reproducibility, borders, mosaic, noise.
 
 use super::*;
 use common::config::Preset;
@@ -28,7 +28,7 @@ fn the_same_seed_gives_the_same_match_pixel_for_pixel() {
 }
 
 #[test]
-fn what_memory_held_before_does_not_show() {
+fn rendering_overwrites_all_memory() {
     let config = Config::default();
     let (width, height) = (config.camera.width as usize, config.camera.height as usize);
     let mut scene = scene_at(&config, 7);
@@ -36,7 +36,7 @@ fn what_memory_held_before_does_not_show() {
     let mut ones = vec![0xFF; width * height];
     scene.render(&mut zeros, width);
     scene.render(&mut ones, width);
-    // The noise belongs to the frame, not to the call.
+    // The noise is a function of the frame, not of the call.
     assert_eq!(zeros, ones);
     scene.advance();
     scene.render(&mut ones, width);
@@ -111,7 +111,7 @@ fn the_bayer_orders_show_the_same_scene() {
 fn noise_is_as_strong_as_configured_and_fresh_in_every_frame() {
     let mut config = Config::default();
     config.synthetic.noise = 3.0;
-    // Nobody moves, so frames differ in their noise only.
+    // Nothing moves, so frames differ in their noise only.
     config.robots.identities.clear();
     let clean = render(&mut scene_at(&quiet(&config), 5), &config);
     let mut scene = scene_at(&config, 5);
@@ -129,7 +129,7 @@ fn noise_is_as_strong_as_configured_and_fresh_in_every_frame() {
     assert!(mean.abs() < 0.05 && (sigma - 3.01).abs() < 0.1, "{mean} {sigma}");
     let (mean, sigma) = statistics(&first, &second);
     assert!(mean.abs() < 0.05 && (sigma - 3.01 * 2f64.sqrt()).abs() < 0.15, "{mean} {sigma}");
-    // Rows that repeat would make stripes.
+    // Repeated rows would be visible as stripes.
     let width = config.camera.width as usize;
     let noise: Vec<i16> =
         first.iter().zip(&clean).map(|(&a, &b)| i16::from(a) - i16::from(b)).collect();
@@ -138,7 +138,7 @@ fn noise_is_as_strong_as_configured_and_fresh_in_every_frame() {
 }
 
 #[test]
-fn brightness_and_vignette_do_what_they_say() {
+fn brightness_and_vignette_are_as_configured() {
     let mut config = quiet(&Config::default());
     config.synthetic.vignette = 0.0;
     let plain = render(&mut scene_at(&config, 0), &config);

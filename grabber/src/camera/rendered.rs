@@ -1,4 +1,4 @@
-//! Sources that paint their frames themselves.
+//! Sources that render their frames.
 
 use super::{Camera, CameraError, Captured, Exposure, FramePool, Picture};
 use common::config::CameraConfig;
@@ -6,31 +6,31 @@ use common::messages::{Commands, PixelFormat, TruthFrame};
 
 /// A source of raw Bayer frames in the configured size and order, rows without padding.
 ///
-/// It writes into the memory it is given, which is shared memory and holds an old frame.
-pub trait Painter {
-    /// Waits for the next frame, writes it to `pixels` and says when it was taken.
+/// It writes into shared memory that holds an old frame.
+pub trait FrameRenderer {
+    /// Waits until the next frame is due, and writes it to `pixels`.
     fn expose(&mut self, pixels: &mut [u8]) -> Result<Exposure, CameraError>;
 
-    /// For a source that knows what is really there: the truth of the frame just exposed, and the
-    /// commands sent to the robots at that time.
+    /// The truth of the frame just exposed, and the commands sent to the robots at that time; only for
+    /// simulated sources.
     fn truth(&self) -> Option<(&TruthFrame, &Commands)> {
         None
     }
 
-    /// Somebody else has sent commands; robots that are only played obey them.
+    /// Commands of another program; simulated robots obey them.
     fn obey(&mut self, _commands: &Commands) {}
 }
 
-/// A painter as a camera.
-pub struct Painted<P> {
+/// A camera made of a renderer.
+pub struct RenderedCamera<P> {
     painter: P,
     picture: Picture,
     truth: Option<TruthFrame>,
     commands: Vec<Commands>,
 }
 
-impl<P: Painter> Painted<P> {
-    /// Frames as configured.
+impl<P: FrameRenderer> RenderedCamera<P> {
+    /// For frames as configured.
     pub fn new(painter: P, config: &CameraConfig) -> Self {
         let picture = Picture {
             width: config.width,
@@ -44,7 +44,7 @@ impl<P: Painter> Painted<P> {
     }
 }
 
-impl<P: Painter> Camera for Painted<P> {
+impl<P: FrameRenderer> Camera for RenderedCamera<P> {
     fn capture(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, CameraError> {
         let picture = self.picture;
         let mut frame = pool.loan(picture.stride as usize * picture.height as usize)?;

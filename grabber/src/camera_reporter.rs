@@ -1,4 +1,4 @@
-//! Telling others how the camera is.
+//! Publication of the camera's state.
 
 use common::bus::{Bus, BusError, Publisher};
 use common::clock::monotonic_ns;
@@ -6,23 +6,23 @@ use common::messages::{CameraReport, CameraState, DropReason, ProcessState};
 use common::process::{Process, ProcessError};
 use common::topics;
 
-/// The longest time between two reports.
+/// Maximum time between two reports.
 const PERIOD_NS: u64 = 250_000_000;
 
-/// Publishes the camera's condition, at every change and several times a second, and takes it over
-/// into the process's own heartbeat.
-pub struct Bulletin {
+/// Publishes the camera's state at every change and several times a second, and copies it into the process's
+/// heartbeat.
+pub struct CameraReporter {
     publisher: Publisher<CameraReport, ()>,
     last: Option<CameraReport>,
 }
 
-impl Bulletin {
+impl CameraReporter {
     /// Connects to the topic.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         Ok(Self { publisher: bus.publisher(&topics::CAMERA, 1)?, last: None })
     }
 
-    /// Call after each look at the camera.
+    /// Must be called after each poll of the camera.
     pub fn publish(
         &mut self,
         report: &CameraReport,

@@ -1,8 +1,10 @@
-//! The match itself: robots and ball from one frame to the next.
+//! The simulation of robots and ball from frame to frame.
 //!
-//! Nothing ever overlaps. Bodies move one after the other in steps of a few millimetres, and one
-//! that would run into another, or into a wall, stays where it is for that step. As everything
-//! started apart, it stays apart.
+//! Collisions are prevented, not resolved. A frame is divided into steps short enough that no point moves
+//! farther than [`STEP_MM`]. In each step the bodies move one after the other (a sequential solver), and a
+//! robot that would overlap a wall or another robot keeps its pose for that step. A ball in its way is pushed
+//! out along the contact normal, at most six times alternating with the walls; if it has nowhere to go, the
+//! robot keeps its pose, too. Since nothing overlaps at the start, nothing ever does.
 
 use super::behaviour::{Behaviour, Surroundings};
 use super::collision::{BallContact, Walls, robots_touch};
@@ -15,18 +17,18 @@ use common::config::Config;
 use common::geometry::{FieldPoint, Pose};
 use common::messages::Team;
 
-/// Longest way any point of a robot or the ball goes in one step.
+/// Maximum distance that any point of a robot or the ball moves in one step.
 const STEP_MM: f64 = 5.0;
-/// Fastest the ball can get.
+/// Maximum speed of the ball.
 const MAX_BALL_SPEED_MM_S: f64 = 3000.0;
-/// Part of the speed that the ball keeps when it bounces off a wall, and off a robot.
+/// Coefficient of restitution of the ball at a wall, and at a robot.
 const WALL_RESTITUTION: f64 = 0.6;
 const ROBOT_RESTITUTION: f64 = 0.3;
 /// Below this speed the ball is at rest.
 const REST_MM_S: f64 = 15.0;
 /// A ball that has hardly moved for this long is put back into play with a push.
 const FREE_BALL_S: f64 = 4.0;
-/// So many robots chase the ball at a time.
+/// Maximum number of robots that chase the ball at the same time.
 const MAX_CHASERS: usize = 2;
 
 /// Random streams of a seed.
@@ -35,39 +37,39 @@ const STREAM_BALL: u64 = 2;
 const STREAM_SLIP: u64 = 3;
 const STREAM_ROBOTS: u64 = 1000;
 
-/// One robot.
+/// A robot.
 #[derive(Debug, Clone)]
 pub struct Robot {
     /// Its team.
     pub team: Team,
     /// Its number.
     pub id: u32,
-    /// Where it is.
+    /// Its pose.
     pub pose: Pose,
-    /// How it will move from now on.
+    /// Its motion from now on.
     pub twist: Twist,
-    /// Frames in a row in which its pose has not changed at all.
+    /// Consecutive frames in which its pose has not changed at all.
     pub frames_still: u32,
     /// Index into `robots.identities`.
     pub identity: usize,
     delay: CommandDelay,
     behaviour: Behaviour,
-    /// What its wheels do while they come up to speed again after it was blocked.
+    /// Wheel speeds while it accelerates again after being blocked.
     recovering: Option<WheelSpeeds>,
-    /// How it strays from what its wheels do, until the next frame.
+    /// Its slip until the next frame.
     slip: Slip,
     blocked: bool,
-    /// What somebody else wants of it, and for how many more frames that counts.
+    /// Wheel speeds commanded by another program, and the number of frames for which they still count.
     ordered: Option<(WheelSpeeds, u32)>,
 }
 
 impl Robot {
-    /// Whether somebody else commands it.
+    /// Whether another program commands it.
     pub fn is_obeying(&self) -> bool {
         self.ordered.is_some()
     }
 
-    /// The command that is sent to it in this frame.
+    /// The command sent to it in this frame.
     pub fn command(&self) -> WheelSpeeds {
         self.delay.newest()
     }
@@ -76,16 +78,16 @@ impl Robot {
 /// The ball.
 #[derive(Debug, Clone, Copy)]
 pub struct Ball {
-    /// Where it is.
+    /// Its position.
     pub position: FieldPoint,
-    /// How it moves.
+    /// Its velocity.
     pub velocity_mm_s: [f64; 2],
 }
 
-/// The match.
+/// Robots and ball.
 #[derive(Debug, Clone)]
-pub struct Play {
-    /// By team and number.
+pub struct Simulation {
+    /// Sorted by team and number.
     pub robots: Vec<Robot>,
     /// The ball.
     pub ball: Ball,
@@ -99,17 +101,17 @@ pub struct Play {
     max_acceleration_mm_s2: f64,
     delay_s: f64,
     period_s: f64,
-    /// An order counts for so many frames.
+    /// Number of frames for which a command of another program counts.
     order_frames: u32,
     slip_rate: SlipRate,
     random: Random,
     ball_idle_s: f64,
-    /// Scratch: where everybody is.
+    /// Reused allocation for the robots' poses.
     poses: Vec<Pose>,
 }
 
-impl Play {
-    /// Sets up the first frame: robots spread over the field, most of them moving.
+impl Simulation {
+    /// The first frame: robots distributed over the field, most of them moving.
     pub fn new(config: &Config) -> Result<Self, SyntheticError> {
         let robots = &config.robots;
         let size_mm = positive("robots.size_mm", robots.size_mm)?;
@@ -117,7 +119,7 @@ impl Play {
             half_length_mm: positive("field.length_mm", config.field.length_mm)? / 2.0,
             half_width_mm: positive("field.width_mm", config.field.width_mm)? / 2.0,
         };
-        let mut play = Self {
+        let mut simulation = Self {
             robots: Vec::with_capacity(robots.identities.len()),
             ball: Ball { position: FieldPoint::default(), velocity_mm_s: [0.0; 2] },
             walls,
@@ -144,9 +146,9 @@ impl Play {
             ball_idle_s: 0.0,
             poses: Vec::with_capacity(robots.identities.len()),
         };
-        play.place(config)?;
-        play.push_ball(600.0);
-        Ok(play)
+        simulation.place(config)?;
+        simulation.push_ball(600.0);
+        Ok(simulation)
     }
 
     fn place(&mut self, config: &Config) -> Result<(), SyntheticError> {
@@ -161,7 +163,7 @@ impl Play {
             let place = self.free_place(&mut random, room);
             self.poses.push(place.ok_or(SyntheticError::NoRoom { robots: identities.len() })?);
         }
-        // Two fifths stand at first, but at least three, and somebody always moves.
+        // Two fifths stand at first, at least three, and at least one robot moves.
         let standing = (identities.len() * 2 / 5).max(3).min(identities.len().saturating_sub(1));
         let mut stands: Vec<bool> = (0..identities.len()).map(|index| index < standing).collect();
         random.shuffle(&mut stands);
@@ -173,7 +175,7 @@ impl Play {
             let around = self.surroundings();
             let mut behaviour = Behaviour::new(number, stands[number], random, &around);
             let pose = self.poses[number];
-            // Those that drive have just set off.
+            // Driving robots have just started.
             let twist = behaviour.decide(pose, false, &around, 0.0);
             let speeds = WheelSpeeds::from_twist(twist, self.wheel_base_mm)
                 .limited(0.4 * self.max_speed_mm_s);
@@ -196,8 +198,8 @@ impl Play {
         Ok(())
     }
 
-    /// A place away from the walls, from the ball in the middle, and as far from the robots placed
-    /// so far as the best of a few tries.
+    /// A place away from the walls, from the ball in the middle, and as far from the robots placed so far as
+    /// the best of a few tries.
     fn free_place(&self, random: &mut Random, room_mm: f64) -> Option<Pose> {
         let (length, width) = (self.walls.half_length_mm, self.walls.half_width_mm);
         let mut best: Option<(f64, Pose)> = None;
@@ -228,7 +230,7 @@ impl Play {
         best.map(|(_, pose)| pose)
     }
 
-    /// Has a robot do as somebody else says.
+    /// Has a robot obey a command of another program.
     pub fn obey(&mut self, team: Team, id: u32, speeds: WheelSpeeds) {
         let is_possible = speeds.left_mm_s.is_finite() && speeds.right_mm_s.is_finite();
         let robot = self.robots.iter_mut().find(|robot| (robot.team, robot.id) == (team, id));
@@ -237,11 +239,11 @@ impl Play {
         }
     }
 
-    /// Moves everything on by one frame.
+    /// Simulates one frame period.
     pub fn advance(&mut self) {
         self.poses.clear();
         self.poses.extend(self.robots.iter().map(|robot| robot.pose));
-        // All delays are alike, so all robots change their commands at the same moments.
+        // All delays are equal, so all robots change their commands at the same instants.
         let durations = match self.robots.first() {
             Some(robot) => robot.delay.until_next_frame().map(|(_, duration)| duration),
             None => [self.period_s, 0.0],
@@ -267,7 +269,7 @@ impl Play {
     fn steps(&self, duration_s: f64) -> u32 {
         // A robot's corner can be faster than its wheels, but not by much more than half.
         let fastest = (1.6 * self.max_speed_mm_s).max(MAX_BALL_SPEED_MM_S);
-        // The cap keeps absurd speeds from taking for ever; what jumps then is only a game.
+        // The limit bounds the time for absurd speeds; larger jumps do no harm then.
         (duration_s * fastest / STEP_MM).ceil().clamp(0.0, 2000.0) as u32
     }
 
@@ -309,7 +311,7 @@ impl Play {
         }
     }
 
-    /// Whether a robot can move to `pose`; if so, the ball as it is after that.
+    /// Checks whether a robot can move to `pose`; if so, returns the ball after that.
     fn try_robot(&self, index: usize, pose: Pose, twist: Twist) -> Option<Ball> {
         let body = &self.body;
         if !self.walls.hold_robot(&pose, body) {
@@ -333,8 +335,8 @@ impl Play {
         Some(Ball { position, velocity_mm_s: limited(velocity) })
     }
 
-    /// Where a ball goes that a robot's new pose overlaps: out of the robot, along the walls if
-    /// need be. `None` if there is no way out within reach.
+    /// The position of a ball after a robot's new pose has pushed it out of the robot, along the walls if
+    /// needed. `None` if there is no free position within reach.
     fn push_out(&self, pose: &Pose, ball: FieldPoint) -> Option<FieldPoint> {
         let radius = self.ball_radius_mm;
         let mut ball = ball;
@@ -404,7 +406,7 @@ impl Play {
         self.ball.velocity_mm_s = [speed_mm_s * cos, speed_mm_s * sin];
     }
 
-    /// Everybody decides, on what they know after this frame, what to do next.
+    /// All robots choose their next commands, knowing this frame.
     fn decide(&mut self) {
         self.poses.clear();
         self.poses.extend(self.robots.iter().map(|robot| robot.pose));
