@@ -35,7 +35,7 @@ impl Correction {
         rounded(value * u32::from(self.gains[channel]))
     }
 
-    /// For each channel, what each value becomes.
+    /// For each channel, a table from a value to its corrected value.
     pub fn tables(&self) -> [[u8; 256]; 3] {
         self.gains.map(|gain| {
             let mut table = [0; 256];

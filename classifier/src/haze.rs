@@ -4,10 +4,10 @@
 //! The added light is estimated by the dark channel prior (He, Sun and Tang, *Single image haze removal using
 //! dark channel prior*, 2009): without glare, the darkest channel `min(R, G, B)` of the floor, of robots'
 //! bodies and of every patch is nearly black. The darkest channel is sampled on a lattice of places. Its 40 %
-//! quantile over the 5 × 5 places around each one measures the floor or a body there, and what that exceeds
-//! the median of the whole pitch by is subtracted from all channels, in steps of [`STEP`] grey levels. Each
-//! level of haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, which includes
-//! the gains of the lamps ([`lamp`](crate::lamp)).
+//! quantile over the 5 × 5 places around each one measures the floor or a body there. Its excess over the
+//! median of the whole pitch is subtracted from all channels, in steps of [`STEP`] grey levels. Each level of
+//! haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, which includes the gains
+//! of the lamps ([`lamp`](crate::lamp)).
 //!
 //! All of it is computed in integers. Blocks of places are tested first, at little cost, and only blocks that
 //! are too bright are worked on.

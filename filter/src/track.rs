@@ -123,6 +123,7 @@ impl<const N: usize, const M: usize, const Z: usize> Track<N, M, Z> {
     /// Corrects the predicted track by the candidates of the frame captured at `t_ns`, and sets its status.
     /// `repeats` gives, for each hypothesis, the number of consecutive measurements that share one error (1:
     /// independent), by which R is multiplied.
+    ///
     /// * the likeliest candidate within the gate corrects the track (`Measured`);
     /// * failing that, a confident one outside the gate is an outlier and ignored (`Gated`), unless
     ///   it agrees with enough such before it: then the track starts over from it (`Initialised`);

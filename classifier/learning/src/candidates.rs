@@ -5,14 +5,14 @@
 //! differ from those on a black one. So the pictures are segmented at each of several levels of that bound,
 //! as in a search for maximally stable regions. If too much passes, floor and patches merge into one large
 //! blob; if too little passes, patches fall to pieces; at the right level most blobs have the size of a
-//! patch. The level with the most blobs of that size is chosen for each colour, where blobs beyond the
-//! expected number count negatively. Its blobs are samples of the colour nearly as good as labelled ones, and
-//! everything else on the pitch is background.
+//! patch. For each colour, the middle of the levels with the most blobs of that size is chosen, where blobs
+//! beyond the expected number count negatively. The blobs at that level are samples of the colour nearly as
+//! good as labelled ones, and everything else on the pitch is background.
 
 use crate::blobs::{Blob, NOTHING, blobs};
 use crate::palette::{self, Tone};
 use crate::picture::Picture;
-use crate::samples::{Background, Rim, Sample, Samples};
+use crate::samples::{Background, Sample, Samples};
 use crate::scene::Scene;
 use common::config::{Config, PatchRole};
 use common::geometry::ImagePoint;
@@ -317,6 +317,6 @@ impl SampleBuilder {
 
     fn finish(self, pictures: usize) -> Samples {
         let background = self.background.finish(pictures);
-        Samples { background, pictures: pictures as u32, rims: Vec::<Rim>::new(), ..self.samples }
+        Samples { background, pictures: pictures as u32, rims: Vec::new(), ..self.samples }
     }
 }

@@ -4,9 +4,13 @@
 ///
 /// A frame arrives at least the transfer time after it was taken, sometimes much later. The device's own
 /// stamp has no such jitter, but another origin and a slightly different rate. So the offset between the
-/// clocks is estimated as the minimum of arrival minus stamp, similar to the clock filter of NTP: `offset ←
-/// min(arrival − stamp, offset + drift · Δt)`, where the second term lets it grow as fast as clocks can drift
-/// apart.
+/// clocks is estimated as the minimum of arrival minus stamp, similar to the clock filter of NTP:
+///
+/// ```text
+/// offset ← min(arrival − stamp, offset + drift · Δt)
+/// ```
+///
+/// The second term lets it grow as fast as clocks can drift apart.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     /// This clock minus the device's, and the device's time of the last update.

@@ -2,9 +2,13 @@
 //!
 //! A ball of radius r touches a robot if the point p of the body nearest to its centre c is closer than r.
 //! The contact has the depth r − |c − p| and the normal (c − p)/|c − p|; for a centre inside the body they
-//! follow from the nearest side. The ball bounces as off a body of infinite mass: with u the velocity of the
-//! robot's contact point, the normal component of v − u is reversed and multiplied by the restitution e, v' =
-//! v − (1 + e)·((v − u)·n)·n, if it is negative.
+//! follow from the nearest side. The ball bounces as off a body of infinite mass. With u the velocity of the
+//! robot's contact point and n the normal, a negative normal component of v − u is reversed and multiplied by
+//! the restitution e:
+//!
+//! ```text
+//! v' = v − (1 + e)·((v − u)·n)·n
+//! ```
 
 use super::motion::Twist;
 use common::body::Body;
