@@ -17,12 +17,11 @@
 //! | θ | θ + T·ω̄ | eq. (11) |
 //! | v, ω | u + φ·(v − u) for each, φ = e^(−T/lag) | – |
 //!
-//! For a [steered](Drive::Steered) robot u is the command, v_u = (v_R + v_L)/2 and
 //! For a [steered](Drive::Steered) robot u is the command, v_u = (v_R + v_L)/2 and ω_u = (v_R − v_L)/b (eq.
 //! 7). Without lag φ = 0 and v̄ = v_u, ω̄ = ω_u: the speeds are set by the command and do not carry over into
 //! the pose, which leaves the three-state filter of the paper. A [standing](Drive::Standing) robot is one
-//! steered with u = 0. For a [free](Drive::Free) robot φ = 1: the speeds persist. In between, v̄ = u + ψ·(v −
-//! u) with ψ = (1 − φ)·lag/T.
+//! steered with u = 0. For a [free](Drive::Free) robot φ = 1: the speeds persist. In between, v̄ = u + ψ·(v − u)
+//! with ψ = (1 − φ)·lag/T.
 //!
 //! Eq. (11) takes the heading at the start of the interval. A robot at 1 m/s turning at 10 rad/s would be
 //! predicted T²·v·ω/2 = 0.8 mm to one side in every frame of 12.5 ms, more than the noise of the measurement.
