@@ -7,12 +7,17 @@
 //! corrected value. Where zones with different gains meet ([`shading`](crate::shading)), pixels are
 //! corrected. Apart from that, a frame costs a look at some thousand places.
 //!
-//! The pitch is measured by medians over a lattice of places on the field: of log(red / green) and log(blue /
-//! green), weighted by brightness because dark pixels have hardly a colour, and of log(green). Robots, lines,
-//! arms and half a pitch in shadow move a median little. With `_ref` for `light.pitch_rgb`, the gains in
-//! octaves are `level = b · (green_ref − green)` for green, and `level` plus the difference of the log ratios
-//! for red and blue. The part `b` (`light.brightness`) is below 1 where the brightness of patches follows
-//! that of a dark, shiny floor only in part.
+//! The pitch is measured by medians over a lattice of places on the field, in logarithms: `r` of red / green
+//! and `b` of blue / green, weighted by brightness because dark pixels have hardly a colour, and `g` of green.
+//! Robots, lines, arms and half a pitch in shadow move a median little. With r₀, b₀, g₀ for the colour
+//! `light.pitch_rgb`, the logarithms of the gains are
+//!
+//! ```text
+//! green = share · (g₀ − g)     red = green + r₀ − r     blue = green + b₀ − b
+//! ```
+//!
+//! The share (`light.brightness`) is below 1 where the brightness of patches follows that of a dark, shiny
+//! floor only in part.
 //!
 //! All of it is computed in integers, in sixteenths of an octave, so the same frame gives the same runs on
 //! every machine. Gains have steps so that noise does not change the tables with every frame.

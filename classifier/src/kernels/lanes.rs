@@ -22,7 +22,7 @@ pub const MAX_LANES: usize = 64;
 /// Bytes in the narrowest register.
 pub const MIN_LANES: usize = 16;
 
-/// Registers of bytes, as wide as the machine has.
+/// Registers of bytes, of the machine's width.
 ///
 /// Everything here, and everything that calls it up to `vectorize`, is `#[inline(always)]`: a function or
 /// closure without it is compiled for the oldest machine, and every instruction becomes a call. All tests

@@ -5,12 +5,12 @@ use common::clock::{monotonic_ns, wall_ns};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
-/// Due times and numbers of the frames of a source without a clock: frame `seq` is due at `epoch + seq ·
-/// period`.
+/// Due times and numbers of the frames of a source without a clock. Frame `seq` is due at
+/// `epoch + seq · period`.
 ///
 /// Since frame numbers follow from time, a grabber that is restarted continues its predecessor's numbers with
 /// a gap of exactly the frames that were not captured. Small delays are caught up, since due times do not
-/// move. After a delay of more than [`MAX_LAG_NS`] the frames before the present are skipped, and their
+/// move. After a delay of more than a quarter of a second the frames before the present are skipped, and their
 /// numbers with them.
 #[derive(Debug, Clone)]
 pub struct Timeline {
@@ -81,7 +81,8 @@ impl Timeline {
         exposure
     }
 
-    /// Skips frames that are later than [`MAX_LAG_NS`]; returns their number.
+    /// If the next frame is more than a quarter of a second late, skips all frames before the present; returns
+    /// their number.
     pub fn skip_late(&mut self) -> u64 {
         let now = monotonic_ns();
         if now > self.due_ns(self.next_seq) + MAX_LAG_NS { self.skip_to(now) } else { 0 }

@@ -358,8 +358,8 @@ impl Camera {
     /// Stops acquisition. Takes seconds if the camera is gone.
     pub fn stop(&self) {
         let (library, object) = (self.library, self.object);
-        // SAFETY: the object is a camera. One that cannot be stopped stops by itself, when nobody
-        // controls it any more.
+        // SAFETY: the object is a camera. One that cannot be stopped stops by itself when it
+        // is no longer controlled.
         let _ = checked(library, |error| unsafe {
             (library.arv_camera_stop_acquisition)(object, error)
         });
