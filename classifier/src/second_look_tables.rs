@@ -10,10 +10,9 @@
 //!
 //! A ratio is a difference of logarithms, and the logarithm of a byte is a table entry. So a pixel has four
 //! *keys*, small integers below [`KEYS`]: log(max − m) − log(c − m) for each channel c, in sixteenths of an
-//! octave, and half the number of steps by which the logarithm of the colour exceeds that of the grey. For
-//! each key there is a table of bit sets: bit i is set if colour i admits some pixel with that key. The AND
-//! of the four entries is a superset of the colours that admit the pixel; [`SecondLook`] decides which of
-//! them do.
+//! octave, and log(colour / 2) − log(grey), in eighths of an octave plus an offset. For each key there is a
+//! table of bit sets: bit i is set if colour i admits some pixel with that key. The AND of the four entries is
+//! a superset of the colours that admit the pixel; [`SecondLook`] decides which of them do.
 //!
 //! The tables are made from ranges of ratios, not from pixels: an entry of [`LOG`] stands for a range of
 //! bytes, a key for a range of quotients of them, and a hue bound is compared with the hues at both ends.

@@ -27,7 +27,7 @@ fn steps_after_the_first_allocate_nothing() {
             let pixels = (0..bytes).map(|_| noise.next_u32() as u8).collect();
             let mut frame = Frame::new(640, 480, stride, BayerOrder::Gbrg, pixels);
             frame.header.pixel_format = format as u32;
-            // The first frame half as bright as the second.
+            // Half as bright as the last frame will be.
             frame.pixels.iter_mut().for_each(|pixel| *pixel /= 2);
             let mut step = |pixels: &[u8]| {
                 allocations_in(|| {

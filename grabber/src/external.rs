@@ -16,13 +16,13 @@ pub fn stand_by(mut process: Process, config: &Config) -> Result<(), ProcessErro
     if !process.activate()? {
         return Ok(());
     }
-    let mut heard: Option<Instant> = None;
+    let mut last_frame: Option<Instant> = None;
     while process.keep_running()? {
         if frames.newest()?.is_some() {
-            heard = Some(Instant::now());
+            last_frame = Some(Instant::now());
         }
-        let is_fed = heard.is_some_and(|heard| heard.elapsed() < SILENCE);
-        process.is_now(if is_fed { ProcessState::Active } else { ProcessState::Waiting })?;
+        let has_frames = last_frame.is_some_and(|t| t.elapsed() < SILENCE);
+        process.is_now(if has_frames { ProcessState::Active } else { ProcessState::Waiting })?;
         std::thread::sleep(LOOK_AROUND);
     }
     Ok(())

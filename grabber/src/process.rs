@@ -36,7 +36,7 @@ pub fn run(
     let mut pool = FramePool::new(&process.bus, &config.camera, capacity)?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
-    let heard = process.bus.subscriber(&topics::COMMANDS)?;
+    let command_subscriber = process.bus.subscriber(&topics::COMMANDS)?;
     let mut camera_reporter = CameraReporter::new(&process.bus)?;
     let stage_error = |error: CameraError| ProcessError::Stage(error.to_string());
     // Opened before reporting ready, since loading pictures and rendering the pitch take time.
@@ -59,7 +59,7 @@ pub fn run(
     while process.keep_running()? && next_seq < end && !camera.is_over() {
         // Bounded, so that a flood of commands cannot delay the camera.
         for _ in 0..topics::COMMANDS.buffer {
-            let Some(received) = heard.receive()? else { break };
+            let Some(received) = command_subscriber.receive()? else { break };
             if let Some(message) = received.message()
                 && !commands.has_sent(&received)
             {

@@ -54,7 +54,7 @@ pub struct Playback {
     times: Times,
     truths: VecDeque<TruthFrame>,
     /// Commands since the last frame.
-    heard: Vec<Commands>,
+    new_commands: Vec<Commands>,
     /// Truth of the last frame shown.
     truth: Option<TruthFrame>,
     commands: Vec<Commands>,
@@ -79,7 +79,7 @@ impl Playback {
             next: None,
             times: Times::new(playlist.pace, config.camera.fps, last),
             truths: VecDeque::with_capacity(KEPT_TRUTH),
-            heard: Vec::new(),
+            new_commands: Vec::new(),
             truth: None,
             commands: Vec::new(),
             is_pausing: false,
@@ -112,7 +112,7 @@ impl Playback {
             }
             Channel::Commands => {
                 if let Some(commands) = decode_message::<Commands>(&entry.data) {
-                    self.heard.push(*commands);
+                    self.new_commands.push(*commands);
                 }
             }
             _ => {}
@@ -141,7 +141,7 @@ impl Camera for Playback {
         let due = frame.and_then(|frame| self.times.due(&frame.header, monotonic_ns()));
         let (Some(frame), Some(due)) = (frame, due) else {
             self.next = None;
-            self.heard.clear();
+            self.new_commands.clear();
             return Ok(None);
         };
         let left = Duration::from_nanos(due.show_ns.saturating_sub(monotonic_ns()));
@@ -165,7 +165,7 @@ impl Camera for Playback {
         self.commands.clear();
         let times = &self.times;
         self.commands.extend(
-            self.heard.drain(..).map(|commands| Commands {
+            self.new_commands.drain(..).map(|commands| Commands {
                 t_sent_ns: times.moved(commands.t_sent_ns),
                 ..commands
             }),
@@ -217,12 +217,12 @@ fn read_ahead(mut reader: Reader, playlist: &Playlist) -> Receiver<Entry> {
     std::thread::spawn(move || {
         let from_ns = (from_s * 1e9) as u64;
         let mut first_ns = None;
-        let mut told = 0;
+        let mut reported = 0;
         // The first unreadable message is the end.
         while let Some(Ok(entry)) = reader.next() {
-            for part in reader.damages().parts.iter().skip(told) {
+            for part in reader.damages().parts.iter().skip(reported) {
                 common::tell!("touchline: {}: {part}", path.display());
-                told += 1;
+                reported += 1;
             }
             let first_ns = *first_ns.get_or_insert(entry.t_sent_ns);
             let is_wanted =
