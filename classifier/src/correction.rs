@@ -1,6 +1,6 @@
 //! Corrections of pixels for a light that differs from the one in which the colours were set.
 
-use crate::lamp::{self, Gains};
+use crate::white_balance::{self, Gains};
 
 /// Subtracts white light from all channels, and multiplies each with a gain. Fits into 16-bit integers, so
 /// that [`kernels`](crate::kernels) can do the same to registers full of pixels.
@@ -23,14 +23,14 @@ impl Correction {
 
     /// For these gains and `haze` grey levels of white light.
     pub fn new(gains: Gains, haze: u8) -> Self {
-        let gains = gains.map(lamp::gain_in_256ths);
+        let gains = gains.map(white_balance::gain_in_256ths);
         let most = gains.map(|gain| ((u16::MAX - UNITY / 2) / gain).min(u8::MAX.into()) as u8);
         Self { haze, gains, most }
     }
 
     /// The corrected value of a channel: 0 red, 1 green, 2 blue.
     #[inline(always)]
-    pub fn of(&self, channel: usize, value: u8) -> u8 {
+    pub fn apply(&self, channel: usize, value: u8) -> u8 {
         let value = u32::from(value.saturating_sub(self.haze));
         rounded(value * u32::from(self.gains[channel]))
     }
@@ -64,7 +64,7 @@ mod tests {
     fn corrected_values_follow_the_gains() {
         assert_eq!(Correction::new([0; 3], 0), Correction::NONE);
         assert_eq!(Correction::NONE.tables()[0].to_vec(), (0..=255).collect::<Vec<u8>>());
-        // Limit of the gains of a lamp and a zone together, steps.
+        // Limit of the gains of white balance and zone together, steps.
         for steps in -41..=41 {
             let gain = (f64::from(steps) / 16.0).exp2();
             for haze in [0, 8, 144] {
@@ -73,7 +73,7 @@ mod tests {
                     let exact = (value.saturating_sub(haze.into()) as f64 * gain).min(255.0);
                     let off = (f64::from(corrected) - exact).abs();
                     assert!(off <= 1.02, "{steps} {haze}: {value}");
-                    assert_eq!(corrected, correction.of(1, value as u8));
+                    assert_eq!(corrected, correction.apply(1, value as u8));
                 }
             }
         }

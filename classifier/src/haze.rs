@@ -7,16 +7,16 @@
 //! quantile over the 5 × 5 places around each one measures the floor or a body there. Its excess over the
 //! median of the whole pitch is subtracted from all channels, in steps of [`STEP`] grey levels. Each level of
 //! haze is a [zone](crate::zones) with a [correction](crate::Correction) of its own, which includes the gains
-//! of the lamps ([`lamp`](crate::lamp)).
+//! of the [white balance](crate::white_balance).
 //!
 //! All of it is computed in integers. Blocks of places are tested first, at little cost, and only blocks that
 //! are too bright are worked on.
 
-use crate::lamp::Gains;
 use crate::lattice::{Grid, Lattice};
 use crate::ranks::Ranks;
 use crate::shading::{self, ShadedTables};
 use crate::tables::version_by_parts;
+use crate::white_balance::Gains;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
@@ -34,14 +34,14 @@ const ZONES: usize = shading::ZONES + LEVELS * HAZY_ZONES;
 /// Side of a block that is tested first, places.
 const BLOCK: usize = 4;
 /// Half-width of the window around a place, places.
-const AROUND: usize = 2;
-/// Tolerated excess over the pitch without haze: pitch / `UNEVEN_PART` + `UNEVEN` grey levels.
-const UNEVEN_PART: u16 = 4;
-const UNEVEN: u16 = 12;
+const WINDOW_RADIUS: usize = 2;
+/// Tolerated excess over the pitch without haze: pitch / `TOLERANCE_DIVISOR` + `TOLERANCE` grey levels.
+const TOLERANCE_DIVISOR: u16 = 4;
+const TOLERANCE: u16 = 12;
 /// Minimum places on the field for a measurement of the floor.
-const FEWEST: usize = 6;
+const MIN_PLACES: usize = 6;
 /// Excess that counts as haze beside a hazy block, grey levels.
-const FAINT: u16 = 6;
+const MIN_EXCESS: u16 = 6;
 
 /// Finds haze, and makes tables for the parts of the picture under it.
 #[derive(Debug, Clone)]
@@ -107,7 +107,7 @@ impl Haze {
         let Some(last) = self.count.checked_sub(1) else { return false };
         self.ranks.fill(self.values.iter().copied());
         let pitch = u16::from(self.ranks.nth(last / 2));
-        let bright = pitch + pitch / UNEVEN_PART + UNEVEN;
+        let bright = pitch + pitch / TOLERANCE_DIVISOR + TOLERANCE;
         // Nothing is brighter than white.
         let Ok(bright) = u8::try_from(bright) else { return false };
         self.levels.fill(0);
@@ -131,7 +131,7 @@ impl Haze {
             let line = &line[left..(left + BLOCK).min(columns)];
             line.iter().filter(|&&value| value <= bright).count()
         });
-        count >= FEWEST && dim.sum::<usize>() <= floor_rank(count)
+        count >= MIN_PLACES && dim.sum::<usize>() <= floor_rank(count)
     }
 
     /// Sets the levels in and around a block; returns whether one is above 0.
@@ -140,9 +140,10 @@ impl Haze {
         let mut is_hazy = false;
         for row in top.saturating_sub(BLOCK)..(top + 2 * BLOCK).min(rows) {
             for column in left.saturating_sub(BLOCK)..(left + 2 * BLOCK).min(columns) {
-                let around = |index: usize| index.saturating_sub(AROUND)..index + AROUND + 1;
+                let around =
+                    |index: usize| index.saturating_sub(WINDOW_RADIUS)..index + WINDOW_RADIUS + 1;
                 let floor = self.floor_in(around(column), around(row));
-                if floor > pitch + FAINT {
+                if floor > pitch + MIN_EXCESS {
                     let step = u16::from(STEP);
                     let level = ((floor - pitch + step / 2) / step).min(LEVELS as u16);
                     self.levels[row * columns + column] = level as u8;
@@ -156,19 +157,19 @@ impl Haze {
     /// Brightness of the floor in a window, even between robots: the 40 % quantile of the darkest channels of
     /// its places on the field; 0 if they are few.
     fn floor_in(&self, columns: Range<usize>, rows: Range<usize>) -> u16 {
-        const MOST: usize = (2 * AROUND + 1) * (2 * AROUND + 1);
-        let mut window = [0; MOST];
+        const MAX_WINDOW: usize = (2 * WINDOW_RADIUS + 1) * (2 * WINDOW_RADIUS + 1);
+        let mut window = [0; MAX_WINDOW];
         let mut count = 0;
         for row in rows.start..rows.end.min(self.grid.rows) {
             let line = row * self.grid.columns;
             for place in line + columns.start..line + columns.end.min(self.grid.columns) {
-                if self.on_field[place] && count < MOST {
+                if self.on_field[place] && count < MAX_WINDOW {
                     window[count] = self.values[place];
                     count += 1;
                 }
             }
         }
-        if count < FEWEST {
+        if count < MIN_PLACES {
             return 0;
         }
         u16::from(*window[..count].select_nth_unstable(floor_rank(count)).1)
@@ -186,7 +187,7 @@ impl Haze {
     /// The tables for the haze found last and for `shaded` light, and their version. `gains` and `middle` are
     /// the gains of the middle of the pitch and the version of the tables under them. `tables` must be the
     /// same at each call, since tables made of them are kept.
-    pub fn under<'a>(
+    pub fn tables_for<'a>(
         &'a mut self,
         tables: &'a ClassTables,
         gains: Gains,
@@ -214,7 +215,7 @@ impl Haze {
             *tile = zone as u8;
             if self.made_for[zone] != Some(gains) {
                 let gains = shading::zone_gains(gains, light);
-                self.tables[zone] = tables.under_haze(gains, level as u8 * STEP);
+                self.tables[zone] = tables.corrected_with_haze(gains, level as u8 * STEP);
                 self.made_for[zone] = Some(gains);
             }
         }

@@ -9,7 +9,7 @@
 //! classification by three tables and two ANDs (section 4.2), for classified pixels optionally a second look
 //! at hue and saturation, and run-length encoding. A colour image is never stored. Formats other than Bayer
 //! are taken too; YUV pictures are classified in YUV. If the configuration gives the colour of the pitch when
-//! the colours were set, the tables follow the light ([`lamp`]). Under uneven light ([`shading`]) or glare
+//! the colours were set, the tables follow the light ([`white_balance`]). Under uneven light ([`shading`]) or glare
 //! (`haze.rs`), parts of the picture have tables of their own.
 //!
 //! **Guarantees**
@@ -30,7 +30,6 @@ mod correction;
 mod error;
 mod haze;
 pub mod kernels;
-pub mod lamp;
 pub mod lattice;
 mod mask;
 mod picture;
@@ -41,6 +40,7 @@ mod second_look_tables;
 pub mod shading;
 mod stage;
 mod tables;
+pub mod white_balance;
 mod yuv;
 pub mod zones;
 

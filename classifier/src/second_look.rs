@@ -189,8 +189,8 @@ fn hue_vector(rgb: [i32; 3]) -> [f64; 2] {
 }
 
 /// Highest byte, and highest sum of three: no ratio of pixels has a greater denominator.
-const MOST: i32 = 255;
-const MOST_SUM: i32 = 3 * MOST;
+const MAX_BYTE: i32 = 255;
+const MAX_SUM: i32 = 3 * MAX_BYTE;
 
 /// The bounds that pixels with at least the lowest and at most the highest saturation meet.
 fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
@@ -202,7 +202,7 @@ fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
         [_, false] => Bound::IMPOSSIBLE,
         // Black has saturation 0, which is below the bound.
         _ => {
-            let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) >= lowest);
+            let [p, q] = between(ends, sum, MAX_SUM, |ratio| of(ratio) >= lowest);
             Bound { a: q as i16, b: -p as i16, least: 1 }
         }
     };
@@ -211,7 +211,7 @@ fn saturation_bounds([lowest, highest]: [f64; 2]) -> [Bound; 2] {
         [_, false] => Bound::NONE,
         // Black has saturation 0, which is not above the bound.
         _ => {
-            let [p, q] = between(ends, sum, MOST_SUM, |ratio| of(ratio) > highest);
+            let [p, q] = between(ends, sum, MAX_SUM, |ratio| of(ratio) > highest);
             Bound { a: -q as i16, b: p as i16, least: 0 }
         }
     };
@@ -299,7 +299,7 @@ fn hue_at(direction: [f64; 2]) -> [i32; 3] {
     let sector = (0..6).map(|index| [PRIMARIES[index], PRIMARIES[(index + 1) % 6]]);
     let ends = sector.into_iter().find(|&[last, first]| !is_left(last) && is_left(first));
     // No two of the six have the same direction modulo half a circle, so there is one.
-    between(ends.unwrap_or([PRIMARIES[0], PRIMARIES[1]]), greatest, MOST, is_left)
+    between(ends.unwrap_or([PRIMARIES[0], PRIMARIES[1]]), greatest, MAX_BYTE, is_left)
 }
 
 /// Whether the second direction is that of the first or counter-clockwise of it, by less than half a turn.

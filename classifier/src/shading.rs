@@ -17,10 +17,10 @@
 
 use crate::ClassTables;
 use crate::correction::Correction;
-use crate::lamp::{Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
 use crate::lattice::{Grid, Lattice};
 use crate::ranks::Ranks;
 use crate::tables::version_by_parts;
+use crate::white_balance::{Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
 use crate::zones::{ZonedTables, Zones};
 use common::config::{Config, LightConfig};
 use common::geometry::GeometryError;
@@ -39,11 +39,11 @@ const UNITS_PER_ZONE: f64 = (UNITS_PER_OCTAVE * ZONE_STEPS / 16) as f64;
 const CELLS: usize = 8;
 const TILES: usize = 20;
 /// Minimum places on the pitch for a cell to be used.
-const FEWEST_SITES: usize = 8;
+const MIN_SITES: usize = 8;
 /// Coefficients of a surface of second degree.
 const TERMS: usize = 6;
 /// Limit of the estimated deviation from the middle of the pitch, octaves.
-const MOST_OCTAVES: f64 = 6.0;
+const MAX_OCTAVES: f64 = 6.0;
 
 type Terms = SVector<f64, TERMS>;
 type Matrix = SMatrix<f64, TERMS, TERMS>;
@@ -82,7 +82,7 @@ impl Shading {
             (row, column)
         });
         let mut by_cell: Vec<&[usize]> = sites.chunk_by(|a, b| cell_of(a) == cell_of(b)).collect();
-        by_cell.retain(|sites| sites.len() >= FEWEST_SITES);
+        by_cell.retain(|sites| sites.len() >= MIN_SITES);
 
         let half = width.max(height) as f64 / 2.0;
         let terms = |x: f64, y: f64| {
@@ -161,7 +161,7 @@ impl Shading {
         }
         let middle = self.sorted.len() / 2;
         let middle = *self.sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let most = MOST_OCTAVES * f64::from(UNITS_PER_OCTAVE);
+        let most = MAX_OCTAVES * f64::from(UNITS_PER_OCTAVE);
         self.units.iter_mut().for_each(|units| *units = (*units - middle).clamp(-most, most));
     }
 
@@ -218,7 +218,7 @@ impl ShadedTables {
 
     /// Lowest and highest gain of a zone on the pitch in the latest measurement, relative to the middle of
     /// the pitch, in gain steps.
-    pub fn spread(&self) -> [i32; 2] {
+    pub fn gain_range(&self) -> [i32; 2] {
         let on_pitch = self.zones.by_tile().iter().zip(&self.shading.is_on_pitch);
         let on_pitch = on_pitch.filter(|(_, is_on_pitch)| **is_on_pitch);
         let zones = on_pitch.map(|(&zone, _)| usize::from(zone));
@@ -249,11 +249,11 @@ impl ShadedTables {
 
     /// The tables for the latest measurement, given the gains of the middle of the pitch. `tables` must be
     /// the same at each call, since tables made of them are kept.
-    pub fn under<'a>(&'a mut self, tables: &'a ClassTables, gains: Gains) -> ZonedTables<'a> {
+    pub fn tables_for<'a>(&'a mut self, tables: &'a ClassTables, gains: Gains) -> ZonedTables<'a> {
         for &zone in self.zones.by_tile() {
             let zone = usize::from(zone);
             if self.made_for[zone] != Some(gains) {
-                self.tables[zone] = tables.under(zone_gains(gains, zone));
+                self.tables[zone] = tables.corrected(zone_gains(gains, zone));
                 self.made_for[zone] = Some(gains);
             }
         }

@@ -2,11 +2,11 @@
 
 use crate::haze::Haze;
 use crate::kernels::{Kernel, SimdChoice, SimdLevel};
-use crate::lamp::{self, Gains, Lamp, NO_GAINS};
 use crate::lattice::Lattice;
 use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::shading::ShadedTables;
+use crate::white_balance::{self, Gains, NO_GAINS, WhiteBalance};
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
 use common::config::Config;
@@ -19,7 +19,7 @@ pub struct Classifier {
     height: u32,
     tables: ClassTables,
     lattice: Lattice,
-    lamp: Option<Lamp>,
+    white_balance: Option<WhiteBalance>,
     /// The light of the last frame, and the tables for it: a cache, not state.
     gains: Gains,
     lit_tables: ClassTables,
@@ -52,7 +52,7 @@ impl Classifier {
             return Err(ClassifierError::ImageTooLarge { width, height });
         }
         let tables = ClassTables::new(&config.colors)?;
-        let lamp = Lamp::new(config)?;
+        let white_balance = WhiteBalance::new(config)?;
         let (gains, lit_tables) = (NO_GAINS, tables.clone());
         let haze = config.light.glare.then(|| Haze::new(config, &tables)).transpose()?;
         let haze = haze.map(Box::new);
@@ -65,7 +65,7 @@ impl Classifier {
             height,
             tables,
             lattice: Lattice::new(&config.camera),
-            lamp,
+            white_balance,
             gains,
             lit_tables,
             is_pitch_seen: true,
@@ -97,10 +97,10 @@ impl Classifier {
         let layout = self.check(header, pixels.len())?;
         let picture = Picture::new(pixels, header.width, header.height, header.stride, layout)
             .expect("the header agrees with a size that Classifier::new has accepted");
-        if self.lamp.is_some() || self.haze.is_some() {
+        if self.white_balance.is_some() || self.haze.is_some() {
             self.lattice.sample(&picture);
         }
-        self.follow_lamp();
+        self.update_white_balance();
         let Self {
             kernel, tables, lattice, gains, lit_tables, mask, shaded, one_zone, haze, ..
         } = self;
@@ -114,10 +114,10 @@ impl Classifier {
         }
         let middle = lit_tables.version();
         let (zoned, class_table_version) = match (hazy, shaded.as_deref_mut()) {
-            (Some(haze), shaded) => haze.under(tables, *gains, middle, shaded.as_deref()),
+            (Some(haze), shaded) => haze.tables_for(tables, *gains, middle, shaded.as_deref()),
             (None, Some(shaded)) => {
                 let version = shaded.version(middle);
-                (shaded.under(tables, *gains), version)
+                (shaded.tables_for(tables, *gains), version)
             }
             (None, None) => (ZonedTables::everywhere(tables, lit_tables, one_zone), middle),
         };
@@ -134,34 +134,34 @@ impl Classifier {
     }
 
     /// Updates the tables for the light of the picture that the lattice has sampled.
-    fn follow_lamp(&mut self) {
-        let Some(lamp) = &self.lamp else { return };
-        let gains = lamp.gains(&self.lattice);
+    fn update_white_balance(&mut self) {
+        let Some(white_balance) = &self.white_balance else { return };
+        let gains = white_balance.gains(&self.lattice);
         self.is_pitch_seen = gains.is_some();
         let gains = gains.unwrap_or(NO_GAINS);
         if gains != self.gains {
             self.gains = gains;
             self.changes += 1;
-            self.lit_tables = self.tables.under(gains);
+            self.lit_tables = self.tables.corrected(gains);
         }
     }
 
     /// Report on the correction of the last frame's light.
     pub fn light(&self) -> LightCorrection {
         let spread = match &self.shaded {
-            Some(shaded) => shaded.spread(),
+            Some(shaded) => shaded.gain_range(),
             None => [0; 2],
         };
         let flags = [
-            (self.lamp.is_some(), LightCorrection::FOLLOWED),
-            (lamp::is_at_bound(self.gains), LightCorrection::AT_BOUND),
+            (self.white_balance.is_some(), LightCorrection::FOLLOWED),
+            (white_balance::is_at_bound(self.gains), LightCorrection::AT_BOUND),
             (!self.is_pitch_seen, LightCorrection::PITCH_UNSEEN),
             (self.is_under_glare, LightCorrection::GLARE),
         ];
         LightCorrection {
-            gains: self.gains.map(lamp::factor),
+            gains: self.gains.map(white_balance::factor),
             flags: flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag).sum(),
-            zones: spread.map(lamp::factor),
+            zones: spread.map(white_balance::factor),
             changes: self.changes,
         }
     }

@@ -7,9 +7,9 @@
 //! colours are tested with the pixel converted to RGB.
 
 use crate::correction::Correction;
-use crate::lamp::{Gains, NO_GAINS};
 use crate::second_look::{HueSaturation, SecondLook};
 use crate::second_look_tables::SecondLookTables;
+use crate::white_balance::{Gains, NO_GAINS};
 use crate::yuv::rgb_from_yuv;
 use crate::{ClassifierError, MAX_CLASSES};
 use common::config::ColorConfig;
@@ -115,12 +115,12 @@ impl ClassTables {
     /// The tables for another light: they classify a pixel as these tables, which must be those for the light
     /// in which the colours were set, classify the pixel with corrected channels. Boxes in YUV stay as they
     /// are.
-    pub fn under(&self, gains: Gains) -> Self {
-        self.under_haze(gains, 0)
+    pub fn corrected(&self, gains: Gains) -> Self {
+        self.corrected_with_haze(gains, 0)
     }
 
     /// The tables for another light, with white light of `haze` grey levels on top of it.
-    pub fn under_haze(&self, gains: Gains, haze: u8) -> Self {
+    pub fn corrected_with_haze(&self, gains: Gains, haze: u8) -> Self {
         debug_assert_eq!(self.correction, Correction::NONE);
         let mut hash = Fnv1a(self.version);
         if gains != NO_GAINS {
@@ -200,8 +200,9 @@ impl ClassTables {
 
     #[inline(never)]
     fn first_admitted(&self, boxes: u32, rgb: [u8; 3]) -> u8 {
-        let seen =
-            HueSaturation::new([0, 1, 2].map(|channel| self.correction.of(channel, rgb[channel])));
+        let seen = HueSaturation::new(
+            [0, 1, 2].map(|channel| self.correction.apply(channel, rgb[channel])),
+        );
         let mut admitting = boxes & !self.second_look_bits;
         let mut looking = boxes & self.second_look_bits;
         while looking != 0 {
@@ -432,17 +433,21 @@ mod tests {
         let grey =
             ColorConfig { saturation: Some([0.0, 0.1]), ..color([0, 200], [0, 200], [0, 200]) };
         let tables = ClassTables::new(&[red, paper_yellow(), grey]).unwrap();
-        assert_eq!(tables.under(NO_GAINS), tables);
+        assert_eq!(tables.corrected(NO_GAINS), tables);
         for gains in [[3, -2, 10], [-21, 0, 21], [5, 5, 5]] {
             let corrections = Correction::new(gains, 0).tables();
-            let under = tables.under(gains);
-            assert_ne!(under.version(), tables.version());
+            let corrected_tables = tables.corrected(gains);
+            assert_ne!(corrected_tables.version(), tables.version());
             for index in 0..17u32.pow(3) {
                 let rgb =
                     [index % 17, index / 17 % 17, index / 289].map(|value| (15 * value) as u8);
                 let corrected =
                     [0, 1, 2].map(|channel: usize| corrections[channel][usize::from(rgb[channel])]);
-                assert_eq!(under.classify(rgb), tables.classify(corrected), "{rgb:?} {gains:?}");
+                assert_eq!(
+                    corrected_tables.classify(rgb),
+                    tables.classify(corrected),
+                    "{rgb:?} {gains:?}"
+                );
             }
         }
     }

@@ -18,8 +18,8 @@ pub struct Zones {
 pub struct ZonedTables<'a> {
     /// Tables for the light in which the colours were set.
     pub colors: &'a ClassTables,
-    /// Indexed by zone, for all zones that occur. Made by [`ClassTables::under`] or
-    /// [`ClassTables::under_haze`] of `colors`.
+    /// Indexed by zone, for all zones that occur. Made by [`ClassTables::corrected`] or
+    /// [`ClassTables::corrected_with_haze`] of `colors`.
     pub tables: &'a [ClassTables],
     /// Assigns tiles to `tables`.
     pub zones: &'a Zones,

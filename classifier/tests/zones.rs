@@ -48,7 +48,7 @@ proptest! {
         let expected = runs_of_labels(&expected, width);
         let colors = ClassTables::new(&colors).unwrap();
         let tables: Vec<_> =
-            lights.iter().map(|&(gains, haze)| colors.under_haze(gains, 40 * haze)).collect();
+            lights.iter().map(|&(gains, haze)| colors.corrected_with_haze(gains, 40 * haze)).collect();
         let zoned = ZonedTables { colors: &colors, tables: &tables, zones: &zones };
         let mask = FieldMask::everything(width, height);
 

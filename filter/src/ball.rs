@@ -5,7 +5,7 @@
 //! accelerates, a kick changes the velocity by metres per second within a frame. They are combined by the
 //! interacting-multiple-model scheme ([`imm`](crate::imm)).
 
-use crate::constant_velocity::{self, ConstantVelocity, no_angles};
+use crate::constant_velocity::{self, ConstantVelocity, wrap_nothing};
 use crate::gaussian::Gaussian;
 use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
@@ -54,8 +54,8 @@ impl BallMotion {
 }
 
 impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
-    const WRAP: Wrap<4> = no_angles::<4>;
-    const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
+    const WRAP: Wrap<4> = wrap_nothing::<4>;
+    const WRAP_MEASURED: Wrap<2> = wrap_nothing::<2>;
     /// Transition probabilities between two frames: rows from rolling, struck; columns to the same.
     const TRANSITIONS: [[f64; BALL_HYPOTHESES]; BALL_HYPOTHESES] = [[0.98, 0.02], [0.9, 0.1]];
 

@@ -14,7 +14,7 @@ const MAX_FRICTION_PER_S: f64 = 0.999;
 /// Initial standard deviation of the velocity.
 const INITIAL_SPEED_SIGMA_MM_S: f64 = 1000.0;
 /// Limit of the components of a state, in mm and s.
-const MOST: f64 = 1e6;
+const MAX_COMPONENT: f64 = 1e6;
 /// Tolerance of the distance between two sightings, standard deviations of a measurement.
 const SIGMAS: f64 = 6.0;
 
@@ -91,8 +91,8 @@ pub fn reach(noise: &Matrix2<f64>, most_mm: f64) -> Vector2<f64> {
 
 /// Limits of a valid state.
 pub fn limits() -> Vector4<f64> {
-    Vector4::repeat(MOST)
+    Vector4::repeat(MAX_COMPONENT)
 }
 
 /// For states without angles: wraps nothing.
-pub fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
+pub fn wrap_nothing<const N: usize>(_: &mut SVector<f64, N>) {}

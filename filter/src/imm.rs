@@ -166,7 +166,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 
-    fn no_angles<const N: usize>(_: &mut SVector<f64, N>) {}
+    fn wrap_nothing<const N: usize>(_: &mut SVector<f64, N>) {}
 
     fn two(probabilities: [f64; 2], means: [f64; 2]) -> Imm<1, 2> {
         let belief = Gaussian { mean: Vector1::new(0.0), covariance: Matrix1::new(1.0) };
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn merged_moments_are_those_of_the_mixture() {
-        let merged = two([0.25, 0.75], [0.0, 4.0]).merged(no_angles);
+        let merged = two([0.25, 0.75], [0.0, 4.0]).merged(wrap_nothing);
         assert!((merged.mean[0] - 3.0).abs() < 1e-12);
         // 1 within each hypothesis, 0.25 · 0.75 · 4² between them.
         assert!((merged.covariance[0] - 4.0).abs() < 1e-12);
@@ -188,9 +188,9 @@ mod tests {
     #[test]
     fn mixing_preserves_the_mixture() {
         let mut imm = two([0.25, 0.75], [0.0, 4.0]);
-        let before = imm.merged(no_angles);
-        imm.mix(&[[0.9, 0.1], [0.3, 0.7]], no_angles);
-        let after = imm.merged(no_angles);
+        let before = imm.merged(wrap_nothing);
+        imm.mix(&[[0.9, 0.1], [0.3, 0.7]], wrap_nothing);
+        let after = imm.merged(wrap_nothing);
         assert!((before.mean - after.mean).norm() < 1e-12);
         assert!((before.covariance - after.covariance).norm() < 1e-12);
         // 0.25 · 0.9 + 0.75 · 0.3; half of it comes from 4.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Limit of the memory for frames that are kept.
-const MOST_KEPT_BYTES: usize = 256 << 20;
+const MAX_KEPT_BYTES: usize = 256 << 20;
 /// Frames of a larger folder that are read ahead.
 const AHEAD: usize = 8;
 
@@ -39,7 +39,7 @@ impl Pictures {
     pub fn open(path: &Path, camera: &CameraConfig) -> Result<Self, CameraError> {
         let paths = list_pictures(path)?;
         let mut kept = Vec::new();
-        if paths.len().saturating_mul(camera.frame_bytes()) <= MOST_KEPT_BYTES {
+        if paths.len().saturating_mul(camera.frame_bytes()) <= MAX_KEPT_BYTES {
             for path in &paths {
                 kept.push(load_bayer(path, camera)?);
             }
@@ -121,7 +121,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("touchline-many-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let camera = CameraConfig { width: 4096, height: 2048, fps: 1e4, ..Default::default() };
-        let count = MOST_KEPT_BYTES / camera.frame_bytes() + 2;
+        let count = MAX_KEPT_BYTES / camera.frame_bytes() + 2;
         for number in 0..count {
             let picture = image::GrayImage::from_pixel(4096, 2048, image::Luma([number as u8]));
             picture.save(folder.join(format!("{number:03}.png"))).unwrap();

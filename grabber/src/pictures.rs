@@ -34,9 +34,9 @@ pub fn list_pictures(path: &Path) -> Result<Vec<PathBuf>, CameraError> {
 }
 
 /// Maximum side of a picture.
-const MOST_SIDE: u32 = 16_384;
+const MAX_SIDE: u32 = 16_384;
 /// Maximum number of pixels if no other size is required.
-const MOST_PIXELS: u64 = 160_000_000;
+const MAX_PIXELS: u64 = 160_000_000;
 /// Bytes from the beginning of a file in which its size is searched.
 const HEAD_BYTES: u64 = 256 << 10;
 /// Memory for decoding a picture, besides its pixels.
@@ -77,7 +77,7 @@ impl PictureFile {
     fn decoder(&self, most_pixels: u64) -> image::ImageResult<impl ImageDecoder + '_> {
         let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), self.format);
         let mut limits = Limits::default();
-        (limits.max_image_width, limits.max_image_height) = (Some(MOST_SIDE), Some(MOST_SIDE));
+        (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE), Some(MAX_SIDE));
         // Four channels of two bytes.
         limits.max_alloc = Some(8 * most_pixels + DECODER_BYTES);
         reader.limits(limits);
@@ -94,8 +94,8 @@ fn unreadable(error: &image::ImageError) -> String {
 pub fn read_picture(path: &Path) -> Result<DynamicImage, CameraError> {
     read_checked(path, |width, height| {
         let pixels = u64::from(width) * u64::from(height);
-        let most = MOST_PIXELS / 1_000_000;
-        (pixels > MOST_PIXELS)
+        let most = MAX_PIXELS / 1_000_000;
+        (pixels > MAX_PIXELS)
             .then(|| format!("it has {width}×{height} pixels; at most {most} million are read"))
     })
 }
@@ -112,7 +112,7 @@ fn read_checked(
     if file.format == ImageFormat::Jpeg {
         jpeg::check_whole(&file.bytes).map_err(|fault| problem(fault.to_string()))?;
     }
-    let most_pixels = u64::from(MOST_SIDE) * u64::from(MOST_SIDE);
+    let most_pixels = u64::from(MAX_SIDE) * u64::from(MAX_SIDE);
     let mut decoder = file.decoder(most_pixels).map_err(unreadable)?;
     let orientation = decoder.orientation().map_err(unreadable)?;
     let (width, height) = upright(decoder.dimensions(), orientation);

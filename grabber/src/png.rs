@@ -3,9 +3,9 @@
 /// First bytes of a file.
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Chunk types that are kept: the picture, its palette and transparency, and its orientation.
-const KEPT: [&[u8; 4]; 6] = [b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"eXIf"];
+const KEPT_CHUNKS: [&[u8; 4]; 6] = [b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"eXIf"];
 /// Length and type before a chunk's content, and the checksum behind it.
-const AROUND: usize = 12;
+const CHUNK_OVERHEAD: usize = 12;
 
 /// A PNG without texts, profiles and other metadata: a few kilobytes of these can become gigabytes when
 /// decompressed, and none of it is used. Invalid chunks are left as they are, for the decoder to report.
@@ -15,10 +15,11 @@ pub fn essential_chunks(png: &[u8]) -> Vec<u8> {
     kept.extend_from_slice(SIGNATURE);
     while let Some((head, _)) = rest.split_at_checked(8) {
         let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
-        let Some((chunk, after)) = rest.split_at_checked(length.saturating_add(AROUND)) else {
+        let Some((chunk, after)) = rest.split_at_checked(length.saturating_add(CHUNK_OVERHEAD))
+        else {
             break;
         };
-        if KEPT.iter().any(|kind| head[4..8] == **kind) {
+        if KEPT_CHUNKS.iter().any(|kind| head[4..8] == **kind) {
             kept.extend_from_slice(chunk);
         }
         rest = after;

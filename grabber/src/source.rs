@@ -39,7 +39,7 @@ pub enum Source {
 /// Default number of frames of a loop.
 pub const LOOP_FRAMES: u32 = 32;
 /// Maximum number of frames of a loop.
-const MOST_LOOP_FRAMES: u32 = 4096;
+const MAX_LOOP_FRAMES: u32 = 4096;
 const HELP: &str = "use synthetic, synthetic-loop:N, images:PATH with a picture or a folder of pictures, \
                     recording:FILE[,fast|,step][,loop][,from=SECONDS], v4l2:/dev/videoN, genicam or genicam:ID with a camera (`touchline cameras` \
                     lists them), or external for a program that access.publishers names";
@@ -52,8 +52,8 @@ impl FromStr for Source {
             None if text == "synthetic" => Ok(Self::Synthetic),
             None if text == "synthetic-loop" => Ok(Self::Loop(LOOP_FRAMES)),
             Some(("synthetic-loop", frames)) => match frames.parse() {
-                Ok(frames) if (1..=MOST_LOOP_FRAMES).contains(&frames) => Ok(Self::Loop(frames)),
-                _ => Err(format!("use synthetic-loop:N with N from 1 to {MOST_LOOP_FRAMES}")),
+                Ok(frames) if (1..=MAX_LOOP_FRAMES).contains(&frames) => Ok(Self::Loop(frames)),
+                _ => Err(format!("use synthetic-loop:N with N from 1 to {MAX_LOOP_FRAMES}")),
             },
             None if text == "external" => Ok(Self::External),
             None if text == "genicam" => Ok(Self::Genicam(None)),

@@ -35,13 +35,13 @@ const LEVELS: [(f64, f64); 12] = [
     (0.75, 2.4),
 ];
 /// Maximum saturation of white, grey and black.
-const MOST_GREY_SATURATION: f64 = 0.2;
+const MAX_GREY_SATURATION: f64 = 0.2;
 /// Maximum of the channels below which a pixel has no reliable hue.
 const DARKEST: u8 = 16;
 /// Accepted sizes of a blob, relative to the smallest and the largest patch.
 const SIZES: [f64; 2] = [0.35, 1.8];
 /// Minimum part of its bounding box that a blob fills.
-const LEAST_FILL: f64 = 0.3;
+const MIN_FILL: f64 = 0.3;
 /// Margin around a blob that is not sampled as background, px.
 const RIM_PX: i64 = 2;
 
@@ -180,7 +180,7 @@ impl ExpectedPatches {
         let center = ImagePoint::new(blob.center[0], blob.center[1]);
         let pixels = f64::from(blob.pixels);
         let area_mm2 = || pixels * scene.camera.pixel_area_mm2(center, self.height_mm);
-        pixels >= LEAST_FILL * across * down
+        pixels >= MIN_FILL * across * down
             && pixels >= 4.0
             && (SIZES[0] * self.area_mm2[0]..=SIZES[1] * self.area_mm2[1]).contains(&area_mm2())
     }
@@ -217,7 +217,7 @@ impl Classes {
             of_hue: [NOTHING; 256],
             least_saturation: (saturation * 255.0) as u8,
             of_grey: [NOTHING; 256],
-            most_grey_saturation: (MOST_GREY_SATURATION * 255.0) as u8,
+            most_grey_saturation: (MAX_GREY_SATURATION * 255.0) as u8,
         };
         for expected in expected {
             match tones[usize::from(expected.class)] {

@@ -16,9 +16,9 @@ pub struct Confusion {
 }
 
 /// Part of a colour's pixels classified as another one that is worth a warning.
-const TOO_ALIKE: f64 = 0.1;
+const MAX_CONFUSION: f64 = 0.1;
 /// Recall of the worst patch below which a colour is likely to be missed.
-const TOO_LITTLE: f64 = 0.3;
+const MIN_RECALL: f64 = 0.3;
 
 impl Confusion {
     /// Counts the results of `classify`, which returns an index into `names`, or anything else for none. The
@@ -89,7 +89,7 @@ impl Confusion {
             let all: u64 = self.counts[class].iter().sum();
             for (other, other_name) in self.names.iter().enumerate() {
                 let part = self.counts[class][other] as f64 / all.max(1) as f64;
-                if other != class && part > TOO_ALIKE {
+                if other != class && part > MAX_CONFUSION {
                     warnings.push(format!(
                         "{name} and {other_name} are too alike: {:.0} % of {name} looks like \
                          {other_name}; use another paint, or light both alike",
@@ -97,7 +97,7 @@ impl Confusion {
                     ));
                 }
             }
-            if all > 0 && self.worst_patch[class] < TOO_LITTLE {
+            if all > 0 && self.worst_patch[class] < MIN_RECALL {
                 warnings.push(format!(
                     "of one patch of {name} only {:.0} % is recognised: too dark, too bright, or \
                      labelled wrongly",

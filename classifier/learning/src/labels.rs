@@ -190,9 +190,9 @@ impl Labels {
 impl ImageLabels {
     fn check(&self, path: &Path) -> Result<(), LabelsError> {
         /// Limit of coordinates, px.
-        const FARTHEST: f64 = 100_000.0;
+        const MAX_COORDINATE_PX: f64 = 100_000.0;
         let number = |what: &'static str, value: f64| {
-            if value.abs() <= FARTHEST {
+            if value.abs() <= MAX_COORDINATE_PX {
                 return Ok(());
             }
             let image = self.file.display().to_string();

@@ -21,13 +21,13 @@ pub enum Tone {
 }
 
 /// Saturation of `looks` below which a colour is white, grey or black.
-const LEAST_HUE_SATURATION: f64 = 0.07;
+const MIN_HUE_SATURATION: f64 = 0.07;
 /// Assumed colour of an unknown pitch.
-const ANY_PITCH: [f64; 3] = [60.0; 3];
+const DEFAULT_PITCH_RGB: [f64; 3] = [60.0; 3];
 /// Maximum of the channels below which paint is too dark for a hue, where only `looks` bounds it.
 const DARKEST: f64 = 20.0;
 /// Maximum saturation of grey paint under a coloured lamp.
-const MOST_GREY_SATURATION: f64 = 0.2;
+const MAX_GREY_SATURATION: f64 = 0.2;
 
 /// Divides all hues among the colours that have one, and all grey levels among the others: each value goes to
 /// the colour whose `looks` is nearest. The pitch, of colour `pitch_rgb`, takes part in the division of grey
@@ -35,7 +35,7 @@ const MOST_GREY_SATURATION: f64 = 0.2;
 /// `looks` get nothing.
 pub fn tones(colors: &[ColorConfig], pitch_rgb: Option<[f64; 3]>) -> Vec<Option<Tone>> {
     let grey = |color: &ColorConfig| {
-        (saturation(color.looks) < LEAST_HUE_SATURATION).then(|| mean(color.looks.map(f64::from)))
+        (saturation(color.looks) < MIN_HUE_SATURATION).then(|| mean(color.looks.map(f64::from)))
     };
     let mut hues: Vec<f64> = colors
         .iter()
@@ -43,7 +43,7 @@ pub fn tones(colors: &[ColorConfig], pitch_rgb: Option<[f64; 3]>) -> Vec<Option<
         .filter_map(|color| hue_deg(color.looks))
         .collect();
     hues.sort_by(f64::total_cmp);
-    let pitch = mean(pitch_rgb.unwrap_or(ANY_PITCH));
+    let pitch = mean(pitch_rgb.unwrap_or(DEFAULT_PITCH_RGB));
     let mut greys: Vec<f64> = colors.iter().filter_map(grey).chain([pitch]).collect();
     greys.sort_by(f64::total_cmp);
     let tone = |color: &ColorConfig| match grey(color) {
@@ -89,7 +89,7 @@ pub fn by_tone(
             }
             Tone::Grey(levels) => {
                 let [low, high] = levels.map(|level| level.min(255.0) as u8);
-                ([[low, high]; 3], None, [0.0, MOST_GREY_SATURATION])
+                ([[low, high]; 3], None, [0.0, MAX_GREY_SATURATION])
             }
         };
         let [red, green, blue] = ranges;

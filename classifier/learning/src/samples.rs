@@ -128,7 +128,7 @@ impl Background {
 
 /// Known content of a pixel.
 #[derive(Clone, Copy, PartialEq)]
-enum Shows {
+enum Content {
     Nothing,
     /// Content that must not be learned.
     Mixture,
@@ -144,7 +144,7 @@ impl<'a> Gatherer<'a> {
     /// Adds a labelled picture.
     pub fn add(&mut self, labels: &ImageLabels, picture: &Picture) -> Result<(), SamplesError> {
         let image = labels.file.display().to_string();
-        let mut map = vec![Shows::Nothing; picture.rgb.len()];
+        let mut map = vec![Content::Nothing; picture.rgb.len()];
         self.samples.pictures += 1;
         for robot in labels.robots.iter().flatten() {
             self.add_robot(&image, robot, picture, &mut map)?;
@@ -158,10 +158,10 @@ impl<'a> Gatherer<'a> {
             for (index, point) in picture.around(center, BALL_REACH * radius_px) {
                 let distance = (point.x_px - center.x_px).hypot(point.y_px - center.y_px);
                 let is_core = distance <= BALL_CORE * radius_px;
-                if is_core && ball.quality == Quality::Clear && map[index] == Shows::Nothing {
+                if is_core && ball.quality == Quality::Clear && map[index] == Content::Nothing {
                     self.push(picture.rgb[index], class);
                 }
-                map[index] = if is_core { Shows::Color(class) } else { Shows::Mixture };
+                map[index] = if is_core { Content::Color(class) } else { Content::Mixture };
             }
         }
         for sample in &labels.samples {
@@ -174,7 +174,7 @@ impl<'a> Gatherer<'a> {
                 match class {
                     Some(class) => {
                         self.push(picture.rgb[index], class);
-                        map[index] = Shows::Color(class);
+                        map[index] = Content::Color(class);
                     }
                     None => self.background.add(picture.rgb[index]),
                 }
@@ -197,7 +197,7 @@ impl<'a> Gatherer<'a> {
         image: &str,
         label: &RobotLabel,
         picture: &Picture,
-        map: &mut [Shows],
+        map: &mut [Content],
     ) -> Result<(), SamplesError> {
         let robots = &self.config.robots;
         let identity = robots
@@ -243,7 +243,7 @@ impl<'a> Gatherer<'a> {
             let class = here.filter(|_| is_inside).and_then(|patch| classes[patch]);
             if let (Some(class), Some(patch)) = (class, here)
                 && label.quality == Quality::Clear
-                && !matches!(map[index], Shows::Color(_))
+                && !matches!(map[index], Content::Color(_))
             {
                 let patch = first + patch as u32;
                 self.samples.pixels.push(Sample { rgb: picture.rgb[index], class, patch });
@@ -256,21 +256,21 @@ impl<'a> Gatherer<'a> {
                         beside |= 1u32.checked_shl(class.into()).unwrap_or(0);
                     }
                 }
-                if beside != 0 && map[index] == Shows::Nothing {
+                if beside != 0 && map[index] == Content::Nothing {
                     self.samples.rims.push(Rim { rgb: picture.rgb[index], beside });
                 }
             }
-            if here.is_some() || map[index] == Shows::Nothing {
-                map[index] = class.map_or(Shows::Mixture, Shows::Color);
+            if here.is_some() || map[index] == Content::Nothing {
+                map[index] = class.map_or(Content::Mixture, Content::Color);
             }
         }
         Ok(())
     }
 
-    fn add_background(&mut self, picture: &Picture, map: &[Shows]) {
+    fn add_background(&mut self, picture: &Picture, map: &[Content]) {
         let pixels = picture.rgb.iter().zip(map).zip(&self.scene.is_on_pitch);
         for ((&rgb, &shows), &is_on_pitch) in pixels {
-            if is_on_pitch && shows == Shows::Nothing {
+            if is_on_pitch && shows == Content::Nothing {
                 self.background.add(rgb);
             }
         }

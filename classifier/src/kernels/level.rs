@@ -50,7 +50,10 @@ impl SimdLevel {
     /// The levels that this machine has and that pass their test, fastest first; the last one is always
     /// [`Scalar`](Self::Scalar).
     pub fn available() -> Vec<Self> {
-        Self::ALL.into_iter().filter(|level| level.is_present() && level.is_right()).collect()
+        Self::ALL
+            .into_iter()
+            .filter(|level| level.is_present() && level.passes_self_test())
+            .collect()
     }
 
     /// Whether this machine has the instructions.
@@ -77,7 +80,7 @@ impl SimdLevel {
     /// Whether the level agrees with the scalar code on this machine, on small test pictures. Tested once in
     /// a process, in well below a millisecond: an error in a compiler, a library, an emulator or this crate
     /// cannot go unnoticed into a match.
-    pub fn is_right(self) -> bool {
+    pub fn passes_self_test(self) -> bool {
         static VERDICTS: [OnceLock<bool>; SimdLevel::ALL.len()] =
             [const { OnceLock::new() }; SimdLevel::ALL.len()];
         *VERDICTS[self as usize].get_or_init(|| self_test::passes(self))
@@ -157,14 +160,14 @@ impl SimdChoice {
         static CHOICE: OnceLock<SimdChoice> = OnceLock::new();
         CHOICE.get_or_init(|| {
             let asked = std::env::var_os(VARIABLE).map(|name| name.to_string_lossy().into_owned());
-            Self::new(asked.as_deref(), SimdLevel::is_present, SimdLevel::is_right)
+            Self::new(asked.as_deref(), SimdLevel::is_present, SimdLevel::passes_self_test)
         })
     }
 
     fn new(
         asked: Option<&str>,
         is_present: impl Fn(SimdLevel) -> bool,
-        is_right: impl Fn(SimdLevel) -> bool,
+        passes_self_test: impl Fn(SimdLevel) -> bool,
     ) -> Self {
         let mut complaints = Vec::new();
         let wanted = asked.filter(|name| !name.is_empty()).and_then(|name| {
@@ -184,7 +187,7 @@ impl SimdChoice {
         let candidates = wanted.into_iter().chain(SimdLevel::ALL);
         let mut level = SimdLevel::Scalar;
         for candidate in candidates.filter(|&level| is_present(level)) {
-            if candidate == SimdLevel::Scalar || is_right(candidate) {
+            if candidate == SimdLevel::Scalar || passes_self_test(candidate) {
                 level = candidate;
                 break;
             }

@@ -99,7 +99,7 @@ impl<S: Lanes> Light<S> {
         Self { haze: byte(haze), gains: [word(red), word(green), word(blue)], most }
     }
 
-    /// Corrects each pixel as [`Correction::of`] does.
+    /// Corrects each pixel as [`Correction::apply`] does.
     #[inline(always)]
     pub fn corrected(&self, simd: S, [red, green, blue]: [S::u8s; 3]) -> [S::u8s; 3] {
         [self.channel(simd, 0, red), self.channel(simd, 1, green), self.channel(simd, 2, blue)]

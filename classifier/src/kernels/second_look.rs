@@ -264,7 +264,7 @@ mod tests {
                         channels.each_ref().map(|c| S::u8s::from_slice(simd, &c[..S::u8s::LEN]));
                     let found = keys(simd, light.corrected(simd, rgb)).map(store::<S>);
                     for lane in 0..S::u8s::LEN {
-                        let rgb = [0, 1, 2].map(|c| correction.of(c, channels[c][lane]));
+                        let rgb = [0, 1, 2].map(|c| correction.apply(c, channels[c][lane]));
                         let found = found.each_ref().map(|keys| keys[lane]);
                         assert_eq!(found, second_look_tables::keys(rgb), "{rgb:?}");
                     }

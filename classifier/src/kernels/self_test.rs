@@ -30,7 +30,7 @@ pub fn passes(level: SimdLevel) -> bool {
             ClassTables::new(&colors).ok()
         };
         let Some(colors) = some_tables() else { return false };
-        let tables = [colors.clone(), colors.under_haze([-9, 0, 21], 16)];
+        let tables = [colors.clone(), colors.corrected_with_haze([-9, 0, 21], 16)];
         let zoned = ZonedTables { colors: &colors, tables: &tables, zones: &zones };
         let mut kernel = Kernel::new(level, &colors);
         orders.into_iter().chain(others).all(|layout| {

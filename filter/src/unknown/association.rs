@@ -8,9 +8,9 @@
 
 use super::assignment::Assignment;
 
-/// Density of detections that belong to no track, per mm²: at most one a minute anywhere on the pitch. The
+/// Clutter density, detections that belong to no track per mm²: at most one a minute anywhere on the pitch. The
 /// densities of a struck track are small, too, and yet it is the better explanation.
-const UNEXPECTED_PER_MM2: f64 = 1e-10;
+const CLUTTER_PER_MM2: f64 = 1e-10;
 
 /// A detection in the gate of a track, by indices.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +58,7 @@ impl Association {
         for &Pair { track, seen, density } in &*pairs {
             if let Ok(row) = tracks.binary_search(&track) {
                 // Relative to not having been seen.
-                let ratio = density.max(f64::MIN_POSITIVE) / UNEXPECTED_PER_MM2;
+                let ratio = density.max(f64::MIN_POSITIVE) / CLUTTER_PER_MM2;
                 assignment.set(row, seen, -2.0 * ratio.ln());
             }
         }

@@ -1,6 +1,6 @@
 //! Motion model of a robot of which only the team is known.
 
-use crate::constant_velocity::{self, ConstantVelocity, no_angles};
+use crate::constant_velocity::{self, ConstantVelocity, wrap_nothing};
 use crate::gaussian::Gaussian;
 use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
@@ -80,8 +80,8 @@ impl UnknownMotion {
 }
 
 impl Motion<4, UNKNOWN_HYPOTHESES, 2> for UnknownMotion {
-    const WRAP: Wrap<4> = no_angles::<4>;
-    const WRAP_MEASURED: Wrap<2> = no_angles::<2>;
+    const WRAP: Wrap<4> = wrap_nothing::<4>;
+    const WRAP_MEASURED: Wrap<2> = wrap_nothing::<2>;
     /// Transition probabilities between two frames: rows from driving freely, struck; columns to the same.
     const TRANSITIONS: [[f64; UNKNOWN_HYPOTHESES]; UNKNOWN_HYPOTHESES] = [[0.99, 0.01], [0.9, 0.1]];
 

@@ -5,7 +5,7 @@
 
 use super::device::{Arrival, Delivery, Device, Fault, Session, Stream};
 use super::numbering::Numbering;
-use super::pace::Pace;
+use super::rate_meter::RateMeter;
 use super::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame};
 use common::clock::{monotonic_ns, wall_ns};
 use common::messages::{CameraReport, CameraState, write_text};
@@ -15,19 +15,19 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 /// Pause before the first retry; doubles with each further failure.
-const FIRST_PAUSE_NS: u64 = 100_000_000;
+const MIN_PAUSE_NS: u64 = 100_000_000;
 /// Longest pause, so that a camera that is plugged in again is found soon.
-const LONGEST_PAUSE_NS: u64 = 1_000_000_000;
+const MAX_PAUSE_NS: u64 = 1_000_000_000;
 /// Time allowed for opening a camera.
-const OPENING_NS: u64 = 10_000_000_000;
+const OPEN_TIMEOUT_NS: u64 = 10_000_000_000;
 /// Time allowed from start to the first frame.
-const FIRST_FRAME_NS: u64 = 3_000_000_000;
+const FIRST_FRAME_TIMEOUT_NS: u64 = 3_000_000_000;
 /// Time allowed between frames, if longer than two and a half frame periods.
-const SILENCE_NS: u64 = 1_000_000_000;
+const FRAME_TIMEOUT_NS: u64 = 1_000_000_000;
 /// Streaming time after which the next failure counts as the first.
-const WELL_NS: u64 = 2_000_000_000;
+const STABLE_NS: u64 = 2_000_000_000;
 /// Maximum age of a capture time when its frame arrives; older ones are replaced.
-const BELIEVABLE_NS: u64 = 2_000_000_000;
+const MAX_CAPTURE_AGE_NS: u64 = 2_000_000_000;
 
 /// A camera that may be unplugged and come back.
 pub struct Link {
@@ -51,7 +51,7 @@ struct Running {
     stream: Box<dyn Stream>,
     started_ns: u64,
     arrived_ns: Option<u64>,
-    pace: Pace,
+    rate_meter: RateMeter,
 }
 
 impl Link {
@@ -81,7 +81,7 @@ impl Link {
                     // Giving up would leave the thread with the device and start another one.
                     Err(RecvTimeoutError::Timeout) => {
                         let waited_ns = monotonic_ns() - *since_ns;
-                        if waited_ns > OPENING_NS {
+                        if waited_ns > OPEN_TIMEOUT_NS {
                             self.report.state = CameraState::Hung as u32;
                             let problem = "does not answer while it is being opened";
                             write_text(&mut self.report.problem, problem);
@@ -103,12 +103,12 @@ impl Link {
         let (stream, description) = session.start(pool)?;
         write_text(&mut self.report.description, &description);
         let now_ns = monotonic_ns();
-        let pace = Pace::new(self.fps, now_ns);
+        let rate_meter = RateMeter::new(self.fps, now_ns);
         self.numbering.interrupted();
         self.report.starts += 1;
         self.report.delivered_fps = 0.0;
         self.phase =
-            Phase::Streaming(Running { stream, started_ns: now_ns, arrived_ns: None, pace });
+            Phase::Streaming(Running { stream, started_ns: now_ns, arrived_ns: None, rate_meter });
         Ok(())
     }
 
@@ -116,10 +116,10 @@ impl Link {
         let Phase::Streaming(running) = &mut self.phase else { return Ok(None) };
         let arrival = running.stream.next(pool, LOOK_AROUND)?;
         let now_ns = monotonic_ns();
-        if running.arrived_ns.is_some() && running.pace.measure(now_ns) {
-            let fps = running.pace.fps().unwrap_or(0.0);
+        if running.arrived_ns.is_some() && running.rate_meter.measure(now_ns) {
+            let fps = running.rate_meter.fps().unwrap_or(0.0);
             self.report.delivered_fps = fps as f32;
-            let is_slow = running.pace.is_slow();
+            let is_slow = running.rate_meter.is_slow();
             self.report.state =
                 if is_slow { CameraState::Slow } else { CameraState::Streaming } as u32;
             let problem = if is_slow {
@@ -133,17 +133,17 @@ impl Link {
             return running.check_silence(now_ns, self.fps).map(|()| None);
         };
         if running.arrived_ns.is_none() {
-            running.pace = Pace::new(self.fps, now_ns);
+            running.rate_meter = RateMeter::new(self.fps, now_ns);
             self.report.state = CameraState::Streaming as u32;
             write_text(&mut self.report.problem, "");
         }
         running.arrived_ns = Some(now_ns);
-        if now_ns - running.started_ns > WELL_NS {
+        if now_ns - running.started_ns > STABLE_NS {
             self.failures = 0;
         }
         match arrival {
             Arrival::Frame(delivery) => {
-                running.pace.arrived();
+                running.rate_meter.arrived();
                 Ok(Some(self.number(delivery, now_ns)))
             }
             Arrival::Incomplete => {
@@ -157,7 +157,7 @@ impl Link {
 
     fn number(&mut self, delivery: Delivery, now_ns: u64) -> Captured {
         let Delivery { frame, picture, device_seq, t_capture_ns } = delivery;
-        let age_ns = now_ns.checked_sub(t_capture_ns).filter(|&age_ns| age_ns < BELIEVABLE_NS);
+        let age_ns = now_ns.checked_sub(t_capture_ns).filter(|&age_ns| age_ns < MAX_CAPTURE_AGE_NS);
         let t_capture_ns = now_ns - age_ns.unwrap_or(0);
         let numbered = self.numbering.number(device_seq, t_capture_ns);
         let incomplete = self.report.incomplete - self.incomplete_before;
@@ -179,7 +179,7 @@ impl Link {
         self.report.state = fault.state as u32;
         write_text(&mut self.report.problem, &fault.problem);
         self.report.delivered_fps = 0.0;
-        let pause_ns = (FIRST_PAUSE_NS << self.failures.min(10)).min(LONGEST_PAUSE_NS);
+        let pause_ns = (MIN_PAUSE_NS << self.failures.min(10)).min(MAX_PAUSE_NS);
         self.failures += 1;
         self.phase = Phase::Waiting { until_ns: monotonic_ns() + pause_ns };
     }
@@ -202,8 +202,8 @@ impl Running {
     /// Checks how long the camera has been silent.
     fn check_silence(&self, now_ns: u64, fps: f64) -> Result<(), Fault> {
         let patience_ns = match self.arrived_ns {
-            None => FIRST_FRAME_NS,
-            Some(_) => SILENCE_NS,
+            None => FIRST_FRAME_TIMEOUT_NS,
+            Some(_) => FRAME_TIMEOUT_NS,
         };
         let patience_ns = patience_ns.max((2.5e9 / fps) as u64);
         let silent_ns = now_ns.saturating_sub(self.arrived_ns.unwrap_or(self.started_ns));

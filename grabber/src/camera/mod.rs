@@ -10,8 +10,8 @@ mod clock;
 mod device;
 mod link;
 mod numbering;
-mod pace;
 mod pool;
+mod rate_meter;
 mod rendered;
 mod timeline;
 

@@ -2,7 +2,7 @@
 
 use super::formats;
 use super::library::library;
-use super::objects::{Camera, Found, discover};
+use super::objects::{Camera, DiscoveredCamera, discover};
 use crate::listing::{CameraDescription, FeatureDescription, FormatDescription};
 
 /// Features that most cameras have and that matter here.
@@ -22,7 +22,7 @@ pub fn list() -> Result<Vec<CameraDescription>, String> {
     Ok(discover()?.iter().map(describe).collect())
 }
 
-fn describe(found: &Found) -> CameraDescription {
+fn describe(found: &DiscoveredCamera) -> CameraDescription {
     let mut description = CameraDescription {
         source: format!("genicam:{}", found.id),
         model: format!("{} {}", found.vendor, found.model).trim().to_string(),

@@ -26,11 +26,11 @@ use stream::Received;
 /// Name prefix of the library's simulated cameras.
 const SIMULATED: &str = "Fake_";
 /// Packet size that every network supports.
-const EVERYWHERE_BYTES: u32 = 1500;
+const DEFAULT_PACKET_BYTES: u32 = 1500;
 /// Silence after which a camera may not answer requests either.
 const SILENCE_NS: u64 = 500_000_000;
 /// Packet size on this machine's loopback network.
-const LOOPBACK_BYTES: u32 = 8000;
+const LOOPBACK_PACKET_BYTES: u32 = 8000;
 
 /// A GenICam camera, by its name or address; without one, the first that is found.
 pub struct GenicamDevice {
@@ -146,8 +146,8 @@ impl GenicamDevice {
             it.map_or(id, |it| it.address.as_str()).starts_with("127.")
         };
         let bytes = match genicam.packet_size {
-            0 if is_near() => LOOPBACK_BYTES,
-            0 => EVERYWHERE_BYTES,
+            0 if is_near() => LOOPBACK_PACKET_BYTES,
+            0 => DEFAULT_PACKET_BYTES,
             bytes => bytes,
         };
         camera.set_packets(bytes, genicam.packet_socket).map_err(|error| {

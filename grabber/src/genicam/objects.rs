@@ -72,7 +72,7 @@ fn c_text(text: &str) -> CString {
 
 /// A camera on network or bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Found {
+pub struct DiscoveredCamera {
     /// Its name for opening it.
     pub id: String,
     /// Its vendor.
@@ -93,7 +93,7 @@ pub fn enable_fake() -> Result<(), String> {
 }
 
 /// Discovers cameras; takes about a second.
-pub fn discover() -> Result<Vec<Found>, String> {
+pub fn discover() -> Result<Vec<DiscoveredCamera>, String> {
     let library = library()?;
     // SAFETY: no arguments; the texts are the library's until the next update, and copied here.
     // The library locks its list.
@@ -101,7 +101,7 @@ pub fn discover() -> Result<Vec<Found>, String> {
         (library.arv_update_device_list)();
         let count = (library.arv_get_n_devices)();
         Ok((0..count)
-            .map(|index| Found {
+            .map(|index| DiscoveredCamera {
                 id: text((library.arv_get_device_id)(index)),
                 vendor: text((library.arv_get_device_vendor)(index)),
                 model: text((library.arv_get_device_model)(index)),

@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
-use times::{Due, Times};
+use times::{ScheduledFrame, TimeMap};
 
 /// Messages read ahead: some tenths of a second.
 const AHEAD: usize = 128;
@@ -51,7 +51,7 @@ pub struct Playback {
     entries: Receiver<Entry>,
     /// The next frame, read and waiting to be shown.
     next: Option<Entry>,
-    times: Times,
+    times: TimeMap,
     truths: VecDeque<TruthFrame>,
     /// Commands since the last frame.
     new_commands: Vec<Commands>,
@@ -77,7 +77,7 @@ impl Playback {
             playlist: playlist.clone(),
             most_bytes: Source::Recording(playlist.clone()).frame_capacity(&config.camera),
             next: None,
-            times: Times::new(playlist.pace, config.camera.fps, last),
+            times: TimeMap::new(playlist.pace, config.camera.fps, last),
             truths: VecDeque::with_capacity(KEPT_TRUTH),
             new_commands: Vec::new(),
             truth: None,
@@ -155,7 +155,7 @@ impl Camera for Playback {
         std::thread::sleep(Duration::from_nanos(due.show_ns.saturating_sub(monotonic_ns())));
 
         let header = frame.header;
-        let Due { seq, t_capture_ns, .. } = due;
+        let ScheduledFrame { seq, t_capture_ns, .. } = due;
         self.times.shown(due, monotonic_ns());
         self.truth = self
             .truths

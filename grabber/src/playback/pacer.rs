@@ -16,7 +16,7 @@ use std::io;
 use std::os::unix::net::UnixDatagram;
 
 /// Time after which a frame without `world` counts as dropped by a stage.
-const GIVE_UP_NS: u64 = 1_000_000_000;
+const WORLD_TIMEOUT_NS: u64 = 1_000_000_000;
 /// Longest request: a number.
 const MAX_BYTES: usize = 20;
 
@@ -59,7 +59,7 @@ impl Pacer {
             self.under_way = self.under_way.filter(|&(shown, _)| seq < Some(shown));
         }
         let now_ns = monotonic_ns();
-        self.under_way = self.under_way.filter(|&(_, t_ns)| now_ns < t_ns + GIVE_UP_NS);
+        self.under_way = self.under_way.filter(|&(_, t_ns)| now_ns < t_ns + WORLD_TIMEOUT_NS);
         if self.under_way.is_some() {
             self.wake_up.wait(LOOK_AROUND);
             return Ok(false);

@@ -8,11 +8,11 @@ use common::messages::{FrameHeader, MOST_AGE_NS};
 const MAX_LAG_NS: u64 = 250_000_000;
 /// Maximum speed relative to the recording, so that programs that read along, and poll only ten times a
 /// second, have read the frames before they are overwritten.
-const MOST_SPEED: u64 = 8;
+const MAX_SPEED: u64 = 8;
 
 /// A frame's number and times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Due {
+pub(super) struct ScheduledFrame {
     /// Its number now.
     pub seq: u64,
     /// Its capture time now.
@@ -28,7 +28,7 @@ pub(super) struct Due {
 /// shown faster, and since no frame may lie in the future, capture times begin in the past, half of the
 /// permitted age ago. If a capture time falls behind by more than the permitted lag, the base moves.
 #[derive(Debug)]
-pub(super) struct Times {
+pub(super) struct TimeMap {
     pace: Pace,
     /// Number and capture time, as recorded, of the first frame of this round.
     first: Option<(u64, u64)>,
@@ -36,13 +36,13 @@ pub(super) struct Times {
     base_seq: u64,
     base_ns: Option<u64>,
     /// The last frame shown, and the actual time.
-    last: Option<(Due, u64)>,
+    last: Option<(ScheduledFrame, u64)>,
     period_ns: u64,
     /// Frames up to here were shown by a predecessor.
     resume_after: Option<LastFrame>,
 }
 
-impl Times {
+impl TimeMap {
     pub fn new(pace: Pace, fps: f64, last: Option<LastFrame>) -> Self {
         Self {
             pace,
@@ -56,7 +56,7 @@ impl Times {
     }
 
     /// Number and times of a frame; `None` if it was shown by a predecessor, or if its number does not rise.
-    pub fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<Due> {
+    pub fn due(&mut self, header: &FrameHeader, now_ns: u64) -> Option<ScheduledFrame> {
         let (first_seq, first_ns) = *self.first.get_or_insert((header.seq, header.t_capture_ns));
         let seq = self.base_seq.checked_add(header.seq.checked_sub(first_seq)?)?;
         let offset_ns = header.t_capture_ns.checked_sub(first_ns)?;
@@ -85,15 +85,15 @@ impl Times {
         let soonest_ns = match (self.pace, self.last) {
             (Pace::Group | Pace::Steps, Some((last, shown_ns))) => {
                 let distance_ns = t_capture_ns.saturating_sub(last.t_capture_ns).min(MAX_LAG_NS);
-                shown_ns.saturating_add(distance_ns / MOST_SPEED)
+                shown_ns.saturating_add(distance_ns / MAX_SPEED)
             }
             _ => 0,
         };
-        Some(Due { seq, t_capture_ns, show_ns: t_capture_ns.max(soonest_ns) })
+        Some(ScheduledFrame { seq, t_capture_ns, show_ns: t_capture_ns.max(soonest_ns) })
     }
 
     /// Records that a frame was shown.
-    pub fn shown(&mut self, due: Due, now_ns: u64) {
+    pub fn shown(&mut self, due: ScheduledFrame, now_ns: u64) {
         self.last = Some((due, now_ns));
     }
 
@@ -134,7 +134,7 @@ mod tests {
     }
 
     /// Shows a frame as soon as permitted; returns its number, capture time, and time of showing.
-    fn show(times: &mut Times, frame: &FrameHeader, now_ms: u64) -> Option<[u64; 3]> {
+    fn show(times: &mut TimeMap, frame: &FrameHeader, now_ms: u64) -> Option<[u64; 3]> {
         let due = times.due(frame, now_ms * MS)?;
         let now_ns = due.show_ns.max(now_ms * MS);
         times.shown(due, now_ns);
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn distances_and_gaps_are_kept() {
-        let mut times = Times::new(Pace::Recorded, 100.0, None);
+        let mut times = TimeMap::new(Pace::Recorded, 100.0, None);
         let mut show = |seq, t_ms, now_ms| {
             show(&mut times, &frame(seq, t_ms), now_ms).map(|[seq, t_ms, _]| (seq, t_ms))
         };
@@ -164,7 +164,7 @@ mod tests {
         let last = Some(LastFrame { seq: 1, t_capture_ns: 400 * MS });
         // With another pacing than the recorded one, capture times do not jump.
         for (pace, t_ms) in [(Pace::Recorded, 900), (Pace::Group, 410)] {
-            let mut times = Times::new(pace, 100.0, last);
+            let mut times = TimeMap::new(pace, 100.0, last);
             assert_eq!(times.due(&frame(70, 5000), 900 * MS), None);
             assert_eq!(times.due(&frame(71, 5010), 900 * MS), None);
             assert_eq!(show(&mut times, &frame(72, 5020), 900), Some([2, t_ms, 900]));
@@ -175,7 +175,7 @@ mod tests {
     fn capture_times_of_paced_frames_lie_in_the_recent_past() {
         let (half_ms, start_ms) = (MOST_AGE_NS / 2 / MS, 10 * MOST_AGE_NS / MS);
         for pace in [Pace::Group, Pace::Steps] {
-            let mut times = Times::new(pace, 100.0, None);
+            let mut times = TimeMap::new(pace, 100.0, None);
             let mut show = |seq, t_ms, now_ms| {
                 let [_, t_ms, shown_ms] = show(&mut times, &frame(seq, t_ms), now_ms).unwrap();
                 (t_ms, shown_ms)
@@ -196,7 +196,7 @@ mod tests {
             let caught_up_ms = late_ms + 70;
             assert_eq!(show(4, 670 + half_ms + 70, late_ms), (caught_up_ms, caught_up_ms));
         }
-        let mut times = Times::new(Pace::Group, 100.0, None);
+        let mut times = TimeMap::new(Pace::Group, 100.0, None);
         let due = times.due(&frame(0, 500), 6 * MS).unwrap();
         assert_eq!(due.t_capture_ns, 3 * MS, "a machine just started");
     }
@@ -206,7 +206,7 @@ mod tests {
         let extremes = [0, 1, u64::MAX / 2, u64::MAX - 1, u64::MAX];
         for pace in [Pace::Recorded, Pace::Group] {
             for last in [None, Some(LastFrame { seq: u64::MAX, t_capture_ns: u64::MAX })] {
-                let mut times = Times::new(pace, 100.0, last);
+                let mut times = TimeMap::new(pace, 100.0, last);
                 for (seq, t_capture_ns) in
                     extremes.iter().flat_map(|&a| extremes.map(move |b| (a, b)))
                 {

@@ -12,7 +12,7 @@ const MAX_TURN_RATE: f64 = 6.0;
 /// Distance below which a robot steers around another one, robot sizes.
 const KEEP_CLEAR_SIZES: f64 = 2.6;
 /// Time after which a robot reacts to an obstruction, besides the delay of its commands.
-const NOTICE_S: f64 = 0.12;
+const REACTION_S: f64 = 0.12;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Task {
@@ -83,7 +83,7 @@ impl Behaviour {
     pub fn decide(&mut self, pose: Pose, blocked: bool, around: &Surroundings, dt_s: f64) -> Twist {
         self.remaining_s -= dt_s;
         self.blocked_s = if blocked { self.blocked_s + dt_s } else { 0.0 };
-        if self.blocked_s > NOTICE_S + 2.0 * around.delay_s {
+        if self.blocked_s > REACTION_S + 2.0 * around.delay_s {
             self.begin_back_off();
         } else if self.remaining_s <= 0.0 || self.has_arrived(&pose, around) {
             self.choose_next(around);

@@ -28,7 +28,7 @@ pub struct Walls {
 
 impl Walls {
     /// Whether a robot is inside the walls. A disc counts without its flat front.
-    pub fn hold_robot(&self, pose: &Pose, body: &Body) -> bool {
+    pub fn contain_robot(&self, pose: &Pose, body: &Body) -> bool {
         let (sin, cos) = pose.orientation.sin_cos();
         let along = if body.is_round() { 1.0 } else { sin.abs() + cos.abs() };
         let reach = body.half_mm() * along + GAP_MM;
@@ -37,7 +37,7 @@ impl Walls {
     }
 
     /// The nearest position inside the walls for a ball.
-    pub fn keep_ball(&self, center: FieldPoint, radius_mm: f64) -> FieldPoint {
+    pub fn clamp_ball(&self, center: FieldPoint, radius_mm: f64) -> FieldPoint {
         let keep = |value: f64, half: f64| {
             let limit = (half - radius_mm).max(0.0);
             value.clamp(-limit, limit)
@@ -49,7 +49,7 @@ impl Walls {
     }
 
     /// Whether a ball is inside the walls.
-    pub fn hold_ball(&self, center: FieldPoint, radius_mm: f64) -> bool {
+    pub fn contain_ball(&self, center: FieldPoint, radius_mm: f64) -> bool {
         center.x_mm.abs() + radius_mm <= self.half_length_mm
             && center.y_mm.abs() + radius_mm <= self.half_width_mm
     }
@@ -173,10 +173,10 @@ mod tests {
     #[test]
     fn corners_must_be_inside_the_walls() {
         let walls = Walls { half_length_mm: 100.0, half_width_mm: 50.0 };
-        assert!(walls.hold_robot(&pose(89.0, 39.0, 0.0), &body(RobotShape::Square)));
-        assert!(!walls.hold_robot(&pose(89.0, 0.0, 45.0), &body(RobotShape::Square)));
-        assert!(walls.hold_ball(FieldPoint::new(0.0, -40.0), 10.0));
-        assert!(!walls.hold_ball(FieldPoint::new(0.0, -40.1), 10.0));
+        assert!(walls.contain_robot(&pose(89.0, 39.0, 0.0), &body(RobotShape::Square)));
+        assert!(!walls.contain_robot(&pose(89.0, 0.0, 45.0), &body(RobotShape::Square)));
+        assert!(walls.contain_ball(FieldPoint::new(0.0, -40.0), 10.0));
+        assert!(!walls.contain_ball(FieldPoint::new(0.0, -40.1), 10.0));
     }
 
     #[test]

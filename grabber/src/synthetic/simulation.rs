@@ -156,7 +156,7 @@ impl Simulation {
         let identities = &config.robots.identities;
         let mut random = Random::new(seed, STREAM_PLACES);
         let room = self.size_mm.max(2.0 * self.ball_radius_mm);
-        if !self.walls.hold_ball(self.ball.position, 2.0 * self.ball_radius_mm) {
+        if !self.walls.contain_ball(self.ball.position, 2.0 * self.ball_radius_mm) {
             return Err(SyntheticError::NoRoom { robots: identities.len() });
         }
         for _ in identities {
@@ -221,7 +221,7 @@ impl Simulation {
                 .map(|other| other.position.distance(pose.position))
                 .fold(pose.position.distance(self.ball.position), f64::min);
             if free > 1.5 * room_mm
-                && self.walls.hold_robot(&pose, &self.body.scaled(1.6))
+                && self.walls.contain_robot(&pose, &self.body.scaled(1.6))
                 && best.as_ref().is_none_or(|&(best, _)| free > best)
             {
                 best = Some((free, pose));
@@ -262,7 +262,7 @@ impl Simulation {
             robot.frames_still =
                 if robot.pose == *before { robot.frames_still.saturating_add(1) } else { 0 };
         }
-        self.watch_ball();
+        self.push_idle_ball();
         self.decide();
     }
 
@@ -314,7 +314,7 @@ impl Simulation {
     /// Checks whether a robot can move to `pose`; if so, returns the ball after that.
     fn try_robot(&self, index: usize, pose: Pose, twist: Twist) -> Option<Ball> {
         let body = &self.body;
-        if !self.walls.hold_robot(&pose, body) {
+        if !self.walls.contain_robot(&pose, body) {
             return None;
         }
         let mut others = self.robots.iter().enumerate().filter(|&(other, _)| other != index);
@@ -345,7 +345,7 @@ impl Simulation {
                 return Some(ball);
             };
             let push = contact.depth_mm + 1e-6;
-            ball = self.walls.keep_ball(
+            ball = self.walls.clamp_ball(
                 FieldPoint::new(
                     ball.x_mm + push * contact.normal[0],
                     ball.y_mm + push * contact.normal[1],
@@ -390,7 +390,7 @@ impl Simulation {
     }
 
     /// Puts a ball that lies still for long back into play.
-    fn watch_ball(&mut self) {
+    fn push_idle_ball(&mut self) {
         let [vx, vy] = self.ball.velocity_mm_s;
         let idle = vx.hypot(vy) < 50.0;
         self.ball_idle_s = if idle { self.ball_idle_s + self.period_s } else { 0.0 };

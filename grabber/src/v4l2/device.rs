@@ -15,7 +15,7 @@ use rustix::io::Errno;
 use std::path::Path;
 
 /// Maximum length of a driver's lists.
-const LONGEST_LIST: u32 = 256;
+const MAX_LIST: u32 = 256;
 /// Relative difference below which rates count as equal.
 const SAME_RATE: f64 = 0.01;
 
@@ -224,7 +224,7 @@ pub fn list_formats(device: impl AsFd) -> Vec<FormatDescription> {
             FormatDescription { index, kind: ioctl::CAPTURE, ..FormatDescription::zeroed() };
         ioctl::describe_format(&device, &mut description).ok().map(|()| description)
     };
-    (0..LONGEST_LIST).map_while(describe).collect()
+    (0..MAX_LIST).map_while(describe).collect()
 }
 
 /// A size, or a range of sizes: from, to, step.
@@ -262,7 +262,7 @@ impl std::fmt::Display for Size {
 /// The sizes of a format; empty if the driver does not state them.
 pub fn list_sizes(device: impl AsFd, fourcc: u32) -> Vec<Size> {
     let mut sizes = Vec::new();
-    for index in 0..LONGEST_LIST {
+    for index in 0..MAX_LIST {
         let mut size = FrameSize { index, fourcc, ..FrameSize::zeroed() };
         if ioctl::frame_size(&device, &mut size).is_err() {
             break;
@@ -280,7 +280,7 @@ pub fn list_sizes(device: impl AsFd, fourcc: u32) -> Vec<Size> {
 /// The rates of a format at a size, fastest first; for a range, its ends.
 pub fn list_rates(device: impl AsFd, fourcc: u32, width: u32, height: u32) -> Vec<f64> {
     let mut rates = Vec::new();
-    for index in 0..LONGEST_LIST {
+    for index in 0..MAX_LIST {
         let mut interval =
             FrameInterval { index, fourcc, width, height, ..FrameInterval::zeroed() };
         if ioctl::frame_interval(&device, &mut interval).is_err() {

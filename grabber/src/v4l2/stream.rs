@@ -177,13 +177,13 @@ impl V4l2Stream {
                 match (pool.loan(self.negotiated.size_image as usize), loans.get_mut(index)) {
                     (Ok(fresh), Some(slot)) => TakenFrame::Frame(std::mem::replace(slot, fresh)),
                     (Err(_), _) => TakenFrame::NoMemory,
-                    (_, None) => return Err(strange_buffer()),
+                    (_, None) => return Err(unknown_buffer()),
                 }
             }
             Memory::Mapped(mappings) => {
-                let mapping = mappings.get(index).ok_or_else(strange_buffer)?;
+                let mapping = mappings.get(index).ok_or_else(unknown_buffer)?;
                 let used = mapping.bytes().get(..buffer.bytes_used as usize);
-                copy(used.ok_or_else(strange_buffer)?, self.negotiated, &self.picture, pool)
+                copy(used.ok_or_else(unknown_buffer)?, self.negotiated, &self.picture, pool)
             }
         };
         self.queue(buffer.index).map_err(|error| self.fault(error))?;
@@ -209,7 +209,7 @@ enum TakenFrame {
     NoMemory,
 }
 
-fn strange_buffer() -> Fault {
+fn unknown_buffer() -> Fault {
     Fault::new(CameraState::Failed, "the driver gives back a buffer it was never given")
 }
 

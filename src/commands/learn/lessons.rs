@@ -1,9 +1,9 @@
 //! The pictures that are learned from, as the classifier sees them.
 
 use super::CommandError;
-use classifier::lamp::{Gains, Lamp, NO_GAINS, PitchProbe};
 use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
+use classifier::white_balance::{Gains, NO_GAINS, PitchProbe, WhiteBalance};
 use classifier::{BayerImage, ClassTables, Correction, Picture as Frame, demosaic};
 use common::config::Config;
 use grabber::pictures::load_bayer;
@@ -43,14 +43,16 @@ impl Lessons {
 
     /// The pictures as they look under the light that `config` corrects them to.
     pub fn under_light(&self, config: &Config) -> Result<Vec<Picture>, CommandError> {
-        let lamp = Lamp::new(config)?;
+        let white_balance = WhiteBalance::new(config)?;
         let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
         let mut lattice = Lattice::new(&config.camera);
         let mut lit = Vec::with_capacity(self.list.len());
         for lesson in &self.list {
             lattice.sample(&Frame::Bayer(lesson.image(config)?));
-            let gains: Gains =
-                lamp.as_ref().and_then(|lamp| lamp.gains(&lattice)).unwrap_or(NO_GAINS);
+            let gains: Gains = white_balance
+                .as_ref()
+                .and_then(|white_balance| white_balance.gains(&lattice))
+                .unwrap_or(NO_GAINS);
             lit.push(match &mut shaded {
                 Some(shaded) => {
                     shaded.measure(&lattice);

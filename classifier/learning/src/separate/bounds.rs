@@ -14,7 +14,7 @@ const LAST: u8 = (BINS - 1) as u8;
 /// Width of a bin of hue, where a turn is [`TURN`].
 const HUE_BIN: f64 = TURN / BINS as f64;
 /// Length of the mean direction of hues (1 for a single hue) below which a colour is grey.
-const LEAST_COHERENCE: f64 = 0.6;
+const MIN_COHERENCE: f64 = 0.6;
 
 /// End of a range.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,15 +34,15 @@ impl Side {
 }
 
 /// Bit set of the bounds that a point fails.
-pub(super) type Fails = u16;
+pub(super) type FailedBounds = u16;
 
 /// The bit of a bound.
-pub(super) fn bit(axis: usize, side: Side) -> Fails {
+pub(super) fn bit(axis: usize, side: Side) -> FailedBounds {
     1 << (2 * axis + side as usize)
 }
 
 /// The bounds of red, green and blue.
-pub(super) const BOX: Fails = 0b11_1111;
+pub(super) const BOX: FailedBounds = 0b11_1111;
 
 /// One colour's bounds: first and last bin, both included. Hue is measured relative to the middle of the
 /// samples' hues, which is put into the middle of the bins.
@@ -68,7 +68,7 @@ impl Bounds {
         let middle = y.atan2(x) / std::f64::consts::TAU * TURN;
         let mut bounds = Self { bins: [[0, LAST]; AXES], middle_hue: middle.round() as i64 as u16 };
         let grey = own.iter().filter(|point| point.hue.is_none()).count();
-        let has_hue = x.hypot(y) >= LEAST_COHERENCE * length && 10 * grey <= own.len();
+        let has_hue = x.hypot(y) >= MIN_COHERENCE * length && 10 * grey <= own.len();
         for axis in (0..AXES).filter(|&axis| axis != HUE || has_hue) {
             let mut bins: Vec<f64> =
                 own.iter().filter_map(|point| bounds.bin(point, axis)).map(f64::from).collect();
@@ -89,18 +89,18 @@ impl Bounds {
     }
 
     /// The bounds that a point fails.
-    pub fn fails(&self, point: &Point) -> Fails {
+    pub fn fails(&self, point: &Point) -> FailedBounds {
         (0..AXES).map(|axis| self.fails_on(axis, self.bin(point, axis))).sum()
     }
 
     /// The bounds of an axis that a bin fails.
-    pub fn fails_on(&self, axis: usize, bin: Option<u8>) -> Fails {
+    pub fn fails_on(&self, axis: usize, bin: Option<u8>) -> FailedBounds {
         let [low, high] = self.bins[axis];
         let is_beyond = match bin {
             Some(bin) => [bin < low, bin > high],
             None => [low > 0 || high < LAST; 2],
         };
-        (Fails::from(is_beyond[0]) | Fails::from(is_beyond[1]) << 1) << (2 * axis)
+        (FailedBounds::from(is_beyond[0]) | FailedBounds::from(is_beyond[1]) << 1) << (2 * axis)
     }
 
     pub fn is_bounded(&self, axis: usize) -> bool {

@@ -4,7 +4,7 @@ use super::bounds::Bounds;
 use super::points::Point;
 
 /// Part of a colour's samples at either end that is ignored as chance.
-const CHANCE: f64 = 0.01;
+const OUTLIER_PART: f64 = 0.01;
 /// Darkest and brightest light relative to that of the samples.
 const LIGHTS: [f64; 2] = [0.4, 1.6];
 
@@ -21,7 +21,8 @@ pub(super) fn close<'a>(
         if values.is_empty() {
             return;
         }
-        let [low, high] = [CHANCE, 1.0 - CHANCE].map(|part| super::quantile(&mut values, part));
+        let [low, high] =
+            [OUTLIER_PART, 1.0 - OUTLIER_PART].map(|part| super::quantile(&mut values, part));
         let [low, high] = [low * LIGHTS[0] - 2.0 * margin, high * LIGHTS[1] + 2.0 * margin];
         let [before_low, before_high] = bounds.bins[channel];
         let closed = [before_low.max(low.max(0.0) as u8), before_high.min(high.min(255.0) as u8)];

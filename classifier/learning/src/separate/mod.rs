@@ -24,7 +24,7 @@ mod tests;
 
 use crate::samples::Samples;
 use best_bound::best_bound;
-use bounds::{AXES, BINS, BOX, Bounds, Fails, HUE, SATURATION, Side, bit};
+use bounds::{AXES, BINS, BOX, Bounds, FailedBounds, HUE, SATURATION, Side, bit};
 use common::config::ColorConfig;
 use points::Point;
 
@@ -107,7 +107,7 @@ struct Learner<'a> {
 /// A point whose score depends on whether a colour admits it, in that colour's bins.
 struct Candidate {
     bins: [Option<u8>; AXES],
-    fails: Fails,
+    fails: FailedBounds,
     /// Gained when the colour admits it.
     gain: f32,
     /// Lost when the colour's box holds it and the colour does not admit it.

@@ -4,9 +4,9 @@ use super::Objective;
 use crate::samples::{Rim, Sample, Samples};
 
 /// Samples used per patch: pixels of one patch are much alike, so this many, spread over it, represent all.
-const MOST_PER_PATCH: usize = 48;
+const MAX_PER_PATCH: usize = 48;
 /// Rim pixels used: they are many and weigh little.
-const MOST_RIMS: usize = 12_000;
+const MAX_RIMS: usize = 12_000;
 /// A full turn of hue.
 pub(super) const TURN: f64 = 65536.0;
 
@@ -92,7 +92,7 @@ pub(super) fn points(samples: &Samples, objective: &Objective) -> Vec<Point> {
         points.extend(derived);
     }
     let rims: Vec<&Rim> =
-        samples.rims.iter().step_by(samples.rims.len().div_ceil(MOST_RIMS).max(1)).collect();
+        samples.rims.iter().step_by(samples.rims.len().div_ceil(MAX_RIMS).max(1)).collect();
     let rim_pixels = (objective.rim_weight / rims.len().max(1) as f64) as f32;
     points.extend(rims.iter().map(|rim| Point {
         indifferent: rim.beside,
@@ -104,7 +104,7 @@ pub(super) fn points(samples: &Samples, objective: &Objective) -> Vec<Point> {
     points
 }
 
-/// At most [`MOST_PER_PATCH`] samples of each patch.
+/// At most [`MAX_PER_PATCH`] samples of each patch.
 fn thinned(samples: &Samples) -> Vec<Sample> {
     let mut counts = vec![0usize; samples.patches as usize];
     samples.pixels.iter().for_each(|sample| counts[sample.patch as usize] += 1);
@@ -112,7 +112,7 @@ fn thinned(samples: &Samples) -> Vec<Sample> {
     let is_kept = |sample: &&Sample| {
         let patch = sample.patch as usize;
         numbers[patch] += 1;
-        (numbers[patch] - 1).is_multiple_of(counts[patch].div_ceil(MOST_PER_PATCH))
+        (numbers[patch] - 1).is_multiple_of(counts[patch].div_ceil(MAX_PER_PATCH))
     };
     samples.pixels.iter().filter(is_kept).copied().collect()
 }

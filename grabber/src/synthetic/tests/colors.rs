@@ -16,7 +16,7 @@ fn class_of(colors: &[ColorConfig], rgb: [f64; 3]) -> Option<usize> {
 
 /// True content of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Shows {
+enum Content {
     /// No colour here or nearby.
     Nothing,
     /// Near a patch or the ball.
@@ -25,12 +25,12 @@ enum Shows {
     Color(usize),
 }
 
-fn truth_map(config: &Config, scene: &SyntheticMatch) -> Vec<Shows> {
+fn truth_map(config: &Config, scene: &SyntheticMatch) -> Vec<Content> {
     let camera = &config.camera;
     let model = CameraModel::new(&config.geometry, camera.width, camera.height).unwrap();
     let index_of = |name: &str| config.colors.iter().position(|color| color.name == name).unwrap();
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let mut map = vec![Shows::Nothing; width * height];
+    let mut map = vec![Content::Nothing; width * height];
     let mut mark = |center: ImagePoint, radius: i64, look: &dyn Fn(ImagePoint) -> Option<usize>| {
         let (cx, cy) = (center.x_px.round() as i64, center.y_px.round() as i64);
         for y in (cy - radius).max(0)..(cy + radius).min(height as i64) {
@@ -50,10 +50,10 @@ fn truth_map(config: &Config, scene: &SyntheticMatch) -> Vec<Shows> {
                 let cell = &mut map[y as usize * width + x as usize];
                 match here {
                     Some(color) if around(1.25).all(|point| look(point) == here) => {
-                        *cell = Shows::Color(color);
+                        *cell = Content::Color(color);
                     }
-                    Some(_) => *cell = Shows::Edge,
-                    None if around(2.0).any(|point| look(point).is_some()) => *cell = Shows::Edge,
+                    Some(_) => *cell = Content::Edge,
+                    None if around(2.0).any(|point| look(point).is_some()) => *cell = Content::Edge,
                     None => {}
                 }
             }
@@ -156,7 +156,7 @@ fn tally(config: &Config, frames: u64) -> Tally {
             picture.pixels.iter().map(|&rgb| class_of(&config.colors, rgb)).collect();
         let mut wrong = vec![false; classes.len()];
         for (index, (shows, &class)) in truth.iter().zip(&classes).enumerate() {
-            if let Shows::Color(color) = *shows {
+            if let Content::Color(color) = *shows {
                 tally.inside[color][0] += 1;
                 tally.inside[color][1] += u32::from(class == Some(color));
             }
@@ -164,7 +164,7 @@ fn tally(config: &Config, frames: u64) -> Tally {
                 let (x, y) = (index % width, index / width);
                 let near = (y.saturating_sub(4)..(y + 5).min(height)).any(|row| {
                     (x.saturating_sub(4)..(x + 5).min(width))
-                        .any(|column| truth[row * width + column] == Shows::Color(class))
+                        .any(|column| truth[row * width + column] == Content::Color(class))
                 });
                 wrong[index] = !near;
             }

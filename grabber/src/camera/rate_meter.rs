@@ -2,7 +2,7 @@
 
 /// Measures the rate of arrivals, and detects when it falls short.
 #[derive(Debug, Clone)]
-pub struct Pace {
+pub struct RateMeter {
     expected_fps: f64,
     window_start_ns: u64,
     count: u32,
@@ -15,7 +15,7 @@ const WINDOW_NS: u64 = 2_000_000_000;
 /// window's edge.
 const SHARE: f64 = 0.95;
 
-impl Pace {
+impl RateMeter {
     /// Expects a rate, frames per second, from now on.
     pub fn new(expected_fps: f64, now_ns: u64) -> Self {
         Self { expected_fps, window_start_ns: now_ns, count: 0, fps: None }
@@ -54,8 +54,8 @@ impl Pace {
 mod tests {
     use super::*;
 
-    fn after_four_seconds(expected_fps: f64, frames: u64) -> Pace {
-        let mut pace = Pace::new(expected_fps, 0);
+    fn after_four_seconds(expected_fps: f64, frames: u64) -> RateMeter {
+        let mut pace = RateMeter::new(expected_fps, 0);
         for frame in 1..=frames {
             pace.arrived();
             pace.measure(frame * 4_000_000_000 / frames);
@@ -78,6 +78,6 @@ mod tests {
 
     #[test]
     fn no_rate_is_reported_before_it_is_measured() {
-        assert!(!Pace::new(80.0, 0).is_slow());
+        assert!(!RateMeter::new(80.0, 0).is_slow());
     }
 }

@@ -32,9 +32,9 @@ const STEPS_PER_OCTAVE: i32 = 16;
 /// Resolution of measurements, parts per gain step.
 const PARTS: i64 = 16;
 /// Limit of a gain, steps: factors 0.4 to 2.5. A pitch that needs more is a broken camera or not a pitch.
-const MOST_STEPS: i32 = 21;
+const MAX_STEPS: i32 = 21;
 /// Minimum usable places: with fewer, the pitch is dark or the picture shows something else.
-const FEWEST_SITES: u32 = 100;
+const MIN_SITES: u32 = 100;
 /// Pixels with a channel above this are clipped; pixels with less green than `DARK` have hardly a colour.
 const CLIPPED: u8 = 250;
 const DARK: u8 = 5;
@@ -62,7 +62,7 @@ struct PitchColor {
 
 /// Estimates gains from the pitch's colour, given its colour when the colours were set.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Lamp {
+pub struct WhiteBalance {
     probe: PitchProbe,
     reference: PitchColor,
     /// Share of a change in brightness that patches follow, 256ths.
@@ -123,7 +123,7 @@ impl PitchProbe {
                 }
             }
         }
-        let is_enough = ratios[0].iter().sum::<u32>() >= FEWEST_SITES * u32::from(DARK);
+        let is_enough = ratios[0].iter().sum::<u32>() >= MIN_SITES * u32::from(DARK);
         is_enough.then_some(())?;
         Some(PitchColor {
             red_to_green: median(&ratios[0])? - i64::from(RATIO_ZERO) * PARTS_PER_UNIT,
@@ -133,7 +133,7 @@ impl PitchProbe {
     }
 }
 
-impl Lamp {
+impl WhiteBalance {
     /// For the configured light; `None` if the lamps are not to be followed.
     pub fn new(config: &Config) -> Result<Option<Self>, GeometryError> {
         let LightConfig { follow: true, pitch_rgb: Some(rgb), brightness, .. } = config.light
@@ -161,14 +161,14 @@ impl Lamp {
         let blue = self.reference.blue_to_green - color.blue_to_green + level;
         Some([red, level, blue].map(|parts| {
             let steps = (parts + PARTS / 2).div_euclid(PARTS) as i32;
-            steps.clamp(-MOST_STEPS, MOST_STEPS)
+            steps.clamp(-MAX_STEPS, MAX_STEPS)
         }))
     }
 }
 
 /// Whether a gain is at its limit.
 pub fn is_at_bound(gains: Gains) -> bool {
-    gains.iter().any(|steps| steps.abs() >= MOST_STEPS)
+    gains.iter().any(|steps| steps.abs() >= MAX_STEPS)
 }
 
 /// The factor of a gain.
@@ -280,9 +280,10 @@ mod tests {
     fn gains_bring_the_pitch_back() {
         for order in BayerOrder::ALL {
             let config = set_for([60.0, 60.0, 48.0], order);
-            let lamp = Lamp::new(&config).unwrap().unwrap();
-            let gains =
-                |pitch| lamp.gains(&looked_at(&config, &frame(&config, pitch, [0; 3], 0))).unwrap();
+            let white_balance = WhiteBalance::new(&config).unwrap().unwrap();
+            let gains = |pitch| {
+                white_balance.gains(&looked_at(&config, &frame(&config, pitch, [0; 3], 0))).unwrap()
+            };
             assert_eq!(gains([60, 60, 48]), NO_GAINS);
             // An octave less red, an octave more blue.
             assert_eq!(gains([30, 60, 96]), [16, 0, -16]);
@@ -300,34 +301,34 @@ mod tests {
         let mut config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
         for (brightness, steps) in [(0.0, 0), (0.5, 8), (1.0, 16)] {
             config.light.brightness = brightness;
-            let lamp = Lamp::new(&config).unwrap().unwrap();
+            let white_balance = WhiteBalance::new(&config).unwrap().unwrap();
             let dark = frame(&config, [30, 30, 24], [0; 3], 0);
-            assert_eq!(lamp.gains(&looked_at(&config, &dark)), Some([steps; 3]));
+            assert_eq!(white_balance.gains(&looked_at(&config, &dark)), Some([steps; 3]));
         }
     }
 
     #[test]
     fn an_arm_across_the_pitch_changes_little() {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
-        let lamp = Lamp::new(&config).unwrap().unwrap();
+        let white_balance = WhiteBalance::new(&config).unwrap().unwrap();
         let arm = frame(&config, [60, 60, 48], [200, 40, 30], 90);
-        let gains = lamp.gains(&looked_at(&config, &arm)).unwrap();
+        let gains = white_balance.gains(&looked_at(&config, &arm)).unwrap();
         assert!(gains.iter().all(|steps| steps.abs() <= 1), "{gains:?}");
     }
 
     #[test]
     fn pictures_without_a_pitch_give_no_gains() {
         let config = set_for([60.0, 60.0, 48.0], BayerOrder::Rggb);
-        let lamp = Lamp::new(&config).unwrap().unwrap();
+        let white_balance = WhiteBalance::new(&config).unwrap().unwrap();
         for color in [[0; 3], [3; 3], [255; 3]] {
-            let gains = lamp.gains(&looked_at(&config, &frame(&config, color, [0; 3], 0)));
+            let gains = white_balance.gains(&looked_at(&config, &frame(&config, color, [0; 3], 0)));
             assert_eq!(gains, None, "{color:?}");
         }
         let magenta = frame(&config, [250, 6, 250], [0; 3], 0);
-        let strange = lamp.gains(&looked_at(&config, &magenta)).unwrap();
-        assert!(strange.iter().all(|steps| steps.abs() <= MOST_STEPS), "{strange:?}");
+        let strange = white_balance.gains(&looked_at(&config, &magenta)).unwrap();
+        assert!(strange.iter().all(|steps| steps.abs() <= MAX_STEPS), "{strange:?}");
         assert!(is_at_bound(strange) && !is_at_bound([20, -20, 0]), "{strange:?}");
-        let of = |light| Lamp::new(&Config { light, ..Config::default() }).unwrap();
+        let of = |light| WhiteBalance::new(&Config { light, ..Config::default() }).unwrap();
         let off = LightConfig { follow: false, ..config.light.clone() };
         assert!(of(config.light.clone()).is_some() && of(off).is_none());
         assert_eq!(of(LightConfig::default()), None);
