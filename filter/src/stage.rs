@@ -54,7 +54,7 @@ pub struct Filter {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// A number that no filter can work with.
-    #[error("{key} = {value} is not possible: must be {expected}")]
+    #[error("{key} = {value}: must be {expected}")]
     Impossible {
         /// Key in the configuration.
         key: &'static str,

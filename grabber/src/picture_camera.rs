@@ -99,7 +99,7 @@ fn read(
             if let Err(error) = &frame
                 && failures < paths.len()
             {
-                common::tell!("touchline: {error}; it is left out");
+                common::tell!("touchline: {error}; the picture is skipped");
                 continue;
             }
             let is_over = frame.is_err();

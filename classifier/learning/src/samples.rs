@@ -24,7 +24,9 @@ pub enum SamplesError {
         known: String,
     },
     /// A label names a robot that is not configured.
-    #[error("{image}: {team} {id} is labelled, and is not among robots.identities")]
+    #[error(
+        "{image}: {team} {id} is labelled, but not in robots.identities; add it there or remove the label"
+    )]
     UnknownRobot {
         /// The picture.
         image: String,

@@ -53,7 +53,7 @@ pub enum SyntheticError {
     #[error("geometry: {0}")]
     Geometry(#[from] GeometryError),
     /// A number that makes no sense.
-    #[error("{key} = {value} makes no synthetic match possible")]
+    #[error("{key} = {value}: no synthetic match is possible with this value")]
     Impossible {
         /// The configuration key.
         key: &'static str,
