@@ -1,10 +1,11 @@
 //! Publishing and subscribing: iceoryx2 with this project's rules built in.
 //!
 //! * Writers never wait: safe overflow is on, back-pressure discards.
-//! * A reader believes the group's own processes: on topics that are not open to every program, messages of
-//!   others are counted and dropped ([`Stranger`]).
-//! * A reader that wants to sleep until there is something asks for wake-ups; one that polls, or
-//!   only stands by, costs the writer nothing.
+//!
+//! * Readers accept messages of the group's own processes only, except on open topics; messages of
+//!   other programs are counted and dropped ([`Stranger`]).
+//! * A reader that wants to sleep asks for wake-ups. One that polls or stands by costs the writer
+//!   nothing.
 
 pub mod participants;
 mod ports;
@@ -35,18 +36,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What may travel: plain data of fixed layout with a versioned type name.
+/// Data that can be a message: plain, of fixed layout, with a versioned type name.
 pub trait Message: Pod + Debug + ZeroCopySend {}
 impl<T: Pod + Debug + ZeroCopySend> Message for T {}
 
-/// What may travel beside a message's elements.
+/// Data that can travel beside a message's elements.
 pub trait Header: Message + Default {}
 impl<T: Message + Default> Header for T {}
 
-/// What went wrong between processes.
+/// Errors of the communication between processes.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// The instance's directory or names.
+    /// The instance's directory or names are unusable.
     #[error(transparent)]
     Instance(#[from] InstanceError),
     /// /dev/shm is full.
@@ -60,17 +61,17 @@ pub enum BusError {
         /// Bytes that are free.
         free: u64,
     },
-    /// All places are taken, by the living or by dead ones that nobody has cleared.
+    /// All slots are taken, by living processes or by dead ones not yet cleaned up.
     #[error(
         "topic {topic}: {action}: all places are taken; `touchline topics` shows how many there are"
     )]
     Full {
         /// Topic.
         topic: &'static str,
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
     },
-    /// Another version of iceoryx2 has made it, or it is damaged.
+    /// Made by another version of iceoryx2, or damaged.
     #[error(
         "topic {topic}: it was made by a program with another version of iceoryx2 than {IPC_VERSION}, or is \
          damaged; `touchline doctor` names it: end that program, then stop and start the group"
@@ -79,30 +80,30 @@ pub enum BusError {
         /// Topic.
         topic: &'static str,
     },
-    /// iceoryx2 refused; the text says what was tried and its answer.
+    /// iceoryx2 refused; the text has the attempted action and its answer.
     #[error("topic {topic}: {action}: {reason}")]
     Ipc {
         /// Topic, or the process's own node.
         topic: &'static str,
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
         /// iceoryx2's answer.
         reason: String,
     },
 }
 
-/// Nothing is made when there is hardly any shared memory left.
+/// Refuses to create anything when hardly any shared memory is left.
 fn check_memory(topic: &'static str) -> Result<(), BusError> {
     memory::check_margin().map_err(|free| BusError::NoMemory { topic, free })
 }
 
-/// Has the memory at hand that the messages of an ordinary match will need.
+/// Allocates the memory that the messages of an ordinary match will need.
 fn fill_in<E: Message, H: Header>(
     port: &IpcPublisher<ipc::Service, [E], H>,
     topic: &Topic<E, H>,
     capacity: usize,
 ) -> Result<(), BusError> {
-    // The first place of a new segment; the others follow at equal distances.
+    // The first slot of a new segment; the others follow at equal distances.
     let first = port.loan_slice_uninit(capacity).map_err(failed(topic.name, "loan a message"))?;
     let begin = std::ptr::from_ref(first.header()).cast::<u8>();
     let memory = topic.memory(capacity);
@@ -135,8 +136,8 @@ fn refused<E: Debug>(
     }
 }
 
-/// Tries again for a while where all places are taken: the supervisor clears those of dead processes
-/// several times a second.
+/// Retries while all slots are taken: the supervisor clears the slots of dead processes several times a
+/// second.
 fn when_there_is_a_place<T>(
     patience: Duration,
     mut connect: impl FnMut() -> Result<T, BusError>,
@@ -152,7 +153,7 @@ fn when_there_is_a_place<T>(
     }
 }
 
-/// How long a place on a topic is waited for.
+/// Time for which a full topic is retried.
 const PLACE_PATIENCE: Duration = Duration::from_secs(2);
 const PLACE_RETRY: Duration = Duration::from_millis(20);
 
@@ -161,16 +162,16 @@ pub struct Bus {
     node: Node<ipc::Service>,
     namespace: Namespace,
     roster: Rc<Roster>,
-    /// How long a place on a topic is waited for.
+    /// Time for which a full topic is retried.
     patience: Duration,
 }
 
-/// A topic that will not go as long as this is there.
+/// Keeps the topic's service alive until dropped.
 pub struct Kept<E: Message, H: Header> {
     _service: PublishSubscribeFactory<ipc::Service, [E], H>,
 }
 
-/// Who is connected to a topic.
+/// Number of processes connected to a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Population {
     /// Writers.
@@ -182,9 +183,9 @@ pub struct Population {
 impl Bus {
     /// Joins the instance under the name of a process, which tools show.
     pub fn join(instance: &Instance, process: &str) -> Result<Self, BusError> {
-        // Its log lines repeat what the returned errors say, without saying which topic.
+        // iceoryx2's own log lines repeat the returned errors without naming the topic.
         iceoryx2::prelude::set_log_level(LogLevel::Fatal);
-        // In a directory of others nothing would come of it, and nobody would say why.
+        // In a directory of another user joining would fail without a usable error.
         instance.check_directory()?;
         memory::check_place().map_err(InstanceError::from)?;
         check_memory("node")?;
@@ -203,31 +204,31 @@ impl Bus {
         Ok(Self { node, namespace, roster, patience: PLACE_PATIENCE })
     }
 
-    /// Where the group is in shared memory.
+    /// The group's names in shared memory.
     pub fn namespace(&self) -> &Namespace {
         &self.namespace
     }
 
-    /// Enters this process in the group's [roster](crate::roster): what it publishes is believed. For
-    /// processes of the group alone, before they publish anything.
+    /// Enters this process in the group's [roster](crate::roster), so that readers accept its messages.
+    /// Only for processes of the group, before they publish anything.
     pub fn enter_roster(&self) {
         self.roster.enter(NodeKey::of(self.node.id()));
     }
 
-    /// Has the messages of a program believed that is none of the group's, because the user permits it.
+    /// Makes readers accept the messages of a program outside the group, because the user permits it.
     pub fn admit(&self, sender: NodeKey) {
         self.roster.enter(sender);
     }
 
-    /// Joins the instance as [`join`](Self::join), for a process that will read most topics and has
-    /// something better to do than to wait for a place: it tries again.
+    /// Joins the instance as [`join`](Self::join), for a process that reads most topics. It does not
+    /// wait for a free slot; the caller tries again.
     pub fn join_as_reader(instance: &Instance, process: &str) -> Result<Self, BusError> {
         memory::check_room_for_readers()
             .map_err(|free| BusError::NoMemory { topic: "all", free })?;
         Ok(Self { patience: Duration::ZERO, ..Self::join(instance, process)? })
     }
 
-    /// A writer whose messages have up to `capacity` elements.
+    /// Creates a publisher whose messages have up to `capacity` elements.
     pub fn publisher<E: Message, H: Header>(
         &self,
         topic: &Topic<E, H>,
@@ -254,7 +255,7 @@ impl Bus {
         Ok(Publisher::new(port, published, notifier, topic.name))
     }
 
-    /// A reader. It is connected at once: from now on the newest messages wait for it.
+    /// Creates a subscriber. It is connected at once: the newest messages are kept for it from now on.
     pub fn subscriber<E: Message, H: Header>(
         &self,
         topic: &Topic<E, H>,
@@ -262,7 +263,7 @@ impl Bus {
         self.subscribe(topic, topic.buffer, 0)
     }
 
-    /// A reader that only ever wants the newest message.
+    /// Creates a subscriber that keeps only the newest message.
     pub fn newest_only<E: Message, H: Header>(
         &self,
         topic: &Topic<E, H>,
@@ -270,7 +271,7 @@ impl Bus {
         self.subscribe(topic, 1, 0)
     }
 
-    /// A reader that also wants what was published before it came ([`Topic::history`]).
+    /// Creates a subscriber that also receives messages published before it ([`Topic::history`]).
     pub fn subscriber_with_history<E: Message, H: Header>(
         &self,
         topic: &Topic<E, H>,
@@ -292,7 +293,7 @@ impl Bus {
         };
         let (port, borrowed) = when_there_is_a_place(self.patience, || {
             let service = self.open(topic)?;
-            // Where the topic was made with less, less is what there is.
+            // An existing topic may have been made with less; then less is available.
             let made = service.static_config();
             let port = service
                 .subscriber_builder()
@@ -309,14 +310,14 @@ impl Bus {
                 .map_err(refused(topic.name, action, is_full))?;
             Ok((port, made.subscriber_max_borrowed_samples()))
         })?;
-        // One message is with the caller, and one may be kept by it.
+        // One message is with the caller, and the caller may keep another.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
         let roster = (!topic.is_open).then(|| Rc::clone(&self.roster));
         Ok(Subscriber::new(port, topic, capacity, misses_a_writer, roster))
     }
 
-    /// Keeps a topic that it neither writes nor reads. A topic goes with the last process that knows it;
-    /// if the next one that makes it is killed while it does, nobody can.
+    /// Keeps a topic's service alive without writing or reading. A service ends with its last process,
+    /// and a process killed while it creates the service again can leave one that no process can open.
     pub fn keep<E: Message, H: Header>(&self, topic: &Topic<E, H>) -> Result<Kept<E, H>, BusError> {
         when_there_is_a_place(self.patience, || Ok(Kept { _service: self.open(topic)? }))
     }
@@ -334,12 +335,12 @@ impl Bus {
         })
     }
 
-    /// What a reader sleeps on until the topic has something new.
+    /// A wake-up that sleeps until the topic has something new.
     pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, BusError> {
         self.wake_up_by(topic, WakeUpStrategy::Event)
     }
 
-    /// What a reader waits on, in the given way, until the topic has something new.
+    /// A wake-up that waits in the given way until the topic has something new.
     pub fn wake_up_by<E, H>(
         &self,
         topic: &Topic<E, H>,
@@ -361,8 +362,8 @@ impl Bus {
             let name = service_name(topic.name)?;
             Ok(self.node.service_builder(&name).publish_subscribe::<[E]>().user_header::<H>())
         };
-        // A topic that is there is taken as it was made: how much is kept of large frames only the
-        // group's own processes know.
+        // An existing topic is opened as it was made, because only the group's own processes know how
+        // many large frames are kept.
         match builder()?.open() {
             Err(PublishSubscribeOpenError::DoesNotExist) => {}
             Err(
@@ -403,7 +404,7 @@ impl Bus {
     }
 }
 
-/// Processes in one instance, the dead and not yet cleaned ones included.
+/// Processes in one instance, including dead ones that are not cleaned up yet.
 const MAX_NODES: usize = 32;
 
 fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {

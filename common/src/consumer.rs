@@ -1,7 +1,7 @@
-//! For programs that attach to a group: loggers, strategies, displays.
+//! Reading a group's messages from another program: a logger, a strategy, a display.
 //!
-//! A [`Consumer`] reads one topic. It waits for its group to start, goes on when the group is started
-//! again, gives every message once and in order, and says how many were lost. The whole of a program
+//! A [`Consumer`] reads one topic. It waits for its group to start, continues when the group is started
+//! again, delivers every message once and in order, and reports how many were lost. The whole program
 //! is a loop over [`Consumer::next`]; see `examples/`.
 
 use crate::bus::{Bus, BusError, Header, Message, Received, Subscriber, participants};
@@ -12,49 +12,49 @@ use crate::topics::Topic;
 use crate::wake_up::WakeUp;
 use std::time::{Duration, Instant};
 
-/// After so much silence it is looked whether the group is still there.
+/// Silence after which the consumer checks whether the group still exists.
 const SILENCE: Duration = Duration::from_secs(1);
-/// How often a group that is not there yet is looked for.
+/// Interval between checks for a group that does not exist yet.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What a consumer hears of messages `M`.
+/// One event in the life of a consumer of messages `M`.
 #[derive(Debug)]
 pub enum Event<M> {
-    /// The group is there, and messages will come.
+    /// The group exists, and messages will come.
     Joined,
     /// A message.
     Message(M),
-    /// So many numbers were skipped before the next message: frames nobody captured, or messages that
-    /// were overwritten because this consumer did not read them in time.
+    /// This many numbers were skipped before the next message: frames never captured, or messages
+    /// overwritten because this consumer did not read them in time.
     Missed(u64),
-    /// Numbers begin anew with the next message: another group has started.
+    /// Numbers start again with the next message: another group has started.
     Restarted,
     /// The group has ended. The consumer waits for the next one.
     Left,
 }
 
-/// Reads a topic of a group, whenever that group is there.
+/// Reads a topic of a group whenever that group exists.
 pub struct Consumer<E: Message, H: Header> {
     instance: Instance,
     name: String,
     topic: &'static Topic<E, H>,
     connection: Option<Connection<E, H>>,
     order: Order,
-    /// A message whose place in the order was told first.
+    /// A message to deliver after the event that precedes it.
     pending: Option<Received<E, H>>,
     heard: Instant,
 }
 
 struct Connection<E: Message, H: Header> {
-    // In this order, so that the membership outlives the ports.
+    // Dropped in this order: the node must outlive its ports.
     subscriber: Subscriber<E, H>,
     wake_up: WakeUp,
     bus: Bus,
 }
 
 impl<E: Message, H: Header> Consumer<E, H> {
-    /// A consumer of a topic; `name` is what tools show of it. Nothing is touched before there is a
-    /// group.
+    /// Creates a consumer of a topic; `name` is shown by tools. It touches nothing until the group
+    /// exists.
     pub fn new(instance: Instance, name: &str, topic: &'static Topic<E, H>) -> Self {
         Self {
             instance,
@@ -67,8 +67,8 @@ impl<E: Message, H: Header> Consumer<E, H> {
         }
     }
 
-    /// The next thing to know; waits for it, but not longer than `timeout`, after which it returns
-    /// `None`. An error means that the group is there and cannot be attached to.
+    /// Waits for the next event, but no longer than `timeout`; then returns `None`. An error means that
+    /// the group exists and cannot be attached to.
     pub fn next(&mut self, timeout: Duration) -> Result<Option<Event<Received<E, H>>>, BusError> {
         let deadline = Instant::now() + timeout;
         loop {
@@ -78,7 +78,7 @@ impl<E: Message, H: Header> Consumer<E, H> {
                     self.heard = Instant::now();
                     return Ok(Some(Event::Joined));
                 }
-                // Waiting would not help.
+                // These errors do not go away by waiting.
                 memory::check_place().map_err(InstanceError::from)?;
                 if let Ok(Some(namespace)) = self.instance.namespace() {
                     namespace.check_version()?;
@@ -105,7 +105,7 @@ impl<E: Message, H: Header> Consumer<E, H> {
             }
             if self.heard.elapsed() > SILENCE {
                 self.heard = Instant::now();
-                // Another group may be there by now, elsewhere in shared memory.
+                // Another group may have started meanwhile, under other names in shared memory.
                 let is_elsewhere = self
                     .instance
                     .namespace()
@@ -131,7 +131,7 @@ impl<E: Message, H: Header> Consumer<E, H> {
     }
 }
 
-/// Whether there is a group: a supervisor, or stages that outlive theirs.
+/// Whether the group exists: a supervisor, or stages that outlive their supervisor.
 pub fn is_there(instance: &Instance) -> bool {
     if instance.is_supervised() {
         return true;
@@ -141,31 +141,31 @@ pub fn is_there(instance: &Instance) -> bool {
     })
 }
 
-/// The place of a message after those before it.
+/// Position of a message relative to the messages before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// It follows the last one, is the first, or the topic has no numbers.
+    /// It follows the last one, is the first, or the topic is not numbered.
     Next,
     /// Numbers before it were skipped.
     After {
-        /// How many.
+        /// Number of skipped messages.
         missed: u64,
     },
-    /// It or a later one was there already.
+    /// It or a later one was delivered already.
     Repeated,
-    /// Numbers have begun anew, which only those of another group do.
+    /// Numbers have started again, which happens only when another group starts.
     Anew,
 }
 
-/// Follows the numbers of a topic.
+/// Follows the message numbers of a topic.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Order {
     last: Option<(u64, u64)>,
 }
 
 impl Order {
-    /// Finds the place of a message by its number and the capture time of its frame (0 on topics
-    /// without numbers), and counts it as the last one unless it is a repetition.
+    /// Finds the position of a message from its number and the capture time of its frame (0 on topics
+    /// without numbers), and remembers it as the last one unless it is a repetition.
     pub fn place(&mut self, seq: u64, t_capture_ns: u64) -> Place {
         if t_capture_ns == 0 {
             return Place::Next;
@@ -183,8 +183,8 @@ impl Order {
         place
     }
 
-    /// What to say of a message; `None` of a repetition. Where something else comes first, the message
-    /// is left in `pending`.
+    /// The event for a message; `None` for a repetition. If another event comes first, the message is
+    /// left in `pending`.
     pub(crate) fn announce<M>(
         &mut self,
         seq: u64,

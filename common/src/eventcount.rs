@@ -1,11 +1,14 @@
-//! Sleeping until something is published: an event count, after Reed and Kanodia, *Synchronization
-//! with eventcounts and sequencers* (1979), in shared memory.
+//! Sleeping until something is published: an event count in shared memory, after Reed and Kanodia,
+//! *Synchronization with eventcounts and sequencers* (1979).
 //!
-//! A writer counts what it publishes; a reader that finds nothing sleeps in the kernel until the
-//! count is no longer the one it has seen. That costs a writer one system call however many
-//! processes read, and less than a microsecond if none of them sleeps; a process that only keeps
-//! itself ready costs nothing at all. A reader needs no registration, so one that takes over can
-//! sleep at once, and one that dies leaves nothing behind.
+//! A reader reads the count, looks for messages, and if there are none sleeps until the count differs
+//! from the value it has read: `futex_wait(count, seen)`. A writer publishes first and then advances
+//! the count and wakes all sleepers: `count += 1; futex_wake(count)`. An advance between the reader's
+//! look and its sleep changes the count, so the kernel does not let it sleep and no message is missed.
+//!
+//! The cost to a writer is one system call however many processes read, and less than a microsecond if
+//! none of them sleeps. A spare that only stands by costs nothing. A reader needs no registration, so a
+//! successor can sleep at once, and a dead reader leaves nothing behind.
 
 use crate::shared_page::SharedPage;
 use rustix::thread::{Timespec, futex};
@@ -14,14 +17,13 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// A number in shared memory that only rises (and begins again at 0 after the highest), and on which
-/// processes can sleep.
+/// A number in shared memory that only rises (and wraps to 0), and on which processes can sleep.
 pub struct EventCount {
     count: SharedPage<AtomicU32>,
 }
 
 impl EventCount {
-    /// Opens the count in a file in memory (below `/dev/shm`), which is made if there is none.
+    /// Opens the count in a file below `/dev/shm`, and creates the file if there is none.
     pub fn open(path: &Path) -> io::Result<Self> {
         Ok(Self { count: SharedPage::open(path)? })
     }
@@ -31,19 +33,19 @@ impl EventCount {
         self.count.get().load(Ordering::Acquire)
     }
 
-    /// Counts up and wakes all who sleep.
+    /// Advances the count and wakes all sleepers.
     pub fn advance(&self) {
         self.count.get().fetch_add(1, Ordering::Release);
         // Cannot fail for an address that is mapped.
         let _ = futex::wake(self.count.get(), futex::Flags::empty(), i32::MAX as u32);
     }
 
-    /// Sleeps while the count is still `seen`: until it advances, for at most `timeout`, or until
-    /// a signal comes. Why it has returned, the caller reads off the count.
+    /// Sleeps while the count is still `seen`: until it advances, for at most `timeout`, or until a
+    /// signal comes. The caller reads the count to find out which.
     pub fn sleep(&self, seen: u32, timeout: Duration) {
         let timeout =
             Timespec { tv_sec: timeout.as_secs() as _, tv_nsec: timeout.subsec_nanos().into() };
-        // Its errors are: too late, timeout, signal.
+        // Possible errors: the count has changed already (EAGAIN), timeout, signal.
         let _ = futex::wait(self.count.get(), futex::Flags::empty(), seen, Some(&timeout));
     }
 }
@@ -90,7 +92,8 @@ mod tests {
                 scope.spawn(|| {
                     let reader = EventCount::open(&file.0).unwrap();
                     let started = Instant::now();
-                    // Whether this happens before the advance or after it must not matter.
+                    // The result must not depend on whether this happens before the advance or after
+                    // it.
                     while reader.read() == 0 {
                         reader.sleep(0, Duration::from_secs(60));
                     }

@@ -1,14 +1,18 @@
-//! The roster: which nodes of iceoryx2 are processes of the group itself.
+//! The roster: the iceoryx2 nodes that belong to processes of the group.
 //!
-//! A topic is open to every program of the same user, and the commonest bug of such a program is a message on
-//! the wrong topic: a copy of the newest header, say, with another number. Such a message has nothing in it
-//! by which it could be told from a good one. But iceoryx2 writes beside each message which node has
-//! published it, and a process of the group enters its node in the roster before it publishes anything. A
-//! reader believes a message if its node is on the roster ([`Subscriber`](crate::bus::Subscriber)).
+//! Every program of the same user can publish on a topic, and the commonest bug of such a program is a
+//! message on the wrong topic, for example a copy of the newest header with another number. Its content
+//! cannot be told from that of a good message. But iceoryx2 stores the publishing node beside each
+//! message, and a process of the group enters its node in the roster before it publishes anything. A
+//! reader accepts a message if its node is on the roster ([`Subscriber`](crate::bus::Subscriber)).
 //!
-//! The roster is a page of shared memory, so it outlives spares, hand-overs and the supervisor. The messages of
-//! a dead process stay believed, since its successors and readers still work through them; an entry is only
-//! overwritten when the page is full, and then only that of a process that has ended.
+//! The roster is a page of shared memory: a counter and 511 keys of 64 bits, written without locks. To
+//! enter a node, a process takes the next slot (`made.fetch_add(1) % 511`) and stores its key there
+//! with a compare-and-exchange if the slot is empty or its process has ended; otherwise it tries the
+//! next slot. After a whole round of living processes one of them is overwritten. To look a node up, a
+//! reader scans the used slots. The page outlives spares, hand-overs and the supervisor. Messages of a
+//! dead process stay trusted, since its successor and its readers still work through them; its entry is
+//! overwritten only when the page is full.
 
 use crate::instance::Instance;
 use crate::shared_page::{Shareable, SharedPage};
@@ -18,26 +22,26 @@ use rustix::process::{Pid, test_kill_process};
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Entries that fit into the page, besides the count.
+/// Entries that fit into the page besides the counter.
 const ENTRIES: usize = 511;
 
 /// Layout of the page.
 #[repr(C)]
 struct Entries {
-    /// Entries made so far; the next one goes to this place, modulo their number.
+    /// Entries made so far; the next one goes to this slot, modulo [`ENTRIES`].
     made: AtomicU64,
-    /// [`NodeKey`]s; 0 where there is none.
+    /// [`NodeKey`]s; 0 in an empty slot.
     keys: [AtomicU64; ENTRIES],
 }
 
 const _: () = assert!(size_of::<Entries>() == 4096);
 
-// SAFETY: atomic numbers, as many as fit into a page.
+// SAFETY: atomic numbers only, exactly one page.
 #[allow(unsafe_code)]
 unsafe impl Shareable for Entries {}
 
-/// A node in one number, which is written and read as a whole: the process in the upper half, and a digest
-/// of the moment at which it joined in the lower.
+/// A node as one number, which is read and written atomically: process id in the upper half, digest of
+/// the time at which it joined in the lower.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct NodeKey(u64);
 
@@ -51,12 +55,12 @@ impl NodeKey {
         Self::new(pid, digest)
     }
 
-    /// The key of a node that a process has made, told from its other nodes by a digest.
+    /// The key of a node made by this process; the digest distinguishes its nodes.
     pub fn new(pid: u32, digest: u32) -> Self {
         Self(u64::from(pid) << 32 | u64::from(digest))
     }
 
-    /// The system's number for the process.
+    /// Process id.
     pub fn pid(self) -> u32 {
         (self.0 >> 32) as u32
     }
@@ -68,13 +72,13 @@ pub struct Roster {
 }
 
 impl Roster {
-    /// The roster of an instance, made if there is none.
+    /// Opens the roster of an instance, and creates it if there is none.
     pub fn open(instance: &Instance) -> io::Result<Self> {
         let namespace = instance.create_namespace().map_err(io::Error::other)?;
         Ok(Self { page: SharedPage::open(&namespace.roster_path())? })
     }
 
-    /// Enters a node. Everything it publishes from now on is believed.
+    /// Enters a node; its messages are trusted from now on.
     pub fn enter(&self, node: NodeKey) {
         if self.has(node) {
             return;
@@ -83,7 +87,7 @@ impl Roster {
         for attempt in 0.. {
             let place = &keys[made.fetch_add(1, Ordering::Relaxed) as usize % ENTRIES];
             let before = place.load(Ordering::Relaxed);
-            // After a whole round of living processes one of them has to go.
+            // After a whole round of living processes one of them is overwritten.
             let is_free = before == 0 || attempt >= ENTRIES || !is_alive(NodeKey(before).pid());
             if is_free
                 && place
@@ -99,7 +103,7 @@ impl Roster {
     pub fn has(&self, node: NodeKey) -> bool {
         let Entries { made, keys } = self.page.get();
         let used = (made.load(Ordering::Acquire) as usize).min(ENTRIES);
-        // 0 is a place without an entry.
+        // 0 marks an empty slot.
         node.0 != 0 && keys[..used].iter().any(|key| key.load(Ordering::Acquire) == node.0)
     }
 }
@@ -112,7 +116,7 @@ fn is_alive(pid: u32) -> bool {
 mod tests {
     use super::*;
 
-    /// A process that cannot exist: beyond the highest number the system gives.
+    /// A process id above the system's highest.
     const NO_PID: u64 = 1 << 30;
 
     struct Place(Instance, std::path::PathBuf);

@@ -1,61 +1,60 @@
-//! The topics: who writes them, who reads them, and how much is kept for whom.
+//! The topic table: name, payload, writer, readers, and how many messages are kept per reader.
 //!
-//! This table is the architecture. All topics overwrite the oldest unread message when a reader's
-//! buffer is full, and discard rather than wait: no reader can hold up a writer.
+//! This table is the architecture. On every topic a full reader buffer loses its oldest message, and
+//! back-pressure discards instead of waiting: no reader can hold up a writer.
 
 use crate::bus::{Header, Message};
 use crate::messages::*;
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// One topic. A message on it is a slice of `Element`s with a `Header` beside it; where the element
-/// is a whole message, the slice has one.
+/// One topic. A message is a slice of `Element`s with a `Header` beside it. Where the element is a
+/// whole message, the slice has one element.
 #[derive(Debug)]
 pub struct Topic<Element, Header = ()> {
     /// Service name within the instance.
     pub name: &'static str,
-    /// Who publishes.
+    /// The processes that publish.
     pub writer: &'static str,
-    /// Who subscribes, extra consumers aside.
+    /// The processes that subscribe, extra consumers aside.
     pub readers: &'static str,
     /// Unread messages kept for each subscriber.
     pub buffer: usize,
-    /// Messages that a reader which comes later still gets, when the next one is published: a stage
-    /// that had to be started from scratch finds what came while it was not there. They live as
-    /// long as their writer.
+    /// Older messages that a late subscriber receives with the next one published, so that a stage
+    /// started from scratch finds what was published in its absence. They live as long as their writer.
     pub history: usize,
-    /// Messages a subscriber may hold at the same time. It takes address space in shared memory for
-    /// each, but memory only for those it does hold.
+    /// Messages a subscriber may hold at the same time. Each reserves address space in shared memory,
+    /// but takes memory only while it is held.
     pub borrowed: usize,
     /// Messages a writer may be filling at the same time.
     pub loaned: usize,
-    /// Bytes of a message that ordinary pictures fill: so much of each place that gets used is kept
-    /// ready by its writer, lest somebody else takes the last of the shared memory in a match.
+    /// Bytes an ordinary picture fills in a message. The writer allocates this much of every slot it
+    /// uses at the start, so that no other program can take the last shared memory during a match.
     pub ordinary_bytes: usize,
-    /// Publishers at the same time: the active process, its spare, predecessors that are dead but not yet
-    /// cleaned up, and some programs that have no business there.
+    /// Publishers at the same time: the active process, its spare, dead predecessors that are not
+    /// cleaned up yet, and some stray programs.
     pub publishers: usize,
     /// Subscribers at the same time.
     pub subscribers: usize,
-    /// Whether every program may publish on it. On all other topics only processes of the group are
-    /// believed ([`roster`](crate::roster)).
+    /// Every program may publish. On all other topics only messages from processes of the group are
+    /// accepted ([`roster`](crate::roster)).
     pub is_open: bool,
-    /// Whether its writers also notify the iceoryx2 event of the same name: for readers in other
-    /// languages, which cannot sleep on our [event count](crate::eventcount).
+    /// The writers also notify the iceoryx2 event of the same name, for readers in other languages,
+    /// which cannot sleep on our [event count](crate::eventcount).
     pub notifies: bool,
-    /// The number by which messages are put in order when several writers have written: those of
-    /// a stage's dead process and of its successor. Where it is always 0, as they come.
+    /// Sort key of a message when several writers have published, as a stage's dead process and its
+    /// successor do. Always 0 on topics read in order of arrival.
     pub seq: fn(&[Element], &Header) -> u64,
-    /// Capture time of the frame that a message is about; 0 on topics whose messages have no number.
+    /// Capture time of the frame the message is about; 0 on topics whose messages are not numbered.
     pub t_capture_ns: fn(&[Element], &Header) -> u64,
 }
 
-/// The names by which iceoryx2 tells types apart.
+/// The names by which iceoryx2 distinguishes types.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TypeNames {
-    /// Of an element.
+    /// Type name of an element.
     pub element: &'static str,
-    /// Of the header; `()` for none.
+    /// Type name of the header; `()` for none.
     pub header: &'static str,
 }
 
@@ -63,8 +62,8 @@ impl<E: Message, H: Header> Topic<E, H> {
     /// The type names of its messages.
     #[allow(unsafe_code)]
     pub fn type_names(&self) -> TypeNames {
-        // SAFETY: the function only returns a text; what it asks for is that whoever uses the same
-        // name has the same layout, which is what the versions in the names are for.
+        // SAFETY: the function only returns a text. Its contract is that the same name means the same
+        // layout everywhere, which the versions in the names guarantee.
         unsafe {
             TypeNames {
                 element: <E as ZeroCopySend>::type_name(),
@@ -98,10 +97,11 @@ const fn topic<Element, Header>(
     }
 }
 
-/// A reader that is far behind when a stage is handed over puts a whole buffer in order.
+/// A stage that is far behind at a hand-over sorts a whole buffer (64) and holds a few messages
+/// besides.
 const WHOLE_BUFFER: usize = 64 + 4;
 
-/// A topic that a stage works through, message by message.
+/// A topic whose messages a stage processes one by one, in order.
 const fn work<Element, Header>(
     name: &'static str,
     writer: &'static str,
@@ -113,29 +113,29 @@ const fn work<Element, Header>(
     Topic { history: 64, borrowed: WHOLE_BUFFER, seq, t_capture_ns, ..base }
 }
 
-/// The newest frames are kept for readers as far as they fit into this much memory …
+/// Shared memory for the newest frames kept for readers …
 const KEPT_FRAMES_BYTES: usize = 128 << 20;
-/// … but never fewer than these: a stage that has to be replaced at 80 frames a second may be away
-/// for so long.
+/// … but at least this many frames are kept: the time a stage may be away while it is replaced, at 80
+/// frames a second.
 const FEWEST_KEPT_FRAMES: usize = 16;
 
-/// [`FRAMES`] in a group whose frames have so many bytes: of large frames fewer are kept.
+/// [`FRAMES`] for frames of this size: the larger the frame, the fewer are kept.
 pub fn frames(frame_bytes: usize) -> Topic<u8, FrameHeader> {
     let kept = (KEPT_FRAMES_BYTES / frame_bytes.max(1)).clamp(FEWEST_KEPT_FRAMES, FRAMES.buffer);
     Topic { buffer: kept, history: kept, borrowed: frames_of_evidence(kept) + kept + 4, ..FRAMES }
 }
 
-/// How many of the kept frames the supervisor holds in its hands, as evidence should one of them
-/// kill a stage. They cost no memory, being kept anyway.
+/// Number of kept frames the supervisor holds as evidence, in case one of them kills a stage. They cost
+/// no memory, since they are kept anyway.
 pub const fn frames_of_evidence(kept: usize) -> usize {
     kept / 2
 }
 
-/// Raw frames; the payload is the pixels, `stride` bytes a row. Programs that do not know the size
-/// of the frames ask for this much, and get what [`frames`] has left of it.
+/// Raw frames; the payload is the pixels, `stride` bytes a row. A program that does not know the frame
+/// size asks for this buffer size and gets what [`frames`] leaves of it.
 pub const FRAMES: Topic<u8, FrameHeader> = Topic {
     borrowed: frames_of_evidence(64) + WHOLE_BUFFER,
-    // A camera is given several to fill.
+    // A camera driver fills several at the same time.
     loaned: 16,
     ordinary_bytes: usize::MAX,
     ..work(
@@ -166,7 +166,7 @@ pub const DETECTIONS: Topic<DetectionFrame> = work(
 pub const WORLD: Topic<WorldFrame> = Topic {
     borrowed: WHOLE_BUFFER,
     notifies: true,
-    // What people's programs attach to; those that have died keep their place until it is cleared.
+    // Strategies and loggers attach here; a dead one keeps its slot until the supervisor clears it.
     subscribers: 24,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
     t_capture_ns: |elements, _| elements.first().map_or(0, |world| world.frame.t_capture_ns),
@@ -178,29 +178,29 @@ pub const COMMANDS: Topic<Commands> = Topic {
     is_open: true,
     ..topic("commands", "strategies, gateway, synthetic match", "filter, synthetic match", 64)
 };
-/// Signs of life of every process.
+/// Heartbeats of all processes.
 pub const HEALTH: Topic<Heartbeat> =
     Topic { publishers: 24, ..topic("health", "every process", "supervisor, monitor", 64) };
-/// The synthetic match's own knowledge.
+/// True poses from the synthetic match.
 pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
-/// How the grabber's real camera is.
+/// State of the grabber's real camera.
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
-/// What the supervisor has noticed and done; late readers get the last events too.
+/// What the supervisor noticed and did. Late readers get the last events too.
 pub const EVENTS: Topic<GroupEvent> =
     Topic { history: 16, ..topic("events", "monitor", "loggers", 64) };
 /// The report of the running group, as JSON text.
 pub const STATUS: Topic<u8, StatusHeader> = topic("status", "monitor", "touchline status", 1);
 
-/// Does something with a topic, whatever its types.
+/// Handles any topic, whatever its types.
 pub trait Visitor {
-    /// Is given one topic.
+    /// Handles one topic.
     fn visit<E, H>(&mut self, topic: &'static Topic<E, H>)
     where
         E: Message + JsonSchema,
         H: Header + JsonSchema;
 }
 
-/// Shows a visitor all topics.
+/// Calls the visitor with every topic.
 pub fn visit_all(visitor: &mut impl Visitor) {
     visitor.visit(&FRAMES);
     visitor.visit(&RUNS);
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_large_frames_fewer_are_kept() {
+    fn fewer_large_frames_are_kept() {
         let small = frames(640 * 480);
         assert_eq!((small.buffer, small.borrowed), (FRAMES.buffer, FRAMES.borrowed));
         let large = frames(2448 * 2048);

@@ -1,4 +1,4 @@
-//! Who has joined an instance: the living, and the dead whose places are still taken.
+//! The processes that have joined an instance: living ones, and dead ones whose slots are still taken.
 
 use super::{BusError, failed};
 use crate::instance::Instance;
@@ -16,30 +16,29 @@ use std::time::{Duration, SystemTime};
 /// A process that has joined an instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LivingProcess {
-    /// The system's number for it.
+    /// Process id.
     pub pid: u32,
     /// The name under which it joined.
     pub name: String,
 }
 
-/// When a process has last joined the instance or left it in order; `None` before the first. Much
-/// cheaper to ask than who they are. By the wall clock, which may be set: good for noticing that
-/// something has changed, and for nothing else.
+/// Time at which a process last joined the instance or left it in order; `None` before the first. Much
+/// cheaper than listing the processes. It is wall-clock time, which may be set, so it can only show
+/// that something has changed.
 pub fn changed_at(instance: &Instance) -> Option<SystemTime> {
     let config = instance.namespace().ok()??.ipc_config().ok()?;
     let nodes = config.global.node_dir().to_string();
     std::fs::metadata(nodes).ok()?.modified().ok()
 }
 
-/// Removes what dead processes have left: slots of publishers and subscribers, and their
-/// shared memory. Takes milliseconds for each; returns how many were found. After an error it is
-/// worth trying again.
+/// Removes what dead processes have left: publisher and subscriber slots, and shared memory. Takes
+/// milliseconds for each; returns how many were found. It can be retried after an error.
 pub fn remove_dead(instance: &Instance) -> Result<usize, BusError> {
     remove_dead_named(instance, |_| true)
 }
 
-/// As [`remove_dead`], for processes that had joined under certain names.
-/// The name of one that died while it joined is empty.
+/// Like [`remove_dead`], for processes that joined under certain names. A process that died while it
+/// joined has an empty name.
 pub fn remove_dead_named(
     instance: &Instance,
     concerns: impl Fn(&str) -> bool,
@@ -60,8 +59,8 @@ pub fn remove_dead_named(
     let found = dead.len();
     let mut outcome = Ok(found);
     for view in dead {
-        // One that cannot be cleared now, since somebody died while clearing it, say, is no reason
-        // to leave the others.
+        // One that cannot be cleared now, for example because a process died while clearing it, must
+        // not keep the others.
         if let Err(error) = view.blocking_remove_stale_resources(Duration::from_secs(1)) {
             outcome = Err(failed("node", "remove what a dead process left")(error));
         }
@@ -69,20 +68,20 @@ pub fn remove_dead_named(
     outcome
 }
 
-/// Finds what processes have left that died while they joined.
+/// Finds the leftovers of processes that died while they joined.
 ///
-/// A process that joins makes a directory, and then the files by which iceoryx2 sees that it lives. One that
-/// dies between the two, or cannot make the files because memory has run out, is on no list: iceoryx2
-/// would keep its directory for ever.
+/// A joining process makes a directory, and then the files by which iceoryx2 sees that it lives. One
+/// that dies between the two, or cannot make the files because memory has run out, is on no list, and
+/// iceoryx2 would keep its directory for ever.
 #[derive(Debug, Default)]
 pub struct HalfJoined {
-    /// Found at the last look.
+    /// Directories without files at the last check.
     found: BTreeSet<u128>,
 }
 
 impl HalfJoined {
-    /// Removes what was found at the last look already and belongs to no living process, so that nobody
-    /// who is just joining is disturbed; returns how many were removed.
+    /// Removes directories that were already half made at the last check and belong to no living
+    /// process; a process that is joining right now is not disturbed. Returns how many were removed.
     pub fn remove(&mut self, instance: &Instance) -> Result<usize, BusError> {
         let Some(namespace) = instance.namespace()? else { return Ok(0) };
         let nodes = PathBuf::from(namespace.ipc_config()?.global.node_dir().to_string());
@@ -92,7 +91,7 @@ impl HalfJoined {
             let name = entry.file_name().to_string_lossy().into_owned();
             match name.parse() {
                 Ok(id) => _ = directories.insert(id),
-                // Such a file is called PREFIX_ID.KIND.
+                // Such a file is named PREFIX_ID.KIND.
                 Err(_) => has_files.extend(id_of_file(&name)),
             }
         }
@@ -113,7 +112,7 @@ fn id_of_file(name: &str) -> Option<u128> {
     stem.rsplit('_').next()?.parse().ok()
 }
 
-/// The third of the four parts of iceoryx2's number for a process that has joined is the system's.
+/// The process id is the third of the four parts of an iceoryx2 node id.
 fn pid_of(id: u128) -> u32 {
     (id >> PID_SHIFT) as u32
 }
@@ -122,7 +121,7 @@ const PID_SHIFT: u32 = 64;
 
 fn lives(pid: u32) -> bool {
     let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
-    // Of another user's process it may not be asked, but there is one.
+    // EPERM means that the process exists and belongs to another user.
     pid.is_some_and(|pid| test_kill_process(pid) != Err(Errno::SRCH))
 }
 
@@ -144,7 +143,7 @@ pub fn living(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
     Ok(living)
 }
 
-/// The name under which a node has joined, also when its process has died and is not yet cleared.
+/// The name under which a node joined, also when its process has died and is not cleaned up yet.
 pub fn name_of(instance: &Instance, key: NodeKey) -> Option<String> {
     let mut name = None;
     let named = |id: &UniqueNodeId, details: Option<String>, name: &mut Option<String>| {
@@ -216,7 +215,7 @@ mod tests {
         let own = ids()[0];
         assert_eq!(pid_of(own), std::process::id(), "iceoryx2 makes its numbers in another way");
 
-        // Of a process that is dead, and of one that lives and may be about to go on.
+        // One directory of a dead process, and one of a living process that may be about to go on.
         let mut child = std::process::Command::new("true").spawn().unwrap();
         child.wait().unwrap();
         let dead = own & !(u128::from(u32::MAX) << PID_SHIFT);

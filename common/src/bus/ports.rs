@@ -18,14 +18,14 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Writes messages into shared memory and wakes who sleeps on the topic.
+/// Writes messages into shared memory and wakes the processes that sleep on the topic.
 pub struct Publisher<E: Message, H: Header> {
     port: IpcPublisher<ipc::Service, [E], H>,
     bell: Rc<Bell>,
     topic: &'static str,
 }
 
-/// Wakes who sleeps on a topic.
+/// Wakes the processes that sleep on a topic.
 struct Bell {
     published: EventCount,
     notifier: Option<Notifier<ipc::Service>>,
@@ -35,15 +35,16 @@ impl Bell {
     fn ring(&self) {
         self.published.advance();
         if let Some(notifier) = &self.notifier {
-            // A listener that has died, or whose socket is full because it sleeps through
-            // everything, is not the writer's business.
+            // A listener that is dead, or whose socket is full because it does not read, must not
+            // concern the writer.
             let _ = notifier.notify();
         }
     }
 }
 
 impl<E: Message, H: Header> Publisher<E, H> {
-    /// A writer that counts its messages, and notifies those who asked for it.
+    /// Creates a publisher that advances the topic's event count and, if there is one, its iceoryx2
+    /// event.
     pub(super) fn new(
         port: IpcPublisher<ipc::Service, [E], H>,
         published: EventCount,
@@ -53,13 +54,13 @@ impl<E: Message, H: Header> Publisher<E, H> {
         Self { port, bell: Rc::new(Bell { published, notifier }), topic }
     }
 
-    /// Whether a message is one of this writer's own.
+    /// Whether this publisher has sent the message.
     pub fn has_sent(&self, received: &Received<E, H>) -> bool {
         received.sample.origin() == self.port.id()
     }
 
-    /// Borrows a message of `length` elements from shared memory, to be filled in place. It goes
-    /// back unpublished when it is dropped.
+    /// Borrows a message of `length` elements from shared memory, to be filled in place. Dropping it
+    /// returns it unpublished.
     pub fn loan(&mut self, length: usize) -> Result<Loan<E, H>, BusError> {
         let sample =
             self.port.loan_slice_uninit(length).map_err(failed(self.topic, "loan a message"))?;
@@ -76,7 +77,7 @@ impl<E: Message> Publisher<E, ()> {
     }
 }
 
-/// A message in shared memory that nobody else can see yet.
+/// A message in shared memory that is not published yet.
 pub struct Loan<E: Message, H: Header> {
     sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
     bell: Rc<Bell>,
@@ -84,7 +85,7 @@ pub struct Loan<E: Message, H: Header> {
 }
 
 impl<E: Message, H: Header> Loan<E, H> {
-    /// The elements. They hold whatever was there before: zeros or an old message.
+    /// The elements, with stale content: zeros or an old message.
     #[allow(unsafe_code)]
     pub fn elements(&mut self) -> &mut [E] {
         let elements = self.sample.payload_mut();
@@ -104,7 +105,7 @@ impl<E: Message, H: Header> Loan<E, H> {
         (elements, unsafe { &mut *header })
     }
 
-    /// Publishes the message and wakes who sleeps on the topic.
+    /// Publishes the message and wakes the processes that sleep on the topic.
     #[allow(unsafe_code)]
     pub fn send(self) -> Result<(), BusError> {
         // SAFETY: initialised, see `elements`.
@@ -115,31 +116,31 @@ impl<E: Message, H: Header> Loan<E, H> {
     }
 }
 
-/// Reads messages in place, in order: those of the group's own processes, and on open topics those of
-/// every program.
+/// Reads messages in place and in order: from the group's own processes, and on open topics from every
+/// program.
 ///
-/// iceoryx2 keeps a queue for each writer and empties them in no particular order. When a stage has
-/// been handed over, a reader that has fallen behind finds messages of the dead process and of its
-/// successor, and must get them by their numbers. So all that has come is taken over into a queue of
-/// our own, which is in order, and handed out from there.
+/// iceoryx2 keeps one queue per writer and empties them in no particular order. After a hand-over, a
+/// reader that has fallen behind finds messages of the dead process and of its successor, and must get
+/// them in the order of their numbers. So all received messages are first moved into an ordered queue
+/// of our own.
 pub struct Subscriber<E: Message, H: Header> {
     port: IpcSubscriber<ipc::Service, [E], H>,
     topic: &'static str,
     seq: fn(&[E], &H) -> u64,
-    /// How many messages the queue may hold.
+    /// Most messages in the queue.
     capacity: usize,
     queue: RefCell<VecDeque<Received<E, H>>>,
     misses_a_writer: Arc<AtomicBool>,
-    /// Senders that are believed; `None` on a topic that is open to every program.
+    /// Trusted senders; `None` on a topic that is open to every program.
     roster: Option<Rc<Roster>>,
-    /// The node that was last found on the roster: nearly always that of the next message too.
+    /// The node last found on the roster. The next message nearly always comes from the same node.
     believed: Cell<u128>,
     strangers: RefCell<Strangers>,
 }
 
 impl<E: Message, H: Header> Subscriber<E, H> {
-    /// A reader that holds up to `capacity` messages besides those its caller holds.
-    /// `misses_a_writer` becomes true when a writer could not be connected to.
+    /// Creates a subscriber that holds up to `capacity` messages besides those its caller holds.
+    /// `misses_a_writer` becomes true when it could not connect to a writer.
     pub(super) fn new(
         port: IpcSubscriber<ipc::Service, [E], H>,
         topic: &Topic<E, H>,
@@ -160,8 +161,8 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         }
     }
 
-    /// Whether there is, or was, a writer whose messages it does not see, because descriptors or memory
-    /// were not enough to connect to it. That is not tried again; only a new subscriber helps.
+    /// Whether there is, or was, a writer whose messages are not received, because descriptors or
+    /// memory did not suffice to connect to it. iceoryx2 does not retry; only a new subscriber helps.
     pub fn misses_a_writer(&self) -> bool {
         self.misses_a_writer.load(Ordering::Relaxed)
     }
@@ -178,7 +179,7 @@ impl<E: Message, H: Header> Subscriber<E, H> {
             }
             let received = Received { sample };
             let seq = self.seq_of(&received);
-            // Nearly always the place is the last.
+            // Nearly always the message belongs at the end.
             let before = queue.iter().rev().take_while(|queued| self.seq_of(queued) > seq).count();
             let place = queue.len() - before;
             queue.insert(place, received);
@@ -186,8 +187,8 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         Ok(queue.pop_front())
     }
 
-    /// Whether a message comes from a process of the group, or the topic is open to every program; if not, it is
-    /// counted.
+    /// Whether a message comes from a process of the group, or the topic is open to every program.
+    /// Other messages are counted.
     fn believes(&self, sample: &IpcSample<ipc::Service, [E], H>) -> bool {
         let Some(roster) = &self.roster else { return true };
         let node = sample.header().node_id();
@@ -203,7 +204,7 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         is_of_group
     }
 
-    /// Senders of messages that were not believed since this was last asked.
+    /// Senders of the messages rejected since the last call.
     pub fn take_strangers(&self) -> Vec<Stranger> {
         self.strangers.borrow_mut().take()
     }
@@ -212,12 +213,12 @@ impl<E: Message, H: Header> Subscriber<E, H> {
         (self.seq)(received.elements(), received.header())
     }
 
-    /// The newest message; all others are passed over.
+    /// The newest message; all others are skipped.
     pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
         self.newest_that(|_| true)
     }
 
-    /// The newest message that can be believed; all others are passed over.
+    /// The newest message that passes the check; all others are skipped.
     pub fn newest_that(
         &self,
         is_believed: impl Fn(&Received<E, H>) -> bool,
@@ -238,7 +239,7 @@ pub struct Received<E: Message, H: Header> {
 }
 
 impl<E: Message, H: Header> Received<E, H> {
-    /// The node that has published it.
+    /// The node that published it.
     pub fn sender(&self) -> NodeKey {
         NodeKey::of(&self.sample.header().node_id())
     }
@@ -248,8 +249,8 @@ impl<E: Message, H: Header> Received<E, H> {
         self.sample.payload()
     }
 
-    /// The first element: the message, on topics that have one element a message. `None` for a
-    /// slice of no elements, which no process of ours publishes, but another might.
+    /// The first element: the whole message, on topics with one element per message. `None` for an
+    /// empty slice, which no process of the group publishes, but another program might.
     pub fn message(&self) -> Option<&E> {
         self.elements().first()
     }

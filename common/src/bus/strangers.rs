@@ -1,16 +1,17 @@
-//! Counting the messages of programs that have no business on a topic.
+//! Counts the messages of programs that may not publish on a topic.
 
 use crate::roster::NodeKey;
 
-/// Senders that are told apart between two questions; the messages of further ones count for the last.
+/// Senders counted separately between two calls of `take`; messages of further senders count for the
+/// last one.
 const MOST_STRANGERS: usize = 16;
 
-/// A program that has published on a topic on which only processes of the group are believed.
+/// A program outside the group that published on a topic reserved for processes of the group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stranger {
     /// The program.
     pub sender: NodeKey,
-    /// Its messages, none of which was believed.
+    /// Number of its messages, all of which were rejected.
     pub messages: u64,
 }
 
@@ -31,7 +32,7 @@ impl Strangers {
         }
     }
 
-    /// The strangers so far; begins anew.
+    /// Returns the strangers so far and starts counting again.
     pub fn take(&mut self) -> Vec<Stranger> {
         std::mem::take(&mut self.list)
     }

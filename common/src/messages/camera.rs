@@ -1,32 +1,32 @@
-//! How a camera is.
+//! State of the grabber's camera.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// What a camera does, or what keeps it from it.
+/// State of a camera, or the reason why it delivers nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum CameraState {
-    /// Being looked for, opened and set up.
+    /// It is being looked for, opened and set up.
     Opening = 0,
-    /// Frames come as they should.
+    /// Frames arrive as configured.
     Streaming = 1,
-    /// Frames come, but fewer than configured.
+    /// Frames arrive, but fewer than configured.
     Slow = 2,
-    /// It is not there: unplugged, switched off, or another name.
+    /// No such device: unplugged, switched off, or under another name.
     Missing = 3,
-    /// It may not be opened.
+    /// Opening it is not permitted.
     NoRights = 4,
-    /// Another program has it.
+    /// Another program uses it.
     Busy = 5,
     /// It cannot deliver the configured picture.
     WrongFormat = 6,
     /// It refuses a configured setting.
     WrongSetting = 7,
-    /// It is there, but no frames come.
+    /// It is there but delivers no frames.
     Hung = 8,
-    /// A library that drives it is not installed.
+    /// The library that drives it is not installed.
     NoLibrary = 9,
     /// Something else went wrong.
     Failed = 10,
@@ -70,7 +70,7 @@ impl CameraState {
         }
     }
 
-    /// Whether frames come.
+    /// Whether frames arrive.
     pub fn is_delivering(self) -> bool {
         matches!(self, Self::Streaming | Self::Slow)
     }
@@ -81,36 +81,36 @@ impl CameraState {
 #[type_name("touchline/CameraReport/1")]
 #[repr(C)]
 pub struct CameraReport {
-    /// When it was published.
+    /// Time of publication.
     pub t_sent_ns: u64,
     /// Frames dropped because parts of them were missing or damaged.
     pub incomplete: u64,
-    /// Frames that the camera has captured, but of which nothing has come.
+    /// Frames the camera captured but of which nothing arrived.
     pub lost: u64,
-    /// How often it was started; more than once means that it was away.
+    /// Number of starts; more than one means that the camera was away.
     pub starts: u64,
     /// A [`CameraState`] number.
     pub state: u32,
     /// Which camera, counted from 0.
     pub camera_id: u32,
-    /// Frames a second as the camera or its driver promises; 0 when unknown.
+    /// Frames a second promised by the camera or its driver; 0 when unknown.
     pub promised_fps: f32,
-    /// Frames a second that have come, incomplete ones left out; 0 when not measured yet.
+    /// Frames a second that arrived complete; 0 when not measured yet.
     pub delivered_fps: f32,
-    /// Where frames come from, as named on the command line: UTF-8, ended by a zero.
+    /// Frame source, as named on the command line: UTF-8, ended by a zero.
     #[schemars(with = "super::List<u8, 96>")]
     pub device: [u8; 96],
-    /// Model, format and way of transfer, likewise.
+    /// Model, format and transfer, in the same form.
     #[schemars(with = "super::List<u8, 160>")]
     pub description: [u8; 160],
-    /// What is wrong and what to do about it, likewise; empty when nothing is.
+    /// Problem and remedy, in the same form; empty when there is none.
     #[schemars(with = "super::List<u8, 384>")]
     pub problem: [u8; 384],
 }
 
 const _: () = assert!(size_of::<CameraReport>() == 688);
 
-/// Writes a text into a field of fixed size, cut between characters where it is too long.
+/// Writes a text into a field of fixed size. A text that is too long is cut between characters.
 pub fn write_text(field: &mut [u8], text: &str) {
     let mut end = text.len().min(field.len().saturating_sub(1));
     while !text.is_char_boundary(end) {
@@ -120,7 +120,7 @@ pub fn write_text(field: &mut [u8], text: &str) {
     field[..end].copy_from_slice(&text.as_bytes()[..end]);
 }
 
-/// The text in a field of fixed size; what is no UTF-8 is replaced.
+/// The text in a field of fixed size; invalid UTF-8 is replaced.
 pub fn read_text(field: &[u8]) -> String {
     let end = field.iter().position(|&byte| byte == 0).unwrap_or(field.len());
     String::from_utf8_lossy(&field[..end]).into_owned()

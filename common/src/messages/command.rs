@@ -1,4 +1,4 @@
-//! What the strategies tell the robots, overheard: the input u of the extended Kalman filter.
+//! Wheel speeds that strategies send to the robots: the input u of the extended Kalman filter.
 
 use super::filled;
 use bytemuck::{Pod, Zeroable};
@@ -23,39 +23,38 @@ pub struct WheelCommand {
     pub right_mm_s: f64,
 }
 
-/// No wheel turns faster, in mm/s.
+/// Highest possible speed of a wheel, mm/s.
 const MAX_WHEEL_MM_S: f64 = 20_000.0;
 
-/// Whether wheels can turn like this at all; not a number is no speed.
+/// Whether wheels can turn at these speeds; NaN is no speed.
 pub fn are_possible_speeds(left_mm_s: f64, right_mm_s: f64) -> bool {
     // NaN compares as false.
     left_mm_s.abs() <= MAX_WHEEL_MM_S && right_mm_s.abs() <= MAX_WHEEL_MM_S
 }
 
-/// The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last
-/// (`t_sent_ns`) acts, whoever sent it. A robot that is not listed keeps its last command until
-/// the filter forgets it (`filter.command_timeout_ms`).
+/// The speeds a strategy has just sent. If several senders command a robot, the command sent last
+/// (`t_sent_ns`) acts, whatever its sender. A robot that is not listed keeps its last command until the
+/// filter forgets it (`filter.command_timeout_ms`).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Commands/2")]
 #[repr(C)]
 pub struct Commands {
-    /// Counted by the sender.
+    /// Sequence number of the sender.
     pub seq: u64,
     /// When the commands went out to the robots.
     pub t_sent_ns: u64,
     /// Valid elements of `wheels`.
     pub wheel_count: u32,
-    /// The system's number for the user that sent it, where it comes through the gateway, which fills it in;
-    /// 0 from programs that publish themselves.
+    /// User id of the sender, filled in by the gateway; 0 from programs that publish themselves.
     pub user: u32,
-    /// One element a robot.
+    /// One element per robot.
     pub wheels: [WheelCommand; MAX_COMMANDS],
 }
 
 const _: () = assert!(size_of::<Commands>() == 24 + MAX_COMMANDS * 24);
 
 impl Commands {
-    /// The commands given.
+    /// The valid commands.
     pub fn wheels(&self) -> &[WheelCommand] {
         filled(&self.wheels, self.wheel_count)
     }

@@ -52,7 +52,7 @@ pub struct Region {
 pub struct DetectedRobot {
     /// A [`Team`](super::Team) number.
     pub team: u32,
-    /// Number of the robot in its team; 4294967295 where it is not known.
+    /// Number of the robot in its team; 4294967295 when unknown.
     pub robot_id: RobotId,
     /// Centre of the robot on the field.
     pub x_mm: f32,
@@ -70,26 +70,26 @@ pub struct DetectedRobot {
     pub orientation_image: f32,
     /// Valid elements of `patch_regions`.
     pub patch_count: u32,
-    /// For each patch of the layout in turn: index of the region it is, or is a part of; `u32::MAX`
-    /// where not seen.
+    /// For each patch of the layout in turn, the index of the region it is, or is a part of; `u32::MAX`
+    /// when not seen.
     pub patch_regions: [u32; MAX_PATCHES],
-    /// How uncertain x, y and orientation are: upper triangle of their covariance, row by row, in mm
-    /// and radians (xx, xy, xθ, yy, yθ, θθ). All 0 when unknown.
+    /// Covariance of x, y and orientation: upper triangle row by row, mm and radians (xx, xy, xθ, yy,
+    /// yθ, θθ). All 0 when unknown.
     pub covariance: [f32; 6],
-    /// Samples of the raw picture, at the edges of the patches, that the pose was measured by; 0 when
-    /// it comes from the centroids of the patches alone.
+    /// Number of raw pixel samples, at the edges of the patches, from which the pose was measured; 0
+    /// when it was computed from the centroids of the patches alone.
     pub edge_samples: u32,
 }
 
 impl DetectedRobot {
-    /// Whether it is known which robot it is. Of one that is not, only the team patch can be told: its
-    /// place is that of the patch, its heading is not known (0).
+    /// Whether the robot's number is known. An unidentified robot has only a team patch: its position
+    /// is that of the patch, and its heading is unknown (0).
     pub fn is_identified(&self) -> bool {
         self.robot_id.number().is_some()
     }
 }
 
-/// The number of a robot in its team, or that it is not known: a number is had only by asking for it.
+/// The number of a robot in its team, or unknown; callers must ask for the number explicitly.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Pod, Zeroable, ZeroCopySend,
 )]
@@ -113,7 +113,7 @@ impl From<u32> for RobotId {
     }
 }
 
-/// In a message it is described as what it is there: a number of four bytes.
+/// Described in messages as what it is there: a `u32`.
 impl JsonSchema for RobotId {
     fn inline_schema() -> bool {
         true
@@ -145,15 +145,14 @@ pub struct DetectedBall {
     pub confidence: f32,
     /// Index of its region.
     pub region: u32,
-    /// How uncertain x and y are: upper triangle of their covariance, row by row, in mm². All 0 when
-    /// unknown.
+    /// Covariance of x and y: upper triangle row by row, mm². All 0 when unknown.
     pub covariance: [f32; 3],
-    /// Samples of the raw picture, at its rim, that its place was measured by; 0 when it is the
-    /// centroid of its region.
+    /// Number of raw pixel samples, at the ball's rim, from which its position was measured; 0 when the
+    /// position is the centroid of its region.
     pub edge_samples: u32,
 }
 
-/// Why a candidate did not become a robot or a ball.
+/// Reason why a candidate did not become a robot or a ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum RejectReason {
@@ -165,7 +164,7 @@ pub enum RejectReason {
     TooCloseToTeamPatch = 3,
     /// No identification patch within reach (eq. 5).
     NoIdentificationPatch = 4,
-    /// Identification patches are near, but not where any robot of the team wears them.
+    /// Identification patches are near, but not where any layout of the team has them.
     LayoutMismatch = 5,
     /// Its identification patches fit another robot better.
     TakenByAnother = 6,
@@ -173,12 +172,12 @@ pub enum RejectReason {
     OutsideField = 7,
     /// The shape is not that of a ball.
     NotRound = 8,
-    /// An identification patch to which no patch of a team's colour belongs.
+    /// An identification patch without a team patch in range.
     NoTeamPatch = 9,
-    /// There is so much of the patches' colours around it that not everything could be tried.
+    /// Too many patches of the team's colours are around it to try every combination.
     SearchCut = 10,
-    /// Its patches fit no robot by themselves, and the frame's time for asking their pixels was spent on other
-    /// such patches.
+    /// Its patches fit no layout by themselves, and the frame's time budget for a second look at their
+    /// pixels was spent on other such patches.
     NotLookedAt = 11,
 }
 
@@ -203,7 +202,7 @@ impl RejectReason {
         Self::ALL.into_iter().find(|&reason| reason as u32 == number)
     }
 
-    /// A short phrase for people.
+    /// A short phrase for reports.
     pub fn text(self) -> &'static str {
         match self {
             Self::TooSmall => "too small",
@@ -221,7 +220,7 @@ impl RejectReason {
     }
 }
 
-/// A candidate that became nothing, and why.
+/// A rejected candidate and the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Rejected/1")]
 #[repr(C)]
@@ -237,30 +236,30 @@ pub struct Rejected {
 }
 
 impl Rejected {
-    /// In the place of a team: the candidate was one for the ball.
+    /// Value of `team` for a ball candidate.
     pub const BALL: u32 = 2;
-    /// In the place of a team: the candidate was one for a robot, of whichever team.
+    /// Value of `team` for a robot candidate of either team.
     pub const UNKNOWN_TEAM: u32 = 3;
 }
 
-/// Everything the tracker saw in one frame, and why.
+/// Everything the tracker found in one frame, with the reasons for rejections.
 #[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/DetectionFrame/3")]
 #[repr(C)]
 pub struct DetectionFrame {
-    /// The frame it was seen in.
+    /// The frame this was found in.
     pub frame: FrameHeader,
-    /// When the classifier took the frame up.
+    /// When the classifier received the frame.
     pub t_frame_taken_ns: u64,
-    /// When the classifier handed its runs on.
+    /// When the classifier published its runs.
     pub t_runs_ns: u64,
-    /// When the tracker took the runs up.
+    /// When the tracker received the runs.
     pub t_runs_taken_ns: u64,
-    /// When the tracker handed this message on.
+    /// When the tracker published this message.
     pub t_sent_ns: u64,
-    /// What the runs were made with, as [`RunsHeader`](super::RunsHeader) says.
+    /// Version of the classifier's tables, as in [`RunsHeader`](super::RunsHeader).
     pub class_table_version: u64,
-    /// Frame number of the `world` that was used as prediction; [`DetectionFrame::NO_WORLD`] for none.
+    /// Frame number of the `world` used as prediction; [`DetectionFrame::NO_WORLD`] for none.
     pub prior_world_seq: u64,
     /// Bit set of the flags below.
     pub flags: u32,
@@ -278,7 +277,7 @@ pub struct DetectionFrame {
     pub robots: [DetectedRobot; MAX_ROBOTS],
     /// Ball candidates, best first.
     pub balls: [DetectedBall; MAX_BALLS],
-    /// Candidates that became nothing.
+    /// Rejected candidates.
     #[schemars(with = "super::List<Rejected, MAX_REJECTED>")]
     pub rejected: [Rejected; MAX_REJECTED],
     /// Regions, in the order in which their first pixel appears in the picture.
@@ -302,24 +301,24 @@ const _: () = assert!(
 );
 
 impl DetectionFrame {
-    /// Flag: the runs this was made from were cut off.
+    /// Flag: the list of runs this was computed from was cut off.
     pub const INPUT_OVERFLOW: u32 = 1;
     /// Flag: there were more regions than fit.
     pub const REGIONS_OVERFLOW: u32 = 2;
     /// Flag: some regions come without their runs.
     pub const RUNS_OVERFLOW: u32 = 4;
-    /// Flag: the raw frame was at hand, so that poses could be measured by edges in it.
+    /// Flag: the raw frame was available, so poses could be measured from edges in it.
     pub const FRAME_USED: u32 = 8;
-    /// Flag: there were more explanations of the picture than there is time to compare; robots may be
-    /// missing, and the team patches concerned are listed with [`RejectReason::SearchCut`] or
+    /// Flag: there were more possible explanations of the picture than time to compare them. Robots may
+    /// be missing; the team patches concerned are listed with [`RejectReason::SearchCut`] or
     /// [`RejectReason::NotLookedAt`].
     pub const SEARCH_CUT: u32 = 16;
     /// Value of `prior_world_seq` when no `world` was used.
     pub const NO_WORLD: u64 = u64::MAX;
 
-    /// Empties all lists and clears the flags, leaving the (large) arrays as they are: a message
-    /// is reused or loaned, and writing a third of a megabyte of zeros would cost more than the
-    /// whole stage.
+    /// Empties all lists and clears the flags, but leaves the (large) arrays as they are: messages are
+    /// reused or loaned, and writing a third of a megabyte of zeros would cost more than the whole
+    /// stage.
     pub fn clear(&mut self) {
         self.flags = 0;
         self.robot_count = 0;
@@ -339,7 +338,7 @@ impl DetectionFrame {
         filled(&self.balls, self.ball_count)
     }
 
-    /// Candidates that became nothing.
+    /// Rejected candidates.
     pub fn rejected(&self) -> &[Rejected] {
         filled(&self.rejected, self.rejected_count)
     }
@@ -349,13 +348,13 @@ impl DetectionFrame {
         filled(&self.regions, self.region_count)
     }
 
-    /// Robots, to be changed, and regions.
+    /// Robots for modification, and regions.
     pub fn robots_and_regions_mut(&mut self) -> (&mut [DetectedRobot], &[Region]) {
         let count = (self.robot_count as usize).min(MAX_ROBOTS);
         (&mut self.robots[..count], filled(&self.regions, self.region_count))
     }
 
-    /// Ball candidates, to be changed, and regions.
+    /// Ball candidates for modification, and regions.
     pub fn balls_and_regions_mut(&mut self) -> (&mut [DetectedBall], &[Region]) {
         let count = (self.ball_count as usize).min(MAX_BALLS);
         (&mut self.balls[..count], filled(&self.regions, self.region_count))

@@ -1,11 +1,11 @@
-//! What has happened in a group.
+//! Events in a group: a process ended, was replaced, and so on.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What kind of thing has happened.
+/// Kind of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
@@ -13,25 +13,25 @@ pub enum EventKind {
     /// Something else.
     #[default]
     Other = 0,
-    /// A process has ended.
+    /// A process ended.
     Ended = 1,
-    /// A spare has taken over.
+    /// A spare took over.
     Promoted = 2,
-    /// A process had input and gave no output, and was killed.
+    /// A process had input but gave no output, and was killed.
     Stalled = 3,
-    /// A process did not get ready, did not end, or gave no sign of life, and was killed.
+    /// A process did not become ready, did not end, or sent no heartbeat, and was killed.
     Killed = 4,
     /// A process was asked to end, since its successor is ready.
     Retired = 5,
     /// Inputs were dropped.
     Dropped = 6,
-    /// An input that has killed two processes is skipped.
+    /// An input that killed two processes is skipped.
     Poisonous = 7,
-    /// A new supervisor has taken over a process.
+    /// A new supervisor took over a process.
     TakenOver = 8,
-    /// The camera's state has changed.
+    /// The camera's state changed.
     Camera = 9,
-    /// A program that is none of the group's publishes on a topic on which only those are believed.
+    /// A program outside the group published on a topic reserved for processes of the group.
     Stranger = 10,
 }
 
@@ -52,29 +52,30 @@ impl EventKind {
     ];
 }
 
-/// Published when the supervisor has noticed or done something: a process has ended, was replaced,
-/// killed, promoted; inputs were dropped. The log and the status say the same.
+/// Published when the supervisor notices or does something: a process ended, was replaced, killed or
+/// promoted; inputs were dropped. The log and the status say the same.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/GroupEvent/2")]
 #[repr(C)]
 pub struct GroupEvent {
-    /// When it happened, nanoseconds since 1970.
+    /// Time of the event, nanoseconds since 1970.
     pub t_wall_ns: u64,
-    /// Counts the events of this supervisor: 1 is its first.
+    /// Number of the event since this supervisor started; the first is 1.
     pub number: u64,
-    /// Operating system's number of the process concerned; 0 when it concerns the whole stage.
+    /// Process id of the process concerned; 0 when the event concerns the whole stage.
     pub pid: u32,
-    /// Its kind, a [`ProcessKind`](super::ProcessKind) or [`Attendant`](super::Attendant) number.
+    /// Process concerned, a [`ProcessKind`](super::ProcessKind) or [`Attendant`](super::Attendant)
+    /// number.
     pub process: u32,
     /// An [`EventKind`] number.
     pub kind: u32,
     /// Reserved, 0.
     pub reserved: u32,
-    /// What happened: UTF-8, ended by a zero.
+    /// Description: UTF-8, ended by a zero.
     #[schemars(with = "super::List<u8, 224>")]
     pub what: [u8; 224],
-    /// The last lines that the process wrote, if it has ended, likewise; the end of them where they are
-    /// too long.
+    /// The last lines written by a process that ended, in the same form. A longer text is cut at its
+    /// beginning.
     #[schemars(with = "super::List<u8, 768>")]
     pub evidence: [u8; 768],
 }

@@ -1,4 +1,4 @@
-//! One picture as the sensor gave it.
+//! The raw frame: header, pixel layout, and the checks a reader makes.
 
 use super::PixelFormat;
 use bytemuck::{Pod, Zeroable};
@@ -50,7 +50,7 @@ impl BayerOrder {
         }
     }
 
-    /// Index into an RGB triple (0 red, 1 green, 2 blue) of the colour that the sensor sees at a
+    /// Index into an RGB triple (0 red, 1 green, 2 blue) of the colour that the sensor measures at a
     /// pixel.
     pub fn channel_at(self, column: usize, row: usize) -> usize {
         let (red_column, red_row) = self.red_site();
@@ -58,18 +58,18 @@ impl BayerOrder {
     }
 }
 
-/// Travels with every raw frame; the pixels are the payload, laid out as [`PixelFormat`] says.
+/// Header of a raw frame; the payload is the pixels, laid out as [`PixelFormat`] says.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/FrameHeader/1")]
 #[repr(C)]
 pub struct FrameHeader {
-    /// Number of the frame since the group started; a gap is a frame that was never captured.
+    /// Number of the frame since the group started; a gap means frames that were never captured.
     pub seq: u64,
     /// Middle of the exposure.
     pub t_capture_ns: u64,
     /// The same instant on the wall clock, nanoseconds since 1970.
     pub t_capture_wall_ns: u64,
-    /// When the grabber handed the frame on.
+    /// When the grabber published the frame.
     pub t_sent_ns: u64,
     /// Which camera, counted from 0.
     pub camera_id: u32,
@@ -77,12 +77,11 @@ pub struct FrameHeader {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Bytes from the start of a row to the start of the next; in planar formats, of the first
-    /// plane.
+    /// Bytes from the start of a row to the start of the next; in planar formats, of the first plane.
     pub stride: u32,
     /// A [`PixelFormat`] number.
     pub pixel_format: u32,
-    /// A [`BayerOrder`] number; of no meaning where the format is not a Bayer one.
+    /// A [`BayerOrder`] number; meaningless unless the format is a Bayer one.
     pub bayer_order: u32,
     /// Exposure time; 0 when unknown.
     pub exposure_us: u32,
@@ -92,16 +91,16 @@ pub struct FrameHeader {
 
 const _: () = assert!(size_of::<FrameHeader>() == 64);
 
-/// What a checked header says about the bytes of its frame.
+/// Pixel layout of a frame whose header has been checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelLayout {
-    /// How the bytes make pixels.
+    /// Pixel format.
     pub format: PixelFormat,
-    /// Colours of the top-left 2×2 pixels; of no meaning where the format is not a Bayer one.
+    /// Colours of the top-left 2×2 pixels; meaningless unless the format is a Bayer one.
     pub order: BayerOrder,
 }
 
-/// Why a frame cannot be worked on.
+/// Reason why a frame cannot be processed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameFault {
     /// The pixel format number is not one of [`PixelFormat`].
@@ -110,20 +109,20 @@ pub enum FrameFault {
     /// The Bayer order number is not one of [`BayerOrder`].
     #[error("Bayer order {0} is unknown")]
     BayerOrder(u32),
-    /// The size in the header is not the configured one, or its rows overlap.
+    /// The size in the header differs from the configured size, or its rows overlap.
     #[error(
         "frame is {width}×{height} (stride {stride}), expected {expected_width}×{expected_height}"
     )]
     Size {
-        /// As the header says.
+        /// Width in the header.
         width: u32,
-        /// As the header says.
+        /// Height in the header.
         height: u32,
-        /// As the header says.
+        /// Stride in the header.
         stride: u32,
-        /// As configured.
+        /// Configured width.
         expected_width: u32,
-        /// As configured.
+        /// Configured height.
         expected_height: u32,
     },
     /// The payload is shorter than the header promises.
@@ -131,31 +130,31 @@ pub enum FrameFault {
     Truncated {
         /// Payload bytes.
         got: usize,
-        /// Bytes needed for the stated geometry.
+        /// Bytes needed for the geometry in the header.
         needed: u64,
     },
 }
 
-/// A camera may be so many times as fast as configured …
+/// Highest believable ratio of a camera's actual and configured frame rate …
 const MOST_SPEED: f64 = 4.0;
-/// … and its numbers may jump by so many more: cameras that count by themselves are believed that they
-/// have lost as many.
+/// … and this many frames more: cameras that number their frames themselves may have lost as many.
 const TOLERATED_GAP: u64 = 128;
-/// A frame captured longer ago is not of this match. Those of a recording that is played at another
-/// pace than its own are as old as this allows.
+/// A frame captured longer ago does not belong to this match. A recording replayed at another pace than
+/// its own can be this old.
 pub const MOST_AGE_NS: u64 = 3_600_000_000_000;
-/// Nor is one of so far in the future.
+/// Neither does a frame captured this far in the future.
 const MOST_AHEAD_NS: u64 = 60_000_000_000;
 
-/// How far frame numbers can rise in a time at a configured rate, however many frames were lost.
+/// How far frame numbers can rise in a time at a configured rate, lost frames included.
 pub fn reachable_frames(elapsed_ns: u64, fps: f64) -> u64 {
-    // Saturates, and is 0 for a rate that is no number.
+    // The cast saturates, and gives 0 for a NaN.
     TOLERATED_GAP.saturating_add((elapsed_ns as f64 * 1e-9 * fps * MOST_SPEED) as u64)
 }
 
 impl FrameHeader {
-    /// Whether this can be the next frame after `last`, at the time `now_ns` and a configured rate: of the
-    /// present, with a higher number, but not with one that the camera cannot have reached.
+    /// Whether this can be the next frame after `last`, at the time `now_ns` and a configured rate: its
+    /// capture time is plausible, and its number is higher but not higher than the camera can have
+    /// reached.
     pub fn follows(&self, last: Option<&Self>, now_ns: u64, fps: f64) -> bool {
         self.is_present(now_ns)
             && last.is_none_or(|last| {
@@ -163,22 +162,22 @@ impl FrameHeader {
             })
     }
 
-    /// Whether a camera of a configured rate can have reached this number, at the time `now_ns`, since a frame
-    /// of that number and capture time. A capture time in the future does not count as time that has passed.
+    /// Whether a camera of a configured rate can have reached this number, at the time `now_ns`, since
+    /// a frame of that number and capture time. A capture time in the future does not count as elapsed
+    /// time.
     pub fn is_reachable(&self, seq: u64, t_capture_ns: u64, now_ns: u64, fps: f64) -> bool {
         let elapsed_ns = self.t_capture_ns.min(now_ns).saturating_sub(t_capture_ns);
         self.seq.saturating_sub(seq) <= reachable_frames(elapsed_ns, fps)
     }
 
-    /// Whether a frame with this header can be of this match at all.
+    /// Whether the capture time is plausible for the present match.
     pub fn is_present(&self, now_ns: u64) -> bool {
         now_ns.saturating_sub(self.t_capture_ns) < MOST_AGE_NS
             && self.t_capture_ns.saturating_sub(now_ns) < MOST_AHEAD_NS
     }
 
-    /// Checks the header against the configured size and the payload that came with it, and
-    /// returns what a worker needs to know about the pixels. Nothing about a frame may be used
-    /// before this has passed: headers are outside input.
+    /// Checks the header against the configured size and the payload, and returns the pixel layout.
+    /// Nothing of a frame may be used before this check: headers are outside input.
     pub fn check(
         &self,
         expected_width: u32,

@@ -1,11 +1,11 @@
-//! Signs of life.
+//! Heartbeats: state and counters of every process.
 
 use super::LightCorrection;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// The kinds of process in a group.
+/// The stages of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum ProcessKind {
@@ -20,15 +20,15 @@ pub enum ProcessKind {
 }
 
 impl ProcessKind {
-    /// All kinds, along the way of a frame.
+    /// All stages, in the order in which a frame passes them.
     pub const ALL: [Self; 4] = [Self::Grabber, Self::Classifier, Self::Tracker, Self::Filter];
 
-    /// The kind with this number in a message, if there is one.
+    /// The stage with this number in a message, if there is one.
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.get(number as usize).copied()
     }
 
-    /// The kind of this [name](Self::name), if there is one.
+    /// The stage of this [name](Self::name), if there is one.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
@@ -44,7 +44,7 @@ impl ProcessKind {
     }
 }
 
-/// Processes of a group that are no stages. Their numbers come after those of [`ProcessKind`].
+/// Processes of a group that are not stages. Their numbers follow those of [`ProcessKind`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Attendant {
@@ -55,10 +55,10 @@ pub enum Attendant {
 }
 
 impl Attendant {
-    /// All of them.
+    /// All attendants.
     pub const ALL: [Self; 2] = [Self::Supervisor, Self::Gateway];
 
-    /// Its name.
+    /// Process name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Supervisor => "supervisor",
@@ -67,24 +67,24 @@ impl Attendant {
     }
 }
 
-/// The number in messages of the process, stage or not, of this name; `u32::MAX` when there is none.
+/// Number in messages of the process with this name, stage or attendant; `u32::MAX` when there is none.
 pub fn process_number(name: &str) -> u32 {
     let attendant = Attendant::ALL.into_iter().find(|attendant| attendant.name() == name);
     let stage = ProcessKind::from_name(name).map(|kind| kind as u32);
     stage.or(attendant.map(|attendant| attendant as u32)).unwrap_or(u32::MAX)
 }
 
-/// Where a process is in its life.
+/// State of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ProcessState {
-    /// Connected to its topics, reading nothing: ready to take over.
+    /// Connected to its topics but reading nothing: ready to take over.
     Spare = 1,
-    /// At work.
+    /// Working.
     Active = 2,
-    /// Has done all it was asked to do (a bounded run), and waits to be ended.
+    /// Has finished a bounded run, and waits to be ended.
     Finished = 3,
-    /// At work, but without input: its camera is away, and it keeps trying.
+    /// Working without input: its camera is away, and it keeps trying.
     Waiting = 4,
 }
 
@@ -97,27 +97,27 @@ impl ProcessState {
     }
 }
 
-/// Why a stage did not work on an input it had.
+/// Reason why a stage dropped an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum DropReason {
-    /// Its number is not above the last one worked on: a duplicate, or out of order.
+    /// Its number is not above the last processed one: a duplicate, or out of order.
     OutOfOrder = 0,
     /// A number or time in its header is impossible.
     BadHeader = 1,
-    /// Not the configured size, or fewer bytes than promised.
+    /// Not the configured size, or fewer bytes than the header says.
     WrongSize = 2,
     /// Pixel format or Bayer order unknown.
     WrongFormat = 3,
-    /// The grabber itself could not keep up with the camera, or had no memory to loan.
+    /// The grabber could not keep up with the camera, or had no memory to loan.
     Late = 4,
     /// The output could not be published.
     NotPublished = 5,
-    /// Two processes in a row have died of it.
+    /// It killed two processes in a row.
     Poisonous = 6,
-    /// The camera's picture came only in part, or damaged.
+    /// The camera's picture arrived in part or damaged.
     Incomplete = 7,
-    /// Of the gateway: commands for a team that the user may not command.
+    /// Gateway only: commands for a team that the user may not command.
     NotPermitted = 8,
 }
 
@@ -151,57 +151,57 @@ impl DropReason {
     }
 }
 
-/// Published by every process about ten times a second and at every change of state. Counters
-/// start at zero with the process.
+/// Published by every process about ten times a second and at every change of state. Counters start at
+/// zero with the process.
 ///
-/// The supervisor's tells of the newest event, so whoever only follows `health` knows when there is
-/// something to be read on `events`; what it takes and gives is nothing. The gateway takes `world` and
-/// gives it to its clients: once to each of them. The classifier's tells how it corrects the light.
+/// The supervisor's heartbeat names the newest event, so a program that only follows `health` knows
+/// when to read `events`; its frame counters are 0. The gateway's input is `world`, and each copy sent
+/// to a client counts as one output. The classifier's heartbeat includes its correction of the light.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/Heartbeat/5")]
 #[repr(C)]
 pub struct Heartbeat {
-    /// When it was published.
+    /// Time of publication.
     pub t_sent_ns: u64,
-    /// Operating system's number of the process.
+    /// Process id.
     pub pid: u32,
     /// A [`ProcessKind`] or [`Attendant`] number.
     pub process: u32,
     /// A [`ProcessState`] number.
     pub state: u32,
-    /// Of the gateway: programs that are attached. Of others 0.
+    /// Gateway: attached clients. 0 from other processes.
     pub clients: u32,
-    /// Newest frame number taken in; `u64::MAX` before the first.
+    /// Newest frame number received; `u64::MAX` before the first.
     pub seq_in: u64,
-    /// Newest frame number given out; `u64::MAX` before the first.
+    /// Newest frame number published; `u64::MAX` before the first.
     pub seq_out: u64,
-    /// Inputs taken.
+    /// Inputs received.
     pub frames_in: u64,
-    /// Outputs given.
+    /// Outputs published.
     pub frames_out: u64,
-    /// Frame numbers that never reached this process (gaps in its input); of the gateway, outputs that
-    /// did not reach a client because it was too slow.
+    /// Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not
+    /// reach a client because it was too slow.
     pub frames_missed: u64,
-    /// Inputs not worked on, by [`DropReason`]; of the gateway, what clients have sent.
+    /// Inputs dropped, by [`DropReason`]. Gateway: dropped messages of clients.
     pub dropped: [u64; DropReason::ALL.len()],
-    /// Of the supervisor: events in the group so far, the number of the newest. Of others 0, as are
-    /// the following.
+    /// Supervisor: events in the group so far, which is the number of the newest. 0 from other
+    /// processes, as are the next three fields.
     pub events: u64,
     /// When the newest event happened, nanoseconds since 1970.
     pub t_event_wall_ns: u64,
-    /// What it was, an [`EventKind`](super::EventKind) number.
+    /// Kind of the newest event, an [`EventKind`](super::EventKind) number.
     pub event_kind: u32,
-    /// Whom it concerns, a [`ProcessKind`] or [`Attendant`] number.
+    /// Process concerned by the newest event, a [`ProcessKind`] or [`Attendant`] number.
     pub event_process: u32,
-    /// Of the classifier: how it corrects the light of the frame it worked on last. Before its first frame,
-    /// and of others, nothing is corrected.
+    /// Classifier: correction of the light in the frame it processed last. No correction before its
+    /// first frame, and from other processes.
     pub light: LightCorrection,
 }
 
 const _: () = assert!(size_of::<Heartbeat>() == 192);
 
 impl Heartbeat {
-    /// That of a process, of this number in messages, which has done nothing yet.
+    /// Heartbeat of a process, given by its number in messages, that has done nothing yet.
     pub fn new(process: u32, state: ProcessState) -> Self {
         Self {
             pid: std::process::id(),
@@ -215,12 +215,12 @@ impl Heartbeat {
     }
 }
 
-/// Travels with the group's status, which is JSON text in the first `bytes` of the payload.
+/// Header of the group's status, which is JSON text in the first `bytes` of the payload.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/StatusHeader/1")]
 #[repr(C)]
 pub struct StatusHeader {
-    /// When it was published.
+    /// Time of publication.
     pub t_sent_ns: u64,
     /// Length of the text.
     pub bytes: u64,

@@ -1,17 +1,18 @@
-//! Everything that crosses a process boundary.
+//! The messages: everything that crosses a process boundary.
 //!
 //! Messages are plain C structures of fixed size so that any language can read them in place:
 //! explicit widths, no padding (the `Pod` derive refuses to compile a structure that has any), and
-//! lists as a count beside an array of fixed capacity. Elements behind a count hold stale bytes of
+//! explicit widths, no padding (the `Pod` derive refuses to compile a structure that has any), and
+//! lists as a count beside an array of fixed capacity. Elements beyond a count hold stale bytes of
 //! earlier messages; use the accessor methods, which never show them.
 //!
-//! Each message names its type with a trailing version. The name is what iceoryx2 compares when a
-//! program attaches, so **a change of layout or meaning must raise the version**; the size and
-//! offset assertions at the end of each file are there to make such a change impossible to miss.
+//! Each message type has a name with a trailing version. iceoryx2 compares the names when a program
+//! attaches, so **a change of layout or meaning must raise the version**; the size assertions below
+//! each message make a change of layout impossible to miss.
 //!
-//! All `t_*_ns` stamps are nanoseconds of the monotonic clock of this machine, unless the name
-//! says `wall`. Every output repeats the header of the frame it was made from and the time it left
-//! each stage, so the way of a frame can be read off any one message.
+//! All `t_*_ns` stamps are nanoseconds of the monotonic clock of this machine, unless the name says
+//! `wall`. Every output repeats the header of the frame it was made from and the times at which each
+//! stage received and published it, so the path of a frame can be read from any one message.
 
 mod camera;
 mod command;
@@ -56,7 +57,7 @@ pub use world::{
     RobotState, TrackStatus, WorldFrame,
 };
 
-/// The colour a team wears. Rules since the paper give the two teams of a match blue and yellow.
+/// The colour a team wears. Rules since the paper give blue and yellow to the two teams of a match.
 #[derive(
     Debug,
     Clone,
@@ -88,7 +89,7 @@ impl Team {
         Self::ALL.get(number as usize).copied()
     }
 
-    /// The league's word for the team.
+    /// The team's name in the league.
     pub fn name(self) -> &'static str {
         match self {
             Team::Yellow => "yellow",
@@ -97,8 +98,8 @@ impl Team {
     }
 }
 
-/// The filled part of a fixed-capacity list; a count beyond the capacity (rubbish from outside)
-/// shows the whole array rather than panicking.
+/// The valid part of a fixed-capacity list. A count beyond the capacity (garbage from outside) gives
+/// the whole array instead of a panic.
 fn filled<T>(items: &[T], count: u32) -> &[T] {
     &items[..items.len().min(count as usize)]
 }

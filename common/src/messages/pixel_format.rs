@@ -1,20 +1,20 @@
-//! How a raw frame's bytes make pixels.
+//! Pixel formats of raw frames.
 
 use std::fmt;
 
-/// What a raw frame's bytes mean. Names and memory layouts are those of V4L2 and GenICam, so that a
-/// camera's driver only has to pass on what it gets.
+/// Meaning of a raw frame's bytes. Names and memory layouts are those of V4L2 and GenICam, so that a
+/// camera driver only passes on what it gets.
 ///
-/// Rows are [`FrameHeader::stride`](super::FrameHeader::stride) bytes apart; what lies behind a
-/// row's pixels is padding. Chroma that two or four pixels share counts for each of them; with an
-/// odd width or height the last column or row has chroma of its own.
+/// Rows are [`FrameHeader::stride`](super::FrameHeader::stride) bytes apart; bytes after a row's pixels
+/// are padding. Chroma shared by two or four pixels counts for each of them; with an odd width or
+/// height the last column or row has chroma of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum PixelFormat {
     /// One byte a pixel behind a Bayer colour filter array (V4L2 `RGGB` …, GenICam `BayerRG8` …).
     Bayer8 = 1,
-    /// Bayer, two bytes a pixel, little endian, the value in the lower 10 bits (V4L2 `RG10` …,
-    /// GenICam `BayerRG10` …). Like the other deep formats it is used with its upper 8 bits.
+    /// Bayer, two bytes a pixel, little endian, the value in the lower 10 bits (V4L2 `RG10` …, GenICam
+    /// `BayerRG10` …). Only the upper 8 bits are used, as with the other deep formats.
     Bayer10 = 2,
     /// Bayer, two bytes a pixel, little endian, the value in the lower 12 bits (V4L2 `RG12` …,
     /// GenICam `BayerRG12` …).
@@ -55,7 +55,7 @@ impl PixelFormat {
         Self::ALL.into_iter().find(|&format| format as u32 == number)
     }
 
-    /// Its name in messages to people.
+    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bayer8 => "bayer8",
@@ -70,7 +70,7 @@ impl PixelFormat {
         }
     }
 
-    /// Whether [`FrameHeader::bayer_order`](super::FrameHeader::bayer_order) means anything.
+    /// Whether [`FrameHeader::bayer_order`](super::FrameHeader::bayer_order) has a meaning.
     pub fn is_bayer(self) -> bool {
         matches!(self, Self::Bayer8 | Self::Bayer10 | Self::Bayer12 | Self::Bayer16)
     }
@@ -94,8 +94,8 @@ impl PixelFormat {
         }
     }
 
-    /// Bytes of a whole frame whose rows are `stride` bytes apart; `u64::MAX` if there are more
-    /// than that. The very last row need not be padded to its stride.
+    /// Bytes of a whole frame whose rows are `stride` bytes apart; saturates at `u64::MAX`. The last
+    /// row need not be padded to its stride.
     pub fn frame_bytes(self, width: u32, height: u32, stride: u32) -> u64 {
         let [width, height, stride] = [width, height, stride].map(u128::from);
         let rows = |count: u128, stride: u128, last: u128| count.saturating_sub(1) * stride + last;
@@ -146,7 +146,7 @@ mod tests {
             let stride = format.row_bytes(640) as u32;
             assert_eq!(format.frame_bytes(640, 480, stride), bytes, "{format}");
         }
-        // Padded rows, but not the last one: 3 rows of 5 pixels.
+        // Padded rows except the last: 3 rows of 5 pixels.
         assert_eq!(PixelFormat::Bayer8.frame_bytes(5, 3, 8), 8 + 8 + 5);
         assert_eq!(PixelFormat::Yuyv.frame_bytes(5, 3, 16), 16 + 16 + 12);
         assert_eq!(PixelFormat::Nv12.frame_bytes(5, 3, 8), 3 * 8 + 8 + 6);

@@ -1,12 +1,13 @@
-//! The classifier's output: horizontal stretches of pixels of one colour class.
+//! The classifier's output: runs of classified pixels.
 
 use super::FrameHeader;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// Most runs a message carries. A match has a few hundred; a 640×480 frame of pure noise has some
-/// ten thousand to ninety thousand, depending on how much of the colour space is in use. What does not fit is cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
+/// Most runs a message carries. A match has a few hundred; a 640×480 frame of pure noise has ten
+/// thousand to ninety thousand, depending on how much of the colour space is in use. Runs that do not
+/// fit are cut off, in row order, and [`RunsHeader::OVERFLOW`] is set.
 pub const MAX_RUNS: usize = 32_768;
 
 /// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
@@ -22,7 +23,7 @@ pub struct Run {
     pub row: u16,
     /// First column.
     pub begin: u16,
-    /// Column behind the last one.
+    /// Column after the last one.
     pub end: u16,
     /// Colour class: index into the configured colours, 0–31.
     pub class: u8,
@@ -39,21 +40,21 @@ impl Run {
     }
 }
 
-/// Travels with every list of runs. The payload always has [`MAX_RUNS`] elements, of which the
-/// first [`run_count`](Self::run_count) are valid.
+/// Header of a list of runs. The payload always has [`MAX_RUNS`] elements, of which the first
+/// [`run_count`](Self::run_count) are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RunsHeader/2")]
 #[repr(C)]
 pub struct RunsHeader {
     /// The frame the runs were found in.
     pub frame: FrameHeader,
-    /// When the classifier took the frame up.
+    /// When the classifier received the frame.
     pub t_frame_taken_ns: u64,
-    /// When the classifier handed the runs on.
+    /// When the classifier published the runs.
     pub t_sent_ns: u64,
-    /// Identifies what the pixels were classified with: a hash of the configured colours, of the light's
-    /// gains, and of which parts of the picture have which tables where light is uneven or there is
-    /// glare. Two frames of the same version had the same tables at every pixel.
+    /// Identifies the tables the pixels were classified with: a hash of the configured colours, the
+    /// gains of the light, and, where light is uneven or there is glare, of the assignment of tables to
+    /// parts of the picture. Two frames of the same version had the same tables at every pixel.
     pub class_table_version: u64,
     /// Valid elements of the payload.
     pub run_count: u32,

@@ -1,12 +1,12 @@
-//! Forgetting what earlier messages have left behind the ends of lists.
+//! Clearing the stale elements behind the ends of lists.
 
 use super::{Commands, DetectionFrame, Heartbeat, TruthFrame, WorldFrame};
 use bytemuck::Zeroable;
 
-/// Messages live in memory that is used again and again, so what lies behind the count of a list is
-/// whatever was there before. For whoever keeps or compares messages byte by byte, this clears it.
+/// Messages live in memory that is reused, so elements beyond the count of a list are stale. Programs
+/// that keep or compare messages byte by byte clear them with this.
 pub trait ClearStale {
-    /// Fills everything behind the counts of lists with zeros.
+    /// Fills everything beyond the counts of lists with zeros.
     fn clear_stale(&mut self);
 }
 

@@ -1,4 +1,4 @@
-//! How messages lie in memory, for programs in other languages: read off the Rust definitions, so
+//! Memory layout of messages, for programs in other languages: derived from the Rust definitions, so
 //! that no description can drift from them.
 //!
 //! Messages have no padding, so the offset of a field is the sum of the sizes before it.
@@ -12,26 +12,26 @@ use std::marker::PhantomData;
 /// A message or a part of one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Structure {
-    /// Its name here, and in the generated files.
+    /// Name here and in the generated files.
     pub name: String,
-    /// What it is.
+    /// Documentation text.
     #[serde(skip)]
     pub doc: String,
-    /// Bytes.
+    /// Size in bytes.
     pub size: usize,
-    /// In the order in which they lie in memory, without gaps.
+    /// Fields in memory order, without gaps.
     pub fields: Vec<Field>,
 }
 
 /// A field of a structure.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Field {
-    /// Its name.
+    /// Field name.
     pub name: String,
-    /// What it is.
+    /// Documentation text.
     #[serde(skip)]
     pub doc: String,
-    /// What it holds: one of the names of [`PRIMITIVES`], or that of another structure.
+    /// Type: a name in [`PRIMITIVES`], or the name of another structure.
     #[serde(rename = "type")]
     pub kind: String,
     /// Number of elements of an array; `None` for a single one.
@@ -41,11 +41,11 @@ pub struct Field {
     pub offset: usize,
 }
 
-/// The numbers that messages are made of, and their sizes in bytes.
+/// The number types of messages, and their sizes in bytes.
 pub const PRIMITIVES: [(&str, usize); 6] =
     [("u8", 1), ("u16", 2), ("u32", 4), ("u64", 8), ("f32", 4), ("f64", 8)];
 
-/// Stands for `[T; N]` where a description is derived and `N` is larger than the library knows.
+/// Stands for `[T; N]` in schemas when `N` is larger than schemars supports.
 #[derive(Debug)]
 pub struct List<T, const N: usize>(PhantomData<T>);
 
@@ -68,12 +68,12 @@ impl<T: JsonSchema, const N: usize> JsonSchema for List<T, N> {
     }
 }
 
-/// The structure of a message and of everything in it, parts first, the message itself last.
+/// Describes a message and all structures in it: parts first, the message itself last.
 ///
 /// # Panics
 ///
-/// When the message holds something that is not described here, or has another size than the sum
-/// of its parts: a mistake in its definition, found by the tests.
+/// If the message contains a type that cannot be described here, or its size differs from the sum of
+/// its parts. Either is a mistake in its definition, found by the tests.
 pub fn structures_of<T: JsonSchema>() -> Vec<Structure> {
     let schema = Value::from(SchemaGenerator::default().into_root_schema_for::<T>());
     let mut found = Vec::new();
@@ -83,7 +83,7 @@ pub fn structures_of<T: JsonSchema>() -> Vec<Structure> {
     found
 }
 
-/// The name of what lies at an offset in the last of these structures, as `robots[3].x_mm`.
+/// The name of the field at an offset in the last of these structures, such as `robots[3].x_mm`.
 pub fn name_at(structures: &[Structure], offset: usize) -> String {
     let mut structure = structures.last();
     let (mut name, mut rest) = (String::new(), offset);
@@ -150,7 +150,7 @@ fn size_of_kind(kind: &str, definitions: &Value, found: &mut Vec<Structure>) -> 
     structure.map_or(0, |structure| structure.size)
 }
 
-/// Comments come without the marks of Rust's documentation.
+/// The description without Rust's documentation markup.
 fn text(schema: &Value) -> String {
     let text = schema["description"].as_str().unwrap_or("");
     let mut plain = String::with_capacity(text.len());

@@ -1,11 +1,11 @@
-//! What the synthetic match knows about itself; a real match has no such topic.
+//! The true state of the synthetic match; a real match has no such topic.
 
 use super::{MAX_ROBOTS, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// One robot as it really is.
+/// True pose and speed of one robot.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/TruthRobot/1")]
 #[repr(C)]
@@ -24,9 +24,9 @@ pub struct TruthRobot {
     pub v_mm_s: f64,
     /// Turning rate, rad/s.
     pub omega: f64,
-    /// Frames for which it has not moved at all, up to this one.
+    /// Number of frames up to this one in which it has not moved at all.
     pub frames_still: u32,
-    /// 1 when all of its top is inside the picture and nothing hides it.
+    /// 1 when its whole top is inside the picture and nothing hides it.
     pub visible: u32,
 }
 
@@ -35,7 +35,7 @@ pub struct TruthRobot {
 #[type_name("touchline/TruthFrame/1")]
 #[repr(C)]
 pub struct TruthFrame {
-    /// The frame it belongs to.
+    /// The frame this belongs to.
     pub seq: u64,
     /// Middle of the exposure of that frame.
     pub t_capture_ns: u64,

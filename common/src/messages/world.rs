@@ -1,14 +1,15 @@
-//! The filter's output: where everything is, at capture time and when the next command will act.
+//! The filter's output: positions of robots and ball, at capture time and when the next command will
+//! act.
 
 use super::{FrameHeader, MAX_UNKNOWN_ROBOTS, UnknownRobotMemory, UnknownRobotState, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
 
-/// Most robots a message carries: two teams of eleven and room for a league's next idea.
+/// Most robots a message carries: two teams of eleven and some reserve.
 pub const MAX_ROBOTS: usize = 32;
 
-/// How a track came by its state in this frame.
+/// How a track got its state in this frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TrackStatus {
@@ -20,10 +21,11 @@ pub enum TrackStatus {
     Measured = 2,
     /// Predicted only: not seen in this frame.
     Coasting = 3,
-    /// Predicted only: what was seen lay outside the gate and was ignored.
+    /// Predicted only: the measurement lay outside the gate and was ignored.
     Gated = 4,
-    /// Predicted, and corrected in place by a robot of its team that could not be told from others: its
-    /// identification patch is hidden. Who is not told apart for long is forgotten like who is not seen.
+    /// Predicted, and corrected in position by a robot of its team that could not be identified: its
+    /// identification patch is hidden. A robot that stays unidentified for long is forgotten like an
+    /// unseen one.
     Located = 5,
 }
 
@@ -43,18 +45,18 @@ impl TrackStatus {
     }
 }
 
-/// Hypotheses about a robot's motion that the filter weighs against each other: steered (by its
-/// commands, or standing when there are none), free, struck; in this order.
+/// Hypotheses about a robot's motion, weighed against each other by the filter, in this order: steered
+/// (by its commands, or standing when there are none), free, struck.
 pub const ROBOT_HYPOTHESES: usize = 3;
-/// Hypotheses about the ball's motion: rolling, struck; in this order.
+/// Hypotheses about the ball's motion, in this order: rolling, struck.
 pub const BALL_HYPOTHESES: usize = 2;
-/// Most commands per robot that wait to act, the acting one included.
+/// Most commands per robot that act or wait to act.
 pub const MAX_QUEUED_COMMANDS: usize = 12;
 
-/// Most `commands` messages that are used between two frames; the rest waits for the next frame.
+/// Most `commands` messages used between two frames; the rest waits for the next frame.
 pub const MAX_USED_COMMANDS: usize = 32;
 
-/// One robot as the filter sees it.
+/// One robot as estimated by the filter.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotState/2")]
 #[repr(C)]
@@ -91,12 +93,12 @@ pub struct RobotState {
     pub predicted_orientation: f64,
 }
 
-/// One hypothesis about a robot's motion and the extended Kalman filter that follows it.
+/// One hypothesis about a robot's motion, with its extended Kalman filter.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotHypothesis/1")]
 #[repr(C)]
 pub struct RobotHypothesis {
-    /// How likely it is; those of one robot add up to 1.
+    /// Probability; those of one robot add up to 1.
     pub probability: f64,
     /// x_mm, y_mm, orientation, v_mm_s, omega at capture time.
     pub mean: [f64; 5],
@@ -109,7 +111,7 @@ pub struct RobotHypothesis {
 #[type_name("touchline/QueuedCommand/1")]
 #[repr(C)]
 pub struct QueuedCommand {
-    /// When it went out to the robot.
+    /// When it was sent to the robot.
     pub t_sent_ns: u64,
     /// Circumferential speed of the left wheel.
     pub left_mm_s: f64,
@@ -117,8 +119,8 @@ pub struct QueuedCommand {
     pub right_mm_s: f64,
 }
 
-/// Which message of the topic `commands` it was. Every sender counts its own messages, so the time
-/// is part of the name.
+/// Identifies a message on the topic `commands`. Every sender counts its own messages, so the time is
+/// part of the name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/CommandsName/1")]
 #[repr(C)]
@@ -129,21 +131,22 @@ pub struct CommandsName {
     pub t_sent_ns: u64,
 }
 
-/// What the filter needs besides [`RobotState`] to carry on with a robot's track exactly. Of no
-/// interest to anyone but the filter's successor.
+/// State besides [`RobotState`] with which a successor of the filter continues a robot's track exactly.
+/// Only the filter reads it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/RobotMemory/1")]
 #[repr(C)]
 pub struct RobotMemory {
-    /// Steered, free, struck.
+    /// In this order: steered, free, struck.
     pub hypotheses: [RobotHypothesis; ROBOT_HYPOTHESES],
-    /// Capture time of the newest measurement that was used.
+    /// Capture time of the newest measurement used.
     pub t_seen_ns: u64,
     /// Capture time of the newest measurement outside the gate.
     pub t_gated_ns: u64,
     /// That measurement: x_mm, y_mm, orientation.
     pub gated_pose: [f64; 3],
-    /// Measurements outside the gate, up to that one, that agree with one another.
+    /// Number of consecutive measurements outside the gate, up to that one, that agree with one
+    /// another.
     pub gated_agreeing: u32,
     /// Valid elements of `commands`.
     pub command_count: u32,
@@ -151,7 +154,7 @@ pub struct RobotMemory {
     pub commands: [QueuedCommand; MAX_QUEUED_COMMANDS],
 }
 
-/// The ball as the filter sees it.
+/// The ball as estimated by the filter.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallState/1")]
 #[repr(C)]
@@ -180,12 +183,12 @@ pub struct BallState {
     pub predicted_y_mm: f64,
 }
 
-/// One hypothesis about the ball's motion and the Kalman filter that follows it.
+/// One hypothesis about the ball's motion, with its Kalman filter.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallHypothesis/1")]
 #[repr(C)]
 pub struct BallHypothesis {
-    /// How likely it is; both add up to 1.
+    /// Probability; the two add up to 1.
     pub probability: f64,
     /// x_mm, y_mm, vx_mm_s, vy_mm_s at capture time.
     pub mean: [f64; 4],
@@ -193,52 +196,52 @@ pub struct BallHypothesis {
     pub covariance: [f64; 10],
 }
 
-/// What the filter needs besides [`BallState`] to carry on with the ball's track exactly.
+/// State besides [`BallState`] with which a successor of the filter continues the ball's track exactly.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/BallMemory/1")]
 #[repr(C)]
 pub struct BallMemory {
-    /// Rolling, struck.
+    /// In this order: rolling, struck.
     pub hypotheses: [BallHypothesis; BALL_HYPOTHESES],
-    /// Capture time of the newest measurement that was used.
+    /// Capture time of the newest measurement used.
     pub t_seen_ns: u64,
     /// Capture time of the newest measurement outside the gate.
     pub t_gated_ns: u64,
     /// That measurement: x_mm, y_mm.
     pub gated_position: [f64; 2],
-    /// Measurements outside the gate, up to that one, that agree with one another.
+    /// Number of consecutive measurements outside the gate, up to that one, that agree with one
+    /// another.
     pub gated_agreeing: u32,
     /// Reserved, 0.
     pub reserved: u32,
 }
 
-/// The filtered state of the match after one frame. A filter that starts anew continues from the
-/// last one of these, and comes to the same results as one that never stopped.
+/// The filtered state of the match after one frame. A restarted filter continues from the last `world`,
+/// with the same results as one that never stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, JsonSchema)]
 #[type_name("touchline/WorldFrame/4")]
 #[repr(C)]
 pub struct WorldFrame {
-    /// The frame it belongs to.
+    /// The frame this belongs to.
     pub frame: FrameHeader,
-    /// When the classifier took the frame up.
+    /// When the classifier received the frame.
     pub t_frame_taken_ns: u64,
-    /// When the classifier handed on the runs.
+    /// When the classifier published the runs.
     pub t_runs_ns: u64,
-    /// When the tracker took the runs up.
+    /// When the tracker received the runs.
     pub t_runs_taken_ns: u64,
-    /// When the tracker handed on the detections.
+    /// When the tracker published the detections.
     pub t_detections_ns: u64,
-    /// When the filter took the detections up.
+    /// When the filter received the detections.
     pub t_detections_taken_ns: u64,
-    /// When the filter handed on this message.
+    /// When the filter published this message.
     pub t_sent_ns: u64,
-    /// The instant the predicted poses belong to: when a command sent now will act.
+    /// Time of the predicted poses: when a command sent now will act.
     pub t_predicted_ns: u64,
-    /// Frame number of the `world` whose tracks were carried on; [`WorldFrame::NO_WORLD`] for a
-    /// filter that started from nothing.
+    /// Frame number of the `world` whose tracks were continued; [`WorldFrame::NO_WORLD`] for a filter
+    /// that started from nothing.
     pub prior_world_seq: u64,
-    /// Number of the newest `commands` message that was ever used; [`WorldFrame::NO_COMMANDS`] for
-    /// none.
+    /// Number of the newest `commands` message ever used; [`WorldFrame::NO_COMMANDS`] for none.
     pub commands_seq: u64,
     /// Valid elements of `robots`.
     pub robot_count: u32,
@@ -246,14 +249,14 @@ pub struct WorldFrame {
     pub command_count: u32,
     /// Valid elements of `unknown_robots`.
     pub unknown_robot_count: u32,
-    /// Valid elements of `unknown_robot_memories`: those of `unknown_robots`, and what may become one.
+    /// Valid elements of `unknown_robot_memories`: `unknown_robots` and further candidates.
     pub unknown_memory_count: u32,
-    /// The [`UnknownRobotState::track_id`] given last.
+    /// The last [`UnknownRobotState::track_id`] assigned.
     pub last_track_id: u32,
     /// Reserved, 0.
     pub reserved: u32,
-    /// The `commands` messages that were used since the prior `world`, in that order. With these, the
-    /// prior `world` and the detections of the frame, this message can be computed again.
+    /// The `commands` messages used since the prior `world`, in that order. From these, the prior
+    /// `world` and the detections of the frame this message can be computed again.
     pub commands: [CommandsName; MAX_USED_COMMANDS],
     /// Tracked robots, by team and number.
     pub robots: [RobotState; MAX_ROBOTS],
@@ -267,7 +270,7 @@ pub struct WorldFrame {
     /// For the filter's successor.
     pub ball_memory: BallMemory,
     /// For the filter's successor: one element for each of `unknown_robots`, in the same order, then
-    /// what has not been seen often enough.
+    /// candidates that have not been seen often enough.
     pub unknown_robot_memories: [UnknownRobotMemory; MAX_UNKNOWN_ROBOTS],
 }
 
@@ -291,7 +294,7 @@ const _: () = assert!(
 impl WorldFrame {
     /// Value of `commands_seq` when no commands were used.
     pub const NO_COMMANDS: u64 = u64::MAX;
-    /// Value of `prior_world_seq` when there was none.
+    /// Value of `prior_world_seq` when there is no prior `world`.
     pub const NO_WORLD: u64 = u64::MAX;
 
     /// The `commands` messages used since the prior `world`.
