@@ -5,7 +5,7 @@ use crate::geometry::Pose;
 use crate::layout::body_turn;
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
-/// A body in the frame of its robot's layout.
+/// The outline of a robot in the frame of its layout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
     shape: RobotShape,
@@ -13,7 +13,7 @@ pub struct Body {
     half_mm: f64,
     /// Distance from the centre to the front.
     front_mm: f64,
-    /// How a square is turned against the frame of the layout; see [`body_turn`].
+    /// Angle between a square body and the frame of the layout; see [`body_turn`].
     turn: f64,
 }
 
@@ -38,17 +38,17 @@ impl Body {
         self.front_mm
     }
 
-    /// Whether it is a disc, be its front flat or not.
+    /// Whether it is a disc, with or without a flat front.
     pub fn is_round(&self) -> bool {
         self.shape == RobotShape::Round
     }
 
-    /// The same form, so much larger all around.
+    /// The same shape, enlarged by this distance on all sides.
     pub fn grown(&self, by_mm: f64) -> Self {
         Self { half_mm: self.half_mm + by_mm, front_mm: self.front_mm + by_mm, ..*self }
     }
 
-    /// The same form in another size.
+    /// The same shape, scaled.
     pub fn scaled(&self, factor: f64) -> Self {
         Self { half_mm: factor * self.half_mm, front_mm: factor * self.front_mm, ..*self }
     }
@@ -61,7 +61,7 @@ impl Body {
         }
     }
 
-    /// How far a point of the robot's frame lies inside, measured across the nearest side; negative
+    /// Distance of a point of the robot's frame from the nearest side, positive inside and negative
     /// outside.
     pub fn depth_mm(&self, [x, y]: Pair) -> f64 {
         match self.shape {
@@ -74,12 +74,12 @@ impl Body {
         }
     }
 
-    /// Whether a point of the robot's frame lies on it.
+    /// Whether a point of the robot's frame lies inside.
     pub fn contains(&self, point: Pair) -> bool {
         self.depth_mm(point) > 0.0
     }
 
-    /// Its corners, counter-clockwise; a disc is given as a polygon.
+    /// The corners, counter-clockwise; a disc is approximated by a polygon.
     pub fn outline(&self) -> Vec<Pair> {
         const CORNERS: u32 = 32;
         match self.shape {
@@ -98,10 +98,11 @@ impl Body {
         }
     }
 
-    /// Whether two bodies of one form and size share a point.
+    /// Whether two bodies of the same shape and size overlap.
     ///
-    /// They do unless some direction separates them: for squares it is enough to try their sides, and
-    /// discs with a flat front are tried in directions some degrees apart.
+    /// Separating axis theorem: two convex bodies overlap unless their projections onto some axis are
+    /// disjoint. For squares it is enough to test the directions of their sides; discs with a flat
+    /// front are tested in directions 4.5° apart.
     pub fn overlaps(&self, a: &Pose, other: &Self, b: &Pose) -> bool {
         let (dx, dy) = (b.position.x_mm - a.position.x_mm, b.position.y_mm - a.position.y_mm);
         let distance2 = dx * dx + dy * dy;
@@ -117,7 +118,7 @@ impl Body {
             RobotShape::Square => {
                 let (a_turned, b_turned) = (a.orientation + self.turn, b.orientation + other.turn);
                 let (sin, cos) = (a_turned - b_turned).sin_cos();
-                // Half the extent of one along an axis of the other, plus the other's own half side.
+                // Half the extent of one square along an axis of the other, plus the other's half side.
                 let reach = self.half_mm.max(other.half_mm) * (1.0 + sin.abs() + cos.abs());
                 [a_turned, b_turned].iter().all(|axis| {
                     let (sin, cos) = axis.sin_cos();
@@ -139,7 +140,7 @@ impl Body {
         }
     }
 
-    /// How far a disc with a flat front reaches in a direction of the robot's frame.
+    /// Support function of a disc with a flat front: its extent in a direction of the robot's frame.
     fn support_mm(&self, angle: f64) -> f64 {
         let from_front = angle.sin().atan2(angle.cos()).abs();
         self.half_mm * (self.cut() - from_front).max(0.0).cos()
@@ -180,7 +181,7 @@ mod tests {
     fn round_robots_touch_at_their_rims_and_flat_fronts() {
         let body = body(&Preset::SslDivisionB.config());
         let a = pose(100.0, -50.0, 0.0);
-        // (heading of a, of the one ahead of it, distance at which they touch)
+        // (heading of a, heading of the robot ahead of it, distance at which they touch)
         for (heading_a, heading_b, touch) in
             [(180.0, 0.0, 180.0), (0.0, 0.0, 165.0), (0.0, 180.0, 150.0), (180.0, 180.0, 165.0)]
         {
@@ -189,7 +190,7 @@ mod tests {
             assert!(body.overlaps(&a, &body, &at(touch - 0.5)), "{heading_a} {heading_b}");
             assert!(!body.overlaps(&a, &body, &at(touch + 0.5)), "{heading_a} {heading_b}");
         }
-        // Beside each other, the fronts in line.
+        // Side by side, with fronts in line.
         assert!(!body.overlaps(&a, &body, &pose(100.0, 130.5, 0.0)));
         assert!(body.overlaps(&a, &body, &pose(100.0, 129.5, 0.0)));
     }
@@ -203,7 +204,7 @@ mod tests {
                 let (sin, cos) = f64::from(step).to_radians().sin_cos();
                 for radius in [0.3, 0.6, 0.75, 0.85, 1.02, 1.3] {
                     let point = [radius * body.reach_mm() * cos, radius * body.reach_mm() * sin];
-                    // The polygon's sides lie half a millimetre inside the disc.
+                    // The polygon's sides lie up to half a millimetre inside the disc.
                     if body.depth_mm(point).abs() > 1.0 {
                         assert_eq!(contains(&outline, point), body.contains(point), "{point:?}");
                     }

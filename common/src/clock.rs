@@ -1,4 +1,4 @@
-//! The two clocks: monotonic for intervals and message stamps, wall for people.
+//! The two clocks: monotonic for intervals and message stamps, wall for reports.
 
 use rustix::time::{ClockId, clock_gettime};
 

@@ -1,20 +1,18 @@
-//! File descriptors that a program started from this one is not to have.
+//! Closing file descriptors in started programs.
 //!
-//! iceoryx2 opens its files and shared memory without the flag that closes them when another
-//! program is run. A stage would hold all that its supervisor had open when it was started: memory
-//! of processes that died long ago would stay allocated, and how many descriptors a stage has would
-//! depend on when it was started.
+//! iceoryx2 opens its files and shared memory without the close-on-exec flag. Without this module a
+//! stage would inherit everything its supervisor had open: the memory of processes that died long ago
+//! would stay allocated, and the number of a stage's descriptors would depend on when it was started.
 
-/// Marks every descriptor of this process, the three standard ones excepted, to be closed in
-/// programs run from now on; here they stay open. To be called just before a program is run:
-/// what is opened later is not marked.
+/// Marks every descriptor of this process except the three standard ones as close-on-exec; they stay
+/// open here. To be called just before a program is started: descriptors opened later are not marked.
 ///
-/// Linux before 5.11 cannot do it; there the started program keeps what it inherits.
+/// Linux before 5.11 does not support it; there the started program keeps what it inherits.
 pub fn keep_from_programs_run_now() {
     const FIRST: libc::c_uint = libc::STDERR_FILENO as libc::c_uint + 1;
-    // SAFETY: with this flag the call closes nothing and touches no memory; it sets a property of
-    // descriptors that matters only when another program is run. By number, because the C library
-    // has the function only from glibc 2.34 on.
+    // SAFETY: with this flag the call closes nothing and touches no memory; it sets a flag of
+    // descriptors that matters only at `exec`. Called by number, because the C library has the function
+    // only from glibc 2.34 on.
     #[allow(unsafe_code)] // neither `std` nor rustix marks a whole range at once
     unsafe {
         libc::syscall(libc::SYS_close_range, FIRST, libc::c_uint::MAX, libc::CLOSE_RANGE_CLOEXEC);
@@ -29,7 +27,7 @@ mod tests {
     use std::fs::File;
     use std::process::Command;
 
-    /// Whether a program run from this one has the descriptor of that number.
+    /// Whether a program started from this one has the descriptor with this number.
     fn inherited(descriptor: i32) -> bool {
         let path = format!("/proc/self/fd/{descriptor}");
         Command::new("test").args(["-e", &path]).status().expect("test can be run").success()

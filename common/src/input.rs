@@ -1,25 +1,24 @@
-//! Opening and reading files that somebody else has made, with limits: the one way in which this program
-//! reads configurations, points, labels, pictures and recordings.
+//! Opening and reading files from outside, with limits. This is the only way in which the program reads
+//! configurations, points, labels, pictures and recordings.
 //!
-//! Only regular files are read: a named pipe or a device in the place of one would block, or never end. A
-//! file that is larger than its kind can be is refused before it is read. `docs/limits.md` lists the
-//! limits.
+//! Only regular files are read: a named pipe or a device could block, or never end. A file larger than
+//! its kind can be is refused before it is read. `docs/limits.md` lists the limits.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-/// How large a kind of file may be.
+/// Size limit of a kind of file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limit {
-    /// The kind, in the plural.
+    /// Name of the kind, in the plural.
     pub what: &'static str,
-    /// Bytes, at most.
+    /// Largest size in bytes.
     pub most_bytes: u64,
 }
 
-/// Configurations (TOML). Parsing takes about 130 times their size.
+/// Configurations (TOML). The parser takes about 130 times their size.
 pub const CONFIG: Limit = Limit { what: "configurations", most_bytes: 256 << 10 };
 /// Marked points for `calibrate` (TOML).
 pub const POINTS: Limit = Limit { what: "files of points", most_bytes: 256 << 10 };
@@ -28,12 +27,13 @@ pub const LABELS: Limit = Limit { what: "files of labels", most_bytes: 16 << 20 
 /// Pictures (PNG, JPEG).
 pub const PICTURE: Limit = Limit { what: "pictures", most_bytes: 128 << 20 };
 
-/// Opens a file to read it; refuses what is no regular file, without waiting.
+/// Opens a file for reading. Refuses anything but a regular file, without blocking.
 pub fn open(path: &Path) -> io::Result<File> {
     open_flagged(path, OpenOptions::new().read(true), 0)
 }
 
-/// Opens a file to change it in its place, and not through a link: somebody else may have put that there.
+/// Opens a file for modification in place. Refuses symbolic links, which another user may have put
+/// there.
 pub fn open_to_change(path: &Path) -> io::Result<File> {
     if std::fs::symlink_metadata(path).is_ok_and(|data| data.is_symlink()) {
         let problem = "it is a symbolic link; name the file itself";
@@ -43,7 +43,7 @@ pub fn open_to_change(path: &Path) -> io::Result<File> {
 }
 
 fn open_flagged(path: &Path, options: &mut OpenOptions, flags: i32) -> io::Result<File> {
-    // A pipe that nobody writes to would block until somebody does; for a file it means nothing.
+    // Opening a pipe without a writer would block; for a regular file the flag has no effect.
     let file = options.custom_flags(libc::O_NONBLOCK | flags).open(path)?;
     let kind = file.metadata()?.file_type();
     if kind.is_file() {
@@ -64,13 +64,13 @@ pub fn read(path: &Path, limit: Limit) -> io::Result<Vec<u8>> {
     let size = file.metadata()?.len();
     check(size, limit)?;
     let mut bytes = Vec::with_capacity(size as usize);
-    // It may grow while it is read, or have no size at all, as in `/proc`.
+    // The file may grow while it is read, or report no size at all, as in `/proc`.
     file.take(limit.most_bytes + 1).read_to_end(&mut bytes)?;
     check(bytes.len() as u64, limit)?;
     Ok(bytes)
 }
 
-/// As [`read`], for text.
+/// Like [`read`], for text.
 pub fn read_text(path: &Path, limit: Limit) -> io::Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|error| {
         let place = error.utf8_error().valid_up_to();
@@ -79,7 +79,7 @@ pub fn read_text(path: &Path, limit: Limit) -> io::Result<String> {
     })
 }
 
-/// Says that something is larger than its kind can be.
+/// Checks a size against the limit of its kind.
 pub fn check(bytes: u64, limit: Limit) -> io::Result<()> {
     if bytes <= limit.most_bytes {
         return Ok(());

@@ -1,5 +1,5 @@
-//! A group's name, and everything that keeps two groups on one machine apart: a private runtime
-//! directory, a [namespace] in shared memory, and a [lock] that says whether its supervisor lives.
+//! A group's name, and everything that separates two groups on one machine: a private runtime
+//! directory, a [namespace] in shared memory, and a [lock] that shows whether its supervisor lives.
 
 pub mod lock;
 pub mod namespace;
@@ -12,37 +12,37 @@ use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// Overrides the directory under which instances keep their runtime directories.
+/// Overrides the directory below which instances have their runtime directories.
 pub const RUNTIME_DIR_VARIABLE: &str = "TOUCHLINE_RUNTIME_DIR";
-/// The instance used when none is named.
+/// The instance used when no name is given.
 pub const DEFAULT_INSTANCE: &str = "default";
-/// Longest name.
+/// Longest name, bytes.
 const MAX_NAME: usize = 20;
-/// Longest runtime directory. The system limits the path of a socket to 107 bytes; the longest name of
-/// one in it is that of who asks the supervisor for something.
+/// Longest runtime directory, bytes. The system limits a socket's path to 107 bytes; the longest socket
+/// name in the directory is that of a program that sends the supervisor a request.
 const MAX_DIRECTORY: usize = 107 - "/control-4294967295".len();
 
-/// Why an instance cannot be used.
+/// Reason why an instance cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum InstanceError {
-    /// The name does not fit into file names.
+    /// The name is not valid in file names.
     #[error("instance name {0:?}: use 1 to {MAX_NAME} of a-z, 0-9 and '-', not beginning with '-'")]
     Name(String),
-    /// A directory is not ours alone.
+    /// A directory is accessible to other users.
     #[error("{exposed} with {RUNTIME_DIR_VARIABLE}{}", attach_as_owner(exposed))]
     Directory {
-        /// Which, and why.
+        /// Directory and reason.
         exposed: PrivacyError,
     },
-    /// Something in the runtime directory could not be made, opened or removed.
+    /// A file in the runtime directory could not be created, opened or removed.
     #[error("{path}: {source}")]
     Io {
-        /// What was touched.
+        /// Path concerned.
         path: PathBuf,
-        /// What the system said.
+        /// The system's answer.
         source: std::io::Error,
     },
-    /// Processes cannot share memory here.
+    /// Shared memory is unusable on this machine.
     #[error(transparent)]
     Memory(#[from] PlaceError),
     /// The group uses another version of iceoryx2.
@@ -89,27 +89,28 @@ fn attach_as_owner(error: &PrivacyError) -> &'static str {
 pub struct Instance {
     name: String,
     directory: PathBuf,
-    /// Where other users can get at what is meant for them.
+    /// Directory below which other users can reach the gateway's socket.
     gateway_base: PathBuf,
 }
 
 impl Instance {
-    /// The instance of that name. Nothing is created yet.
+    /// The instance with this name. Nothing is created yet.
     pub fn new(name: &str) -> Result<Self, InstanceError> {
         Self::below(&runtime_base(), name)
     }
 
-    /// The instance of that name whose runtime directory lies below `base`, for programs that look
-    /// after several.
+    /// The instance with this name and a runtime directory below `base`, for programs that manage
+    /// several.
     pub fn below(base: &Path, name: &str) -> Result<Self, InstanceError> {
         let valid = (1..=MAX_NAME).contains(&name.len())
-            // A name that begins with a dash looks like an option to the programs that get it.
+            // Programs that get the name as an argument would take a leading dash for an option.
             && !name.starts_with('-')
             && name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-'));
         if !valid {
             return Err(InstanceError::Name(name.into()));
         }
-        // Every process of the group must mean the same place, wherever it was started.
+        // The path must mean the same place in every process of the group, whatever its working
+        // directory.
         let base = std::path::absolute(base).unwrap_or_else(|_| base.into());
         let directory = base.join(name);
         match directory.to_str() {
@@ -120,7 +121,7 @@ impl Instance {
         }
     }
 
-    /// All instances that have a runtime directory below `base`.
+    /// All instances with a runtime directory below `base`.
     pub fn all_below(base: &Path) -> Vec<Self> {
         let entries = fs::read_dir(base).into_iter().flatten().flatten();
         let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
@@ -130,55 +131,55 @@ impl Instance {
         all
     }
 
-    /// Its name.
+    /// The instance's name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Where its lock, configuration snapshot and logs are.
+    /// Directory of the lock, the configuration snapshot and the sockets.
     pub fn directory(&self) -> &Path {
         &self.directory
     }
 
-    /// The configuration that the running group uses.
+    /// Configuration used by the running group.
     pub fn config_path(&self) -> PathBuf {
         self.directory.join("config.toml")
     }
 
-    /// Where the supervisor keeps what its successor needs to know.
+    /// The supervisor's record for its successor.
     pub fn record_path(&self) -> PathBuf {
         self.directory.join("group.json")
     }
 
-    /// The socket on which the supervisor takes requests.
+    /// Socket for requests to the supervisor.
     pub fn control_path(&self) -> PathBuf {
         self.directory.join("control")
     }
 
-    /// The socket on which a grabber that plays a recording step by step is asked for the next frames.
+    /// Socket for requests to a grabber that plays a recording step by step.
     pub fn step_path(&self) -> PathBuf {
         self.directory.join("step")
     }
 
-    /// The directory of the socket for other users: not in the runtime directory, which is closed to
-    /// them, but beside it; or, where all of that place is closed to them, in /tmp.
+    /// Directory of the socket for other users. It is beside the runtime directory, which is closed to
+    /// them; or in /tmp if that whole place is closed to them.
     pub fn gateway_directory(&self) -> PathBuf {
         self.gateway_base.join(format!("{}.gateway", self.name))
     }
 
-    /// The socket for other users.
+    /// Socket for other users.
     pub fn gateway_path(&self) -> PathBuf {
         self.gateway_directory().join("socket")
     }
 
-    /// Makes the directory of the socket for other users, so that a group of users (its number in the
-    /// system) can get at what is in it, but not list it, and everybody else not even that. The place
-    /// it is in can then be passed through by everybody, but neither listed nor written; it is left closed
-    /// where there is something else in it that this would open as well.
+    /// Creates the directory of the socket for other users. Members of the group with this id can use
+    /// files in it but not list it; other users cannot even do that. The directory above it becomes
+    /// passable for everybody, but neither listable nor writable; it stays closed if this would expose
+    /// anything else in it.
     pub fn create_gateway_directory(&self, group: u32) -> Result<(), InstanceError> {
         let directory = self.gateway_directory();
         let places = [self.gateway_base.as_path(), &directory];
-        // Nobody else's until it has its group.
+        // Private until its group is set.
         make(places)?;
         let mode = fs::symlink_metadata(&self.gateway_base).map_err(io_error(places[0]))?.mode();
         if mode & 0o001 == 0 && holds_only_closed(&self.gateway_base, &directory) {
@@ -189,7 +190,7 @@ impl Instance {
         set_mode(&directory, 0o710)
     }
 
-    /// Removes that directory.
+    /// Removes the directory of the socket for other users.
     pub fn remove_gateway_directory(&self) -> Result<(), InstanceError> {
         let directory = self.gateway_directory();
         if !is_ours(&directory) {
@@ -200,12 +201,12 @@ impl Instance {
         Ok(())
     }
 
-    /// Makes the runtime directory, readable by nobody else, and checks that it is really ours: in
-    /// a world-writable place somebody could have put a directory or a link there first.
+    /// Creates the runtime directory, accessible to this user alone, and checks its owner: in a
+    /// world-writable place another user could have put a directory or a link there first.
     pub fn create_directory(&self) -> Result<(), InstanceError> {
         make(self.places())?;
-        // Made for us by a service manager, say, and more open than need be. What is in it is nobody
-        // else's business.
+        // It may have been made by a service manager, with a wider mode than necessary. Its content
+        // must stay private.
         let mode = fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?.mode();
         if mode & 0o077 != 0 {
             let private = fs::Permissions::from_mode(0o700);
@@ -214,25 +215,26 @@ impl Instance {
         Ok(())
     }
 
-    /// Whether the runtime directory and the one it is in, as far as they exist, are ours alone.
+    /// Checks that the runtime directory and the one above it, as far as they exist, are this user's
+    /// alone.
     pub fn check_directory(&self) -> Result<(), InstanceError> {
         check_places(self.places())
     }
 
-    /// The directory of all instances, and this one's.
+    /// The directory of all instances, and the directory of this one.
     fn places(&self) -> [&Path; 2] {
         [self.directory.parent().unwrap_or(Path::new("/")), &self.directory]
     }
 
-    /// Whether there is or was a group in the runtime directory: where the user's own directory serves
-    /// as the place of all groups, there are others in it that have nothing to do with any.
+    /// Whether a group is or was in the runtime directory. If the user's own directory serves as the
+    /// place of all groups, it also has unrelated directories.
     pub fn has_files(&self) -> bool {
         let names = [MADE, lock::NAME, namespace::NOTE, "config.toml", "group.json"];
         names.iter().any(|name| self.directory.join(name).exists())
     }
 
-    /// Removes the runtime directory, the lock and the namespace, at the end of a group's life. A
-    /// directory that was there before stays, without the files of the group.
+    /// Removes the runtime directory, the lock and the namespace at the end of a group's life. A
+    /// directory that existed before the group stays, without the group's files.
     pub fn remove_directory(&self) -> Result<(), InstanceError> {
         self.remove_namespace()?;
         if self.directory.join(MADE).exists() {
@@ -252,7 +254,7 @@ impl Instance {
         for path in names.into_iter().chain(sockets).map(|name| self.directory.join(name)) {
             remove(fs::remove_file(&path), &path)?;
         }
-        // The sockets of those who were asking for something when they died.
+        // Sockets of programs that died while they waited for an answer.
         for entry in fs::read_dir(&self.directory).into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with("control-") {
                 let path = entry.path();
@@ -263,13 +265,13 @@ impl Instance {
     }
 }
 
-/// A file in every directory that was made for groups. Only such a directory is removed with the last
-/// of them: the user, or a service manager, may have made one and expects it to stay.
+/// Marks every directory that was created for groups. Only marked directories are removed with the last
+/// group, since a user or a service manager that creates one expects it to stay.
 const MADE: &str = ".made-by-touchline";
 
-/// Makes two directories, of which the second is in the first, readable by nobody else, and checks that
-/// they are really ours: in a place that everybody can write to somebody could have put a directory or
-/// a link there first.
+/// Creates two directories, the second inside the first, accessible to this user alone, and checks
+/// their owners: in a world-writable place another user could have put a directory or a link there
+/// first.
 fn make(places: [&Path; 2]) -> Result<(), InstanceError> {
     check_places(places)?;
     for path in places {
@@ -282,7 +284,7 @@ fn make(places: [&Path; 2]) -> Result<(), InstanceError> {
                 check_places(places)?;
                 private::open_file(&path.join(MADE)).map_err(io_error(path))?;
             }
-            // Something that is there and no directory is described better by the check.
+            // If something other than a directory exists there, the check has the better error.
             Err(error) if fs::symlink_metadata(path).is_err() => {
                 return Err(io_error(path)(error));
             }
@@ -292,29 +294,29 @@ fn make(places: [&Path; 2]) -> Result<(), InstanceError> {
     Ok(())
 }
 
-/// Removes a directory that was made for groups when there is nothing else in it.
+/// Removes a directory that was created for groups if it is otherwise empty.
 fn remove_if_made(path: &Path) {
     let mark = path.join(MADE);
     let has_others = fs::read_dir(path).is_ok_and(|mut entries| {
         entries.any(|entry| entry.is_ok_and(|entry| entry.file_name() != MADE))
     });
-    // A group that starts at this moment makes it again.
+    // If a group starts at this moment, the mark is put back.
     if !has_others && fs::remove_file(&mark).is_ok() && fs::remove_dir(path).is_err() {
         let _ = private::open_file(&mark);
     }
 }
 
-/// Whether two directories, of which the second is in the first, are ours alone, as far as they exist, and
-/// nobody else can exchange them.
+/// Checks that two directories, the second inside the first, are this user's alone as far as they
+/// exist, and that no other user can replace them.
 fn check_places([base, directory]: [&Path; 2]) -> Result<(), InstanceError> {
     private::check_way(base)?;
-    // In a directory like /tmp others can add theirs, but not take ours away.
+    // In a directory like /tmp other users can add entries, but not remove ours.
     private::check_directory(base, Others::Add)?;
     Ok(private::check_directory(directory, Others::Read)?)
 }
 
-/// Whether everything in a directory is closed to others by its own mode, directories for other users
-/// aside: somebody's home may have been named as the place for groups.
+/// Whether everything in a directory, except directories for other users, is closed to others by its
+/// own mode: the place for groups may be a user's home.
 fn holds_only_closed(base: &Path, gateway: &Path) -> bool {
     fs::read_dir(base).is_ok_and(|entries| {
         entries.flatten().all(|entry| {
@@ -346,7 +348,7 @@ fn remove(result: std::io::Result<()>, path: &Path) -> Result<(), InstanceError>
     }
 }
 
-/// The directory in which all runtime directories of this user are.
+/// The directory of all runtime directories of this user.
 pub fn runtime_base() -> PathBuf {
     let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
     if let Some(directory) = from(RUNTIME_DIR_VARIABLE) {
@@ -362,8 +364,7 @@ fn base_in_tmp() -> PathBuf {
     format!("/tmp/touchline-{}", rustix::process::getuid().as_raw()).into()
 }
 
-/// Where the directories are that other users are let into. What is in XDG_RUNTIME_DIR is closed to
-/// everybody but its owner.
+/// The directory of the directories for other users. XDG_RUNTIME_DIR is closed to all but its owner.
 fn gateway_base(base: &Path) -> PathBuf {
     let closed = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
     match closed {
@@ -374,7 +375,8 @@ fn gateway_base(base: &Path) -> PathBuf {
     }
 }
 
-/// FNV-1a: short, stable between builds, good enough to tell names and tables apart.
+/// FNV-1a hash (Fowler, Noll, Vo): short, stable between builds, good enough to distinguish names and
+/// tables.
 pub fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)

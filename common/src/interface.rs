@@ -1,13 +1,13 @@
-//! What processes of a group must agree on to understand each other: for programs of different
-//! versions in one match, and for clients in other languages.
+//! The interface on which processes of a group must agree: for programs of different versions in one
+//! match, and for clients in other languages.
 
 use crate::bus::{Header, Message};
 use crate::topics::{Topic, Visitor, visit_all};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Counts up when what the processes of a group leave each other besides messages (the pages of stages, the
-/// roster, the group's record) or the places of iceoryx2's files change.
+/// Must rise when the shared state besides messages (stage pages, roster, the group's record) or the
+/// location of iceoryx2's files changes.
 const FILES_VERSION: u32 = 4;
 
 /// Everything one program must share with another to work in the same group.
@@ -15,11 +15,11 @@ const FILES_VERSION: u32 = 4;
 pub struct Interface {
     /// Version of the files in the runtime directory.
     pub files_version: u32,
-    /// What travels on the topics.
+    /// Message types of the topics.
     pub topics: Vec<TopicInterface>,
 }
 
-/// What travels on a topic.
+/// Message types of a topic.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicInterface {
     /// Name of the topic.
@@ -35,7 +35,7 @@ pub struct TopicInterface {
 }
 
 impl Interface {
-    /// That of this program.
+    /// The interface of this program.
     pub fn own() -> Self {
         struct Interfaces(Vec<TopicInterface>);
         impl Visitor for Interfaces {
@@ -52,8 +52,8 @@ impl Interface {
         Self { files_version: FILES_VERSION, topics }
     }
 
-    /// In words, why processes with this interface and with the other cannot work together; empty
-    /// when they can. Topics that only one of them has disturb nobody.
+    /// Readable reasons why processes with the two interfaces cannot work together; empty if they can.
+    /// A topic that only one of them has is no conflict.
     pub fn conflicts_with(&self, other: &Self) -> Vec<String> {
         let mut conflicts = Vec::new();
         if self.files_version != other.files_version {

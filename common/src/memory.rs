@@ -1,15 +1,14 @@
-//! How much shared memory a group takes.
+//! Shared memory that a group needs.
 //!
-//! iceoryx2 reserves, for each writer, a place for every message that could possibly be in use at
-//! once: with as many readers as are allowed, each with a full buffer and its hands full. That is
-//! address space; the system gives memory to a place only when it is first written to, and the
-//! place given back last is written to next. So the places of an ordinary match are few, and
-//! the first ones of the segment.
+//! For each writer iceoryx2 reserves a slot for every message that could be in use at once: with the
+//! maximum number of readers, each with a full buffer and as many borrowed messages as allowed. That is
+//! address space; the system allocates memory for a slot only when it is first written, and the slot
+//! returned last is written next. So an ordinary match uses few slots, the first ones of the segment.
 //!
-//! What happens when the memory is not there is drastic: whoever writes to it dies of a SIGBUS. So a
-//! group asks for it before it starts, every writer has the usual places of its segment filled in
-//! before it writes the first message, and nothing new is made when there is hardly anything left.
-//! What gets used beyond that, by pictures full of noise, is not protected.
+//! A process that writes to memory which the system cannot provide is killed by a SIGBUS. So a group
+//! checks the free memory before it starts, every writer has the usual slots of its segment allocated
+//! before its first message, and nothing new is created when hardly any memory is left. Memory beyond
+//! that, which pictures full of noise need, is not protected.
 
 use crate::bus::{Header, Message};
 use crate::config::Config;
@@ -19,34 +18,34 @@ use iceoryx2::service::header::publish_subscribe::Header as IpcHeader;
 use std::io;
 use std::path::Path;
 
-/// Where the system keeps shared memory.
+/// The system's file system for shared memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Shared memory of the messages of one writer.
+/// Shared memory for the messages of one writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicMemory {
     /// The topic's name.
     pub topic: &'static str,
     /// Bytes of one message with all its headers.
     pub message_bytes: u64,
-    /// Messages for which there is a place.
+    /// Slots reserved for messages.
     pub places: u64,
-    /// Places that get used when readers keep up, or sleep: what is kept for late readers and in
-    /// full buffers are the same, newest, messages.
+    /// Slots in use while readers keep up or sleep: history and full buffers hold the same newest
+    /// messages.
     pub usual_places: u64,
-    /// Bytes that ordinary messages fill.
+    /// Bytes of an ordinary message.
     pub ordinary_message_bytes: u64,
     /// Writers at the same time: the stage's process and its spare.
     pub writers: u64,
 }
 
 impl TopicMemory {
-    /// Bytes that can come to be used when readers do their worst.
+    /// Most bytes that can be in use, with the worst readers.
     pub fn reserved_bytes(&self) -> u64 {
         self.places * self.message_bytes
     }
 
-    /// Bytes that get used while readers keep up, whatever is in the pictures.
+    /// Bytes in use while readers keep up, whatever the pictures.
     pub fn usual_bytes(&self) -> u64 {
         self.usual_places * self.message_bytes
     }
@@ -57,7 +56,7 @@ impl<E: Message, H: Header> Topic<E, H> {
     pub fn memory(&self, capacity: usize) -> TopicMemory {
         let in_readers_hands = self.subscribers * (self.buffer + self.borrowed);
         let kept = self.buffer.max(self.history);
-        // A late hand or two for each reader, beyond what is kept.
+        // One borrowed message per reader beyond the kept ones.
         let usual = kept + self.loaned + self.subscribers;
         let message_bytes = message_bytes::<E, H>(capacity);
         TopicMemory {
@@ -71,7 +70,7 @@ impl<E: Message, H: Header> Topic<E, H> {
     }
 }
 
-/// iceoryx2's header, ours, and the elements, each aligned.
+/// Size of a message: iceoryx2's header, ours and the elements, each aligned.
 fn message_bytes<E, H>(capacity: usize) -> u64 {
     let headers = (size_of::<IpcHeader>().next_multiple_of(align_of::<H>()) + size_of::<H>())
         .next_multiple_of(align_of::<E>());
@@ -82,7 +81,7 @@ fn message_bytes<E, H>(capacity: usize) -> u64 {
 /// The shared memory of a group.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupMemory {
-    /// Of each topic.
+    /// One entry per topic.
     pub topics: Vec<TopicMemory>,
 }
 
@@ -90,18 +89,18 @@ pub struct GroupMemory {
 const BOOKKEEPING_BYTES: u64 = 4 << 20;
 /// Bytes that all other processes together need to connect to a new one.
 const STARTING_BYTES: u64 = 2 << 20;
-/// When less is free, nothing new is made: the next to touch something would die of it, and that may
-/// be a healthy stage which connects to a new reader.
+/// Below this much free memory nothing new is created. Otherwise the next process to touch new memory
+/// would die of it, and that may be a healthy stage which connects to a new reader.
 const MARGIN_BYTES: u64 = 512 << 10;
 
 impl GroupMemory {
-    /// What a group with this configuration takes when frames have a byte a pixel.
+    /// Memory of a group with this configuration and frames of one byte a pixel.
     pub fn new(config: &Config) -> Self {
         Self::with_frames_of(config, config.camera.frame_bytes())
     }
 
-    /// What a group with this configuration takes when its source has memory laid aside for frames of
-    /// so many bytes.
+    /// Memory of a group with this configuration whose source reserves room for frames of up to
+    /// `most_bytes`.
     pub fn with_frames_of(config: &Config, most_bytes: usize) -> Self {
         let frame_bytes = config.camera.frame_bytes();
         let with_spare = |memory: TopicMemory| TopicMemory { writers: 2, ..memory };
@@ -117,31 +116,30 @@ impl GroupMemory {
         }
     }
 
-    /// With less than this there is no match at all: what ordinary pictures take, with readers that
-    /// keep up.
+    /// Minimum for a match: ordinary pictures, and readers that keep up.
     pub fn least_bytes(&self) -> u64 {
         let of =
             |topic: &TopicMemory| topic.usual_places * topic.ordinary_message_bytes * topic.writers;
         self.topics.iter().map(of).sum::<u64>() + BOOKKEEPING_BYTES
     }
 
-    /// With less than this no process of a stage is started in a match that runs: what it lays aside for
-    /// its own messages, and what all others make for a new reader. Those die where that is not there.
+    /// Minimum for starting a process of a stage during a match: its own messages, and the queues that
+    /// all others create for a new reader. Those others would die if memory were missing.
     pub fn start_bytes(&self, topic: &str) -> u64 {
         let own = self.topics.iter().filter(|memory| memory.topic == topic);
         own.map(|memory| memory.usual_places * memory.ordinary_message_bytes).sum::<u64>()
             + STARTING_BYTES
     }
 
-    /// With this much no picture and no hand-over makes memory short: pictures full of noise, and a
-    /// new grabber while the old one is not cleaned up yet. Only readers that hold on to many old
-    /// messages for long take more, up to [`TopicMemory::reserved_bytes`].
+    /// Enough for every picture and every hand-over, including pictures full of noise and a new grabber
+    /// while the old one is not cleaned up yet. Only readers that hold many old messages for long take
+    /// more, up to [`TopicMemory::reserved_bytes`].
     pub fn ample_bytes(&self) -> u64 {
         self.topics.iter().map(|topic| topic.usual_bytes() * 2).sum::<u64>() + BOOKKEEPING_BYTES
     }
 }
 
-/// How to make so much room.
+/// Commands that make this much room.
 pub fn advice(bytes: u64) -> String {
     let megabytes = bytes.div_ceil(1 << 20).next_multiple_of(64);
     format!(
@@ -150,16 +148,16 @@ pub fn advice(bytes: u64) -> String {
     )
 }
 
-/// Why processes cannot share memory on this machine.
+/// Reason why processes cannot share memory on this machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PlaceError {
-    /// The file system is mounted so.
+    /// The file system is mounted read-only.
     #[error(
         "{SHARED_MEMORY} is mounted read-only, so processes cannot share memory; `mount -o remount,rw \
          {SHARED_MEMORY}` as root, or start the container with a writable one (`--tmpfs {SHARED_MEMORY}`)"
     )]
     ReadOnly,
-    /// There is no such directory.
+    /// The directory does not exist.
     #[error(
         "{SHARED_MEMORY} is missing, so processes cannot share memory; `mkdir {SHARED_MEMORY} && mount -t \
          tmpfs -o mode=1777 tmpfs {SHARED_MEMORY}` as root"
@@ -181,13 +179,13 @@ pub fn check_place() -> Result<(), PlaceError> {
         Err(Errno::ROFS) => Err(PlaceError::ReadOnly),
         Err(Errno::NOENT | Errno::NOTDIR) => Err(PlaceError::Missing),
         Err(Errno::ACCESS | Errno::PERM) => Err(PlaceError::Forbidden),
-        // Anything else is told better by what fails of it.
+        // Other errors are reported better by the operation that fails.
         _ => Ok(()),
     }
 }
 
-/// Whether something new may be made in shared memory; if not, how many bytes are free. When it cannot
-/// be found out it may.
+/// Whether anything new may be created in shared memory; the error is the number of free bytes. If that
+/// cannot be determined, it may.
 pub fn check_margin() -> Result<(), u64> {
     match free_bytes() {
         Ok(free) if free < MARGIN_BYTES => Err(free),
@@ -195,9 +193,9 @@ pub fn check_margin() -> Result<(), u64> {
     }
 }
 
-/// Whether a process that reads all topics may connect to a group that works; if not, how many bytes are
-/// free. Every writer makes a queue for each new reader, and dies where there is no memory for it: the
-/// reader would end the match that it came to see.
+/// Whether a process that reads all topics may connect to a working group; the error is the number of
+/// free bytes. Every writer creates a queue for each new reader, and would die without memory for it,
+/// so the reader would end the match.
 pub fn check_room_for_readers() -> Result<(), u64> {
     match free_bytes() {
         Ok(free) if free < BOOKKEEPING_BYTES => Err(free),
@@ -205,16 +203,15 @@ pub fn check_room_for_readers() -> Result<(), u64> {
     }
 }
 
-/// Has the system fill in memory at these addresses, as writing to them would, but without dying of
-/// it; `false` when there is none. A kernel that cannot do that (before 5.14) is no reason not to
-/// start.
+/// Makes the system allocate memory at these addresses, as writing to them would, but without the risk
+/// of a SIGBUS; `false` if there is no memory. Kernels before 5.14 cannot do that, which is not an
+/// error.
 #[allow(unsafe_code)]
 pub(crate) fn fill_in(begin: *const u8, bytes: usize) -> bool {
     let page = rustix::param::page_size();
     let offset = begin.addr() % page;
     let begin = begin.wrapping_sub(offset).cast_mut().cast();
-    // SAFETY: this advice changes no byte and unmaps nothing; for addresses that are not mapped
-    // it fails.
+    // SAFETY: this advice changes no byte and unmaps nothing; it fails for unmapped addresses.
     let result = unsafe {
         rustix::mm::madvise(begin, offset + bytes, rustix::mm::Advice::LinuxPopulateWrite)
     };
@@ -254,7 +251,7 @@ mod tests {
             topics::STATUS.memory(1000),
         ] {
             let reserved = memory.reserved_bytes();
-            // A place costs some bytes of bookkeeping, a segment a page or two.
+            // A slot costs some bytes of bookkeeping, a segment a page or two.
             let most = reserved + memory.places * 16 + (16 << 10);
             assert!(
                 sizes.iter().any(|size| (reserved..most).contains(size)),
@@ -287,7 +284,7 @@ mod tests {
         let memory = topics::FRAMES.memory(bytes);
         let filled_in = used();
         assert!(filled_in >= memory.usual_bytes(), "{filled_in} of {memory:?}");
-        // Readers that never read keep what the writer keeps.
+        // Readers that never read keep the same messages as the writer.
         let _sleepers = [(); 3].map(|()| bus.subscriber(&topics::FRAMES).unwrap());
         for seq in 0..300 {
             let mut loan = frames.loan(bytes).unwrap();

@@ -1,32 +1,32 @@
-//! Which of a group's processes the system kills first when memory runs out: the ones that a match can do
-//! without.
+//! The order in which the system kills a group's processes when memory runs out: dispensable ones
+//! first.
 //!
-//! The system adds a number (`oom_score_adj`, in thousandths of all memory) to what a process uses, and
-//! kills the one with the most. A process may always make itself more likely to be killed, and go back to
-//! what it was started with; so ranks begin at what the supervisor was given, by a service manager say, and
-//! rise from there.
+//! The system adds `oom_score_adj` (in thousandths of all memory) to the memory use of a process, and
+//! kills the process with the highest sum. A process may always raise its own value, and lower it again
+//! to the value it was started with. So the ranks are added to the value that the supervisor inherited,
+//! for example from a service manager.
 
 use std::fs;
 use std::io;
 use std::sync::OnceLock;
 
-/// How well a match can do without a process.
+/// Importance of a process for a match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum MemoryRank {
-    /// Not at all: the supervisor, and the process of a stage that works.
+    /// Indispensable: the supervisor, and the active process of a stage.
     Needed = 0,
-    /// Until the next one dies: a spare.
+    /// Needed when the active process dies: a spare.
     Spare = 100,
-    /// The match goes on without, for all but those who attach through it: the gateway.
+    /// The match continues for everything but its clients: the gateway.
     Attendant = 300,
-    /// Nobody misses it before the match is over: the recorder.
+    /// Needed only after the match: the recorder.
     Recorder = 500,
 }
 
 const PATH: &str = "/proc/self/oom_score_adj";
 const HIGHEST: i32 = 1000;
 
-/// Gives this process a rank. That it cannot be given is no reason not to work.
+/// Gives this process a rank. Callers may ignore the error.
 pub fn set(rank: MemoryRank) -> io::Result<()> {
     static INHERITED: OnceLock<i32> = OnceLock::new();
     let inherited = match INHERITED.get() {

@@ -1,22 +1,21 @@
-//! Asking for memory before it is needed.
+//! Software prefetch: requests memory before it is needed.
 //!
-//! Between two frames of a camera others use the processor's caches, and a frame itself comes from
-//! another processor: whatever a stage reads for the first time takes a hundred nanoseconds to come.
-//! A kernel that reads on and on waits for most of that, since the hardware, which guesses what comes
-//! next, stops at the end of each page of 4 KiB.
+//! Between two frames of a camera other programs use the processor's caches, and a frame itself comes
+//! from another processor, so a first read takes about a hundred nanoseconds. A kernel that reads
+//! sequentially waits for most of that, since the hardware prefetcher stops at the end of each page of
+//! 4 KiB.
 
-/// Bytes that come together.
+/// Bytes fetched together.
 const CACHE_LINE: usize = 64;
 
-/// Asks for `bytes` to be brought near, without waiting for them. Does nothing where the language has
-/// no means for it.
+/// Requests `bytes` into the cache without waiting for them. Does nothing where the language has no
+/// intrinsic for it.
 #[inline(always)]
 pub fn prefetch(bytes: &[u8]) {
     #[cfg(target_arch = "x86_64")]
     for line in bytes.chunks(CACHE_LINE) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a hint, which changes nothing that a program could see, about an address within
-        // the slice.
+        // SAFETY: a hint without visible effect, for an address within the slice.
         #[allow(unsafe_code)]
         // pays: a frame that is not in the caches is classified in 4/5 of the time
         unsafe {

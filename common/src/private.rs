@@ -1,10 +1,11 @@
-//! Directories and files that are this user's alone, whatever other users of the machine put in the way.
+//! Directories and files that belong to this user alone, even in places where other users can create
+//! files.
 //!
-//! A place like `/tmp` or `/dev/shm` lets everybody make things under any name. Whatever is made there is
-//! therefore made new (O_EXCL) or checked after it was opened, by the descriptor, so that nothing can be
-//! exchanged between the look and the use; links are never followed (O_NOFOLLOW). A directory is checked
-//! together with every directory above it: whoever can write to one of those can put another one in its
-//! place.
+//! In a place like `/tmp` or `/dev/shm` everybody can create files under any name. Files there are
+//! therefore created exclusively (O_EXCL), or checked through their descriptor after opening, so that
+//! they cannot be replaced between check and use; links are never followed (O_NOFOLLOW). A directory is
+//! checked together with every directory above it: a user that can write to one of those can replace
+//! it.
 
 use rustix::fs::{FileType, Mode, OFlags};
 use std::fs::{self, DirBuilder, File, Permissions};
@@ -14,37 +15,37 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 
-/// Why a directory is not used.
+/// Reason why a directory is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum PrivacyError {
-    /// It, or one above it, is not this user's alone.
+    /// It, or a directory above it, is accessible to other users.
     #[error("{path} {problem}{}", advice(path, directory, problem))]
     Exposed {
-        /// The one that is not.
+        /// The directory at fault.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: Problem,
-        /// The one that was to be used.
+        /// The directory that was to be used.
         directory: PathBuf,
     },
-    /// It cannot be looked at or made.
+    /// It cannot be inspected or created.
     #[error("{path}: {source}")]
     Io {
-        /// What was touched.
+        /// Path concerned.
         path: PathBuf,
-        /// What the system said.
+        /// The system's answer.
         source: io::Error,
     },
 }
 
-/// What is wrong with a directory.
+/// Problem of a directory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Problem {
-    /// It is a link, which its owner can turn elsewhere.
+    /// It is a symbolic link, which its owner can redirect.
     Link,
-    /// It is something else.
+    /// It is not a directory.
     NoDirectory,
-    /// It belongs to the user with this number.
+    /// It belongs to the user with this id.
     Foreign(u32),
     /// Its mode lets others write.
     Writable,
@@ -74,16 +75,16 @@ fn advice(path: &Path, directory: &Path, problem: &Problem) -> String {
     above + &remedy
 }
 
-/// How much others may do in a directory.
+/// Access that other users may have to a directory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Others {
     /// They may not write.
     Read,
-    /// They may add what is theirs, as in `/tmp`.
+    /// They may add entries of their own, as in `/tmp`.
     Add,
 }
 
-/// Checks that a directory belongs to this user and that others can do no more in it than that.
+/// Checks that a directory belongs to this user and gives other users no more access than this.
 pub fn check_directory(path: &Path, others: Others) -> Result<(), PrivacyError> {
     let exposed =
         |problem| Err(PrivacyError::Exposed { path: path.into(), problem, directory: path.into() });
@@ -96,13 +97,12 @@ pub fn check_directory(path: &Path, others: Others) -> Result<(), PrivacyError> 
     }
 }
 
-/// Checks that nobody but the system's administrator and this user can put another directory in the place
-/// of this one: all above it belong to one of them, and others can at most add to them. What does not
-/// exist is not looked at.
+/// Checks that only root and this user can replace a directory: all directories above it belong to one
+/// of them, and other users can at most add entries. Missing directories are not checked.
 pub fn check_way(directory: &Path) -> Result<(), PrivacyError> {
     let Some(parent) = directory.parent() else { return Ok(()) };
     check_above(parent, directory)?;
-    // Links on the way lead elsewhere, where the same holds.
+    // Links on the path lead to other places, which must pass the same check.
     match fs::canonicalize(parent) {
         Ok(real) if real != parent => check_above(&real, directory),
         _ => Ok(()),
@@ -110,8 +110,7 @@ pub fn check_way(directory: &Path) -> Result<(), PrivacyError> {
 }
 
 fn check_above(parent: &Path, directory: &Path) -> Result<(), PrivacyError> {
-    // In a user namespace the administrator of the machine, who owns the root directory, has another
-    // number.
+    // In a user namespace, root of the machine, which owns the root directory, has another user id.
     let root = fs::metadata("/").map_or(0, |data| data.uid());
     let ancestors: Vec<&Path> = parent.ancestors().collect();
     for path in ancestors.into_iter().rev() {
@@ -155,8 +154,8 @@ fn can_be_exchanged(data: &fs::Metadata, others: Others) -> bool {
     is_writable && !(is_sticky && others == Others::Add)
 }
 
-/// Whether only this user and the group that is this user's alone may write: many systems give every user
-/// a group of the same number, and make directories that it may write to.
+/// Whether only this user and the user's own group may write: many systems give every user a group with
+/// the user's id, and make directories writable for it.
 fn is_for_own_group(data: &fs::Metadata) -> bool {
     let own_gid = rustix::process::getegid().as_raw();
     data.mode() & 0o002 == 0 && data.gid() == own_gid && own_gid == own_uid()
@@ -166,13 +165,13 @@ fn own_uid() -> u32 {
     rustix::process::geteuid().as_raw()
 }
 
-/// Makes a directory that nobody else can read, with those above it that are missing, and checks it and
-/// the way to it.
+/// Creates a directory accessible to this user alone, and missing ones above it, and checks it and the
+/// path to it.
 pub fn create_directory(path: &Path) -> Result<(), PrivacyError> {
     check_way(path)?;
     let made = DirBuilder::new().recursive(true).mode(0o700).create(path);
     match made {
-        // Something that is there and no directory is described better by the check.
+        // If something other than a directory exists there, the check has the better error.
         Err(source) if fs::symlink_metadata(path).is_err() => {
             Err(PrivacyError::Io { path: path.into(), source })
         }
@@ -180,9 +179,9 @@ pub fn create_directory(path: &Path) -> Result<(), PrivacyError> {
     }
 }
 
-/// Opens a file for reading and writing, which is made if it is not there, for nobody else to read.
-/// Refuses one that others can reach: that belongs to another user, has a second name or is open to
-/// others.
+/// Opens a file for reading and writing; a missing file is created for this user alone. Refuses a file
+/// that other users can reach: one that belongs to another user, has a second hard link or is writable
+/// for others.
 pub fn open_file(path: &Path) -> io::Result<File> {
     let flags =
         OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
@@ -191,7 +190,7 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     Ok(file.into())
 }
 
-/// As [`open_file`], for reading, and not made.
+/// Like [`open_file`], but for reading only, and without creating the file.
 pub fn read_file(path: &Path) -> io::Result<File> {
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = rustix::fs::open(path, flags, Mode::empty())?;
@@ -199,14 +198,14 @@ pub fn read_file(path: &Path) -> io::Result<File> {
     Ok(file.into())
 }
 
-/// As [`open_file`], and empties the file.
+/// Like [`open_file`], but empties the file.
 pub fn create_file(path: &Path) -> io::Result<File> {
     let file = open_file(path)?;
     file.set_len(0)?;
     Ok(file)
 }
 
-/// Makes a file that is not there yet, for nobody else to read.
+/// Creates a file that must not exist yet, for this user alone.
 pub fn create_new_file(path: &Path) -> io::Result<File> {
     let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::CLOEXEC | OFlags::NOFOLLOW;
     Ok(rustix::fs::open(path, flags, Mode::RUSR | Mode::WUSR)?.into())
@@ -215,7 +214,7 @@ pub fn create_new_file(path: &Path) -> io::Result<File> {
 fn check_file(file: &impl AsFd) -> io::Result<()> {
     let data = rustix::fs::fstat(file)?;
     let problem = if FileType::from_raw_mode(data.st_mode) != FileType::RegularFile {
-        "it is no ordinary file".into()
+        "it is not a regular file".into()
     } else if data.st_uid != own_uid() {
         format!("it belongs to another user (uid {})", data.st_uid)
     } else if data.st_nlink > 1 {
@@ -228,7 +227,7 @@ fn check_file(file: &impl AsFd) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::PermissionDenied, problem))
 }
 
-/// Makes a socket for datagrams on which only this user can send.
+/// Creates a datagram socket to which only this user can send.
 pub fn bind_datagram(path: &Path) -> io::Result<UnixDatagram> {
     let socket = UnixDatagram::bind(path)?;
     fs::set_permissions(path, Permissions::from_mode(0o600))?;
@@ -281,7 +280,7 @@ mod tests {
         let refusal = check_way(&link.join("b")).unwrap_err().to_string();
         assert!(refusal.starts_with(&format!("{} can", open.display())), "links: {refusal}");
 
-        // As /tmp.
+        // Like /tmp.
         fs::set_permissions(&open, Permissions::from_mode(0o1777)).unwrap();
         create_directory(&deep).unwrap();
         assert_eq!(fs::metadata(&deep).unwrap().mode() & 0o777, 0o700);

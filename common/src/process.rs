@@ -1,11 +1,10 @@
-//! The frame every stage process runs in: arguments, signals, heartbeat, and the way from spare to
-//! active.
+//! The frame of every stage process: arguments, signals, heartbeat, and promotion from spare to active.
 //!
 //! A process connects to all its topics first and reports itself as a spare. Started as a spare, it
-//! then sleeps until SIGUSR1 promotes it; otherwise it goes on at once. SIGTERM asks any process to
-//! end after the message it is working on; SIGUSR2 makes it panic, for rehearsals. A process whose supervisor is gone keeps working for the
-//! configured time, so that a match outlives a crash of the supervisor, and then ends by itself, so
-//! that nothing is left running for ever.
+//! then sleeps until SIGUSR1 promotes it; otherwise it continues at once. SIGTERM asks any process to
+//! end after the message it is working on; SIGUSR2 makes it panic, for rehearsals. A process whose
+//! supervisor is gone keeps working for the configured time, so that a match outlives a crash of the
+//! supervisor, and then ends, so that nothing is left running for ever.
 
 use crate::bus::{Bus, BusError, Kept, Publisher};
 use crate::clock::monotonic_ns;
@@ -32,54 +31,56 @@ pub const NO_SEQ: u64 = u64::MAX;
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
 /// Time between heartbeats of a process that drops its input: well below the stall deadline.
 const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
-/// Longest a process sleeps before it looks around: at its heartbeat, at requests to end.
+/// Longest sleep between two calls of [`Process::keep_running`], which sends heartbeats and sees
+/// requests to end.
 pub const LOOK_AROUND: Duration = Duration::from_millis(50);
 
-/// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it takes that
-/// frame.
+/// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it receives
+/// that frame.
 pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
 
-/// How a process is started.
+/// Start options of a process.
 #[derive(Debug, Clone)]
 pub struct ProcessOptions {
     /// The group it belongs to.
     pub instance: Instance,
-    /// Starts as a spare and waits to be promoted.
+    /// Start as a spare and wait for promotion.
     pub spare: bool,
-    /// Belongs to a supervisor, and ends some time after that is gone.
+    /// The process belongs to a supervisor, and ends some time after the supervisor is gone.
     pub supervised: bool,
 }
 
-/// Why a process cannot go on.
+/// Reason why a process cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum ProcessError {
-    /// Shared memory.
+    /// Shared memory failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Runtime directory.
+    /// The runtime directory is unusable.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// Signals or waiting.
+    /// Setting up signals, or waiting, failed.
     #[error("{action}: {source}")]
     System {
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
-        /// What the system said.
+        /// The system's answer.
         source: std::io::Error,
     },
-    /// The stage itself could not be built, or its source of frames is gone.
+    /// The stage could not be built, or its source of frames is gone.
     #[error("{0}")]
     Stage(String),
 }
 
 /// A stage process, from its start to its end.
 pub struct Process {
-    /// Its membership in the group.
+    /// The process's membership in the group.
     pub bus: Bus,
-    /// What it has done so far; goes out with every heartbeat.
+    /// Counters so far; sent with every heartbeat.
     pub counters: Heartbeat,
     instance: Instance,
-    /// What only the supervisor knows besides; it may be killed and started again at any moment.
+    /// Topics known otherwise only to the supervisor, which may be killed and started again at any
+    /// time.
     _kept: (Kept<u8, StatusHeader>, Kept<GroupEvent, ()>),
     page: StagePage,
     health: Publisher<Heartbeat, ()>,
@@ -89,7 +90,7 @@ pub struct Process {
     promotion: UnixStream,
     spare: bool,
     supervised: bool,
-    /// Past waiting for a promotion.
+    /// Promoted, or started as the active process.
     is_at_work: bool,
     fault: Option<u64>,
     skip_next: bool,
@@ -98,7 +99,7 @@ pub struct Process {
     wake_up: WakeUpStrategy,
     lock_memory: bool,
     done_by_predecessor: Option<u64>,
-    /// The frame of the last input that was accepted; `None` before the first.
+    /// Header of the last accepted input; `None` before the first.
     accepted: Option<FrameHeader>,
     fps: f64,
     beat_ns: u64,
@@ -106,7 +107,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// Joins the group. Signals are handled from here on.
+    /// Joins the group, and handles signals from here on.
     pub fn start(
         kind: ProcessKind,
         options: &ProcessOptions,
@@ -163,13 +164,13 @@ impl Process {
         })
     }
 
-    /// What the process waits on, in the configured way, until a topic has something new.
+    /// A wake-up for a topic, of the configured kind.
     pub fn wake_up<E, H>(&self, topic: &Topic<E, H>) -> Result<WakeUp, ProcessError> {
         Ok(self.bus.wake_up_by(topic, self.wake_up)?)
     }
 
-    /// Call when all topics are connected. Returns when the process is to work: at once, or, for a
-    /// spare, on promotion. `false` means that it is to end instead.
+    /// To be called when all topics are connected. Returns when the process is to work: at once, or,
+    /// for a spare, on promotion. `false` means that the process is to end instead.
     pub fn activate(&mut self) -> Result<bool, ProcessError> {
         if self.lock_memory
             && let Some(complaint) = scheduling::lock_memory()
@@ -178,7 +179,7 @@ impl Process {
         }
         self.beat(ProcessState::Spare)?;
         if self.spare {
-            // Signals wake it; for itself it has nothing to do but to give a sign of life.
+            // Signals wake it; meanwhile a spare only sends heartbeats.
             while self.keep_running()? && !self.promoted_within(HEARTBEAT)? {}
         }
         if !self.keep_running()? {
@@ -193,8 +194,8 @@ impl Process {
             self.skip_next = handover.skip_next;
         }
         if self.supervised {
-            // The supervisor may be new, and not have seen what a process has published that is dead
-            // since.
+            // A new supervisor may not have seen the last outputs of a process that died before it
+            // started.
             self.resume_after_seen(self.page.newest());
         }
         self.is_at_work = true;
@@ -203,12 +204,12 @@ impl Process {
         Ok(true)
     }
 
-    /// Looks around: sends the heartbeat when it is due, and says whether to go on. Call at least
-    /// every [`LOOK_AROUND`] and once a message.
+    /// Sends the heartbeat when it is due, and returns whether to continue. To be called at least every
+    /// [`LOOK_AROUND`] and once per message.
     pub fn keep_running(&mut self) -> Result<bool, ProcessError> {
         let now = monotonic_ns();
         if self.stop.load(Ordering::Relaxed) {
-            // The last word, so that the counters of a process that ends in order are complete.
+            // The last heartbeat completes the counters of a process that ends in order.
             self.publish_heartbeat(now)?;
             return Ok(false);
         }
@@ -218,7 +219,7 @@ impl Process {
         if self.is_at_work {
             self.page.look_around(now);
         }
-        // A drop is progress that shows in no output, so it is reported without delay.
+        // A drop is progress without an output, so it is reported without delay.
         let since_beat = Duration::from_nanos(now.saturating_sub(self.beat_ns));
         let has_dropped = self.counters.dropped != self.beat_dropped;
         if since_beat < if has_dropped { HEARTBEAT_AFTER_DROP } else { HEARTBEAT } {
@@ -239,7 +240,7 @@ impl Process {
         self.publish_heartbeat(monotonic_ns())
     }
 
-    /// Reports a state, at once if it is another one than before.
+    /// Reports a state, at once if it has changed.
     pub fn is_now(&mut self, state: ProcessState) -> Result<(), ProcessError> {
         if self.counters.state == state as u32 { Ok(()) } else { self.beat(state) }
     }
@@ -261,13 +262,13 @@ impl Process {
     }
 }
 
-/// Counting what goes in and out of a stage.
+/// Counts the inputs and outputs of a stage.
 impl Process {
-    /// Decides whether to work on an input: `false`, and counted, when its number is not above the
-    /// last one's, or when two predecessors have died of it. Gaps are counted too.
+    /// Decides whether to work on an input. `false`, and counted as a drop, if its number is not above
+    /// the last one's, or if it killed two predecessors. Gaps are counted too.
     ///
-    /// A number that the camera cannot have reached since the last one is rubbish: believing it would
-    /// mean taking every frame after it for an old one.
+    /// A number that the camera cannot have reached since the last frame is rejected: accepting it
+    /// would make every later frame look old.
     pub fn accept(&mut self, frame: &FrameHeader) -> bool {
         let seq = frame.seq;
         let counters = &mut self.counters;
@@ -298,8 +299,8 @@ impl Process {
         true
     }
 
-    /// Takes into account the newest output of this stage that the process has seen itself: a
-    /// supervisor that has only just taken over may not have seen it. Call after
+    /// Continues after the newest output of this stage that the process itself has seen: a supervisor
+    /// that has only just taken over may not have seen it. To be called after
     /// [`activate`](Self::activate).
     pub fn resume_after_seen(&mut self, seen: Option<u64>) {
         if seen > self.done_by_predecessor {
@@ -315,8 +316,8 @@ impl Process {
         self.done_by_predecessor
     }
 
-    /// Whether an input was dealt with by a predecessor of this process. A spare's buffer is full
-    /// of such when it is promoted; they are skipped without work, and are not drops.
+    /// Whether a predecessor of this process has handled the input. A spare's buffer is full of such
+    /// inputs when it is promoted; they are skipped without work, and do not count as drops.
     pub fn is_done_by_predecessor(&self, seq: u64) -> bool {
         self.done_by_predecessor >= Some(seq)
     }
@@ -328,7 +329,7 @@ impl Process {
         self.page.set_newest(seq);
     }
 
-    /// Counts an input that was not worked on.
+    /// Counts a dropped input.
     pub fn drop_input(&mut self, reason: DropReason) {
         self.counters.dropped[reason as usize] += 1;
     }
@@ -343,7 +344,7 @@ impl From<&FrameFault> for DropReason {
     }
 }
 
-/// The frame at which a part of the group is to panic, as [`FAULT_VARIABLE`] says.
+/// The frame at which the named part of the group must panic, from [`FAULT_VARIABLE`].
 pub fn fault_from_environment(name: &str) -> Option<u64> {
     let fault = std::env::var(FAULT_VARIABLE).ok()?;
     let (stage, seq) = fault.split_once('@')?;

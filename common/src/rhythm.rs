@@ -1,34 +1,39 @@
-//! When the next message will come, from when the last ones came.
+//! Predicts when the next message of a periodic sender arrives.
+//!
+//! The arrival times are followed by an alpha-beta filter (a second-order phase-locked loop, see
+//! Kalata, *The tracking index*, 1984) with phase φ and period T. A message that arrives at t, n =
+//! round((t − φ) / T) periods after the last, deviates by d = t − (φ + n T), and then φ ← φ + n T + 0.2
+//! d and T ← T + 0.02 d / n. A running mean of |d| gives the width of the window in which the next
+//! message is expected.
 
-/// Messages in a row that must have come in rhythm before it is relied on.
+/// Consecutive periodic messages after which predictions are used.
 const TRUSTED_AFTER: u32 = 8;
-/// How far the phase follows a message's deviation, and how far the period does: an alpha-beta
-/// filter that forgets in some ten messages.
+/// Gains of phase and period (α and β); the filter forgets in about ten messages.
 const PHASE_GAIN: f64 = 0.2;
 const PERIOD_GAIN: f64 = 0.02;
-/// Weight of the newest deviation in their mean.
+/// Gain of the running mean of |deviation|.
 const DEVIATION_GAIN: f64 = 0.05;
-/// So many mean deviations before the expected time, nearly every message is still to come.
+/// Half width of the expected window, in mean deviations; nearly every message arrives within it.
 const MARGIN_DEVIATIONS: f64 = 3.0;
-/// Nobody looks out for a message for longer than this before it is due, nor after: if they come that
-/// irregularly, a few microseconds of waking up do not matter.
+/// Longest half width. If messages are this irregular, a few microseconds of wake-up time do not
+/// matter.
 const LONGEST_MARGIN_NS: f64 = 150_000.0;
 
-/// A pause of more periods than this ends the rhythm.
+/// A pause of more periods ends the rhythm.
 const MOST_PERIODS: f64 = 8.0;
 
-/// Follows messages that come at regular intervals.
+/// Estimator for messages that arrive at regular intervals.
 #[derive(Debug, Clone, Default)]
 pub struct Rhythm {
     last_ns: u64,
-    /// Where the last message should have been, smoothed.
+    /// Smoothed time at which the last message was due.
     phase_ns: f64,
     period_ns: f64,
     deviation_ns: f64,
     in_rhythm: u32,
 }
 
-/// When a message is expected.
+/// Window in which a message is expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Expected {
     /// Probably not before this.
@@ -38,10 +43,10 @@ pub struct Expected {
 }
 
 impl Rhythm {
-    /// A message came at this time.
+    /// Updates the estimate with a message that arrived at this time.
     pub fn arrived(&mut self, now_ns: u64) {
         let since_last_ns = now_ns.saturating_sub(self.last_ns) as f64;
-        // Some may have been missed, or taken on the way without a wait.
+        // Some messages may be missing, or were received without a wait.
         let periods = ((now_ns as f64 - self.phase_ns) / self.period_ns).round().max(1.0);
         let due_ns = self.phase_ns + periods * self.period_ns;
         let deviation_ns = now_ns as f64 - due_ns;
@@ -54,7 +59,7 @@ impl Rhythm {
             self.deviation_ns += DEVIATION_GAIN * (deviation_ns.abs() - self.deviation_ns);
             self.in_rhythm = self.in_rhythm.saturating_add(1);
         } else {
-            // The first one, a pause, a burst, another rate: two messages make a new guess.
+            // The first message, a pause, a burst, or another rate: two messages give a new estimate.
             self.phase_ns = now_ns as f64;
             self.period_ns = since_last_ns;
             self.deviation_ns = since_last_ns / 8.0;
@@ -63,7 +68,7 @@ impl Rhythm {
         self.last_ns = now_ns;
     }
 
-    /// When the next one is expected; `None` as long as there is no rhythm.
+    /// The window of the next message; `None` while there is no rhythm.
     pub fn next(&self) -> Option<Expected> {
         if self.in_rhythm < TRUSTED_AFTER {
             return None;
@@ -130,7 +135,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever comes, what is expected lies within a period or so of the last message.
+        /// The expected window lies within a period or so of the last message, for any arrival times.
         #[test]
         fn nothing_is_expected_ages_from_now(gaps_ns in prop::collection::vec(0..1u64 << 40, 0..60)) {
             let mut now_ns = START_NS;

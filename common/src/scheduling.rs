@@ -1,8 +1,8 @@
-//! What the system can do for a stage: processors, real-time priority, memory that stays, processors that
-//! stay awake.
+//! Scheduling options of the system for a stage: processor affinity, real-time priority, locked memory,
+//! processors that stay awake.
 //!
-//! All of it is optional, and much of it needs rights. What is not permitted is done without: each
-//! function says so in one line.
+//! All of it is optional, and much of it needs rights. A stage runs without whatever is not permitted,
+//! and each function returns one line about it.
 
 use crate::config::{SchedulingConfig, WakeUpStrategy};
 use crate::messages::ProcessKind;
@@ -19,9 +19,9 @@ use std::path::Path;
 /// Stages that would spin at the same time.
 const SPINNING_STAGES: usize = 3;
 
-/// Sets up the calling thread as a stage's. Returns what could not be done, a line each.
+/// Sets up the calling thread for a stage. Returns one line for each option that failed.
 pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
-    // By default the system may let a sleep take 50 µs longer, to save energy. Cannot fail.
+    // By default the system may lengthen a sleep by 50 µs to save energy. Cannot fail.
     let _ = set_current_timer_slack(NonZeroU64::new(1));
     let mut complaints: Vec<String> =
         [restrict_to(config.cpus.of(kind), kind), set_priority(config.realtime_priority)]
@@ -30,7 +30,7 @@ pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
             .collect();
     if config.keep_awake {
         match keep_awake(Path::new(LATENCY_DEVICE)) {
-            // Stays open, and with it the demand in force, until the process ends.
+            // The file stays open, and with it the demand in force, until the process ends.
             Ok(device) => _ = device.into_raw_fd(),
             Err(complaint) => complaints.push(complaint),
         }
@@ -38,8 +38,8 @@ pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
     complaints
 }
 
-/// What of a configuration this machine does not permit, for whoever starts a group, a line each.
-/// Tried out on a thread of its own.
+/// The options that this machine does not permit, one line each, for a group that is to start. They are
+/// tried on a separate thread.
 pub fn complaints(config: &SchedulingConfig) -> Vec<String> {
     let tried = || {
         let mut complaints: Vec<String> = ProcessKind::ALL
@@ -61,8 +61,8 @@ pub fn complaints(config: &SchedulingConfig) -> Vec<String> {
     std::thread::scope(|scope| scope.spawn(tried).join().unwrap_or_default())
 }
 
-/// The strategy that suits the machine: not everything waits without sleeping where that would take
-/// the processors from those it waits for.
+/// The strategy for this machine: spinning is replaced where it would take the processors from the
+/// processes that are waited for.
 pub fn wake_up_strategy(config: &SchedulingConfig) -> WakeUpStrategy {
     match config.wake_up {
         WakeUpStrategy::Spin if too_few_to_spin(processors()).is_some() => WakeUpStrategy::Event,
@@ -124,7 +124,7 @@ const LOCK_REFUSED: &str = "scheduling.lock_memory = true is not permitted: the 
      systemd unit";
 
 fn may_lock_memory() -> bool {
-    // With a limit, locking succeeds only until it is reached: some time in the middle of a match.
+    // With a limit, locking succeeds until the limit is reached, which may be in the middle of a match.
     getrlimit(Resource::Memlock).current.is_none() || may_exceed_limits()
 }
 
@@ -138,8 +138,8 @@ fn may_exceed_limits() -> bool {
         .is_some_and(|capabilities| capabilities & (1 << IPC_LOCK) != 0)
 }
 
-/// Locks all memory of the process, as far as it is touched, now or later: most of a topic's places
-/// never are. Returns what could not be done.
+/// Locks all memory of the process once it is touched, now or later; most of a topic's slots never are.
+/// Returns a line if that failed.
 pub fn lock_memory() -> Option<String> {
     if !may_lock_memory() {
         return Some(LOCK_REFUSED.into());
@@ -152,11 +152,11 @@ pub fn lock_memory() -> Option<String> {
     }
 }
 
-/// Where Linux takes demands on how long a processor may take to wake up (Documentation/power/pm_qos_interface
-/// of the kernel). A demand holds as long as the file is open.
+/// Linux's interface for demands on processor wake-up latency (Documentation/power/pm_qos_interface of
+/// the kernel). A demand holds while the file is open.
 const LATENCY_DEVICE: &str = "/dev/cpu_dma_latency";
 
-/// Demands that no processor needs any time to wake up: idle ones then wait instead of falling asleep.
+/// Demands zero wake-up latency: idle processors then wait instead of falling asleep.
 fn keep_awake(device: &Path) -> Result<File, String> {
     let no_time_us = 0i32.to_ne_bytes();
     let demand = || {
@@ -206,7 +206,7 @@ mod tests {
         config.cpus.filter = vec![0];
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                // Where processor 0 is forbidden, that is said.
+                // If processor 0 is forbidden, a complaint is returned.
                 if set_up(&config, ProcessKind::Filter).is_empty() {
                     let set = rustix::thread::sched_getaffinity(None).unwrap();
                     assert_eq!((set.count(), set.is_set(0)), (1, true));

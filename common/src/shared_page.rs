@@ -1,7 +1,7 @@
-//! A page of numbers in a file that processes share by mapping it.
+//! A page of atomic numbers in a file that processes share by mapping it.
 //!
-//! The memory of the page is taken when it is opened, and an error says so when there is none. A page
-//! that was only given its size would be taken when it is first touched, and a process that touches
+//! The page's memory is allocated when the page is opened, and an error is returned if there is none. A
+//! page that only had its size set would be allocated at the first access, and a process that touches
 //! memory which the system cannot provide is killed by a SIGBUS.
 
 use crate::{memory, private};
@@ -14,42 +14,42 @@ use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::AtomicU32;
 
-/// The smallest piece of memory the system maps.
+/// Size of a page, the smallest unit of a mapping.
 const MAPPED_BYTES: usize = 4096;
 
-/// Numbers that may be shared.
+/// Numbers that processes may share.
 ///
 /// # Safety
 ///
-/// Valid when all their bytes are zero, not larger than a page, and meant to be touched by several
-/// processes at once.
+/// The type must be valid when all its bytes are zero, not larger than a page, and safe to access from
+/// several processes at once.
 #[allow(unsafe_code)]
 pub(crate) unsafe trait Shareable {}
 
-// SAFETY: atomic numbers are.
+// SAFETY: an atomic number meets all three.
 #[allow(unsafe_code)]
 unsafe impl Shareable for AtomicU32 {}
 
-/// Mapped numbers. They begin with 0 and outlive the processes that map them, as long as their file
-/// does.
+/// Mapped numbers. They start at 0 and live as long as their file, even without a process that maps
+/// them.
 pub(crate) struct SharedPage<T: Shareable> {
     page: NonNull<T>,
 }
 
 impl<T: Shareable> SharedPage<T> {
-    /// Maps the page in this file, which is made, for nobody else to read, if there is none.
+    /// Maps the page in this file. A missing file is created, readable by this user alone.
     #[allow(unsafe_code)]
     pub fn open(path: &Path) -> io::Result<Self> {
-        // Whoever else can open the file can truncate it under this process.
+        // A process that can open the file could truncate it under this one, hence the private open.
         let file = private::open_file(path)?;
         take_memory(&file)?;
-        // SAFETY: a new map of our own at a place the system chooses. It is unmapped in `drop`.
+        // SAFETY: a new mapping at an address the system chooses. It is unmapped in `drop`.
         let page = unsafe {
             let protection = ProtFlags::READ | ProtFlags::WRITE;
             mmap(std::ptr::null_mut(), MAPPED_BYTES, protection, MapFlags::SHARED, &file, 0)?
         };
         let page = Self { page: NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)? };
-        // On a file system that takes no memory in advance.
+        // For file systems on which `fallocate` is not supported.
         if !memory::fill_in(page.page.as_ptr().cast(), MAPPED_BYTES) {
             return Err(Errno::NOSPC.into());
         }
@@ -59,8 +59,8 @@ impl<T: Shareable> SharedPage<T> {
     /// The numbers.
     #[allow(unsafe_code)]
     pub fn get(&self) -> &T {
-        // SAFETY: mapped as long as `self` lives, aligned as a page is, and filled with zeros at
-        // first, which are valid numbers; other processes touch them as atomic ones too.
+        // SAFETY: mapped as long as `self` lives, page-aligned, and initially filled with zeros, which
+        // are valid numbers; other processes access them atomically too.
         unsafe { self.page.as_ref() }
     }
 }
@@ -73,8 +73,8 @@ impl<T: Shareable> Drop for SharedPage<T> {
     }
 }
 
-/// Gives the file the size of the page and has the system provide its memory. Bytes that are there
-/// stay. Every process asks for the same size, so no map loses its memory.
+/// Gives the file the size of a page and allocates its memory; existing bytes stay. Every process asks
+/// for the same size, so no mapping loses its memory.
 fn take_memory(file: &File) -> io::Result<()> {
     loop {
         match fallocate(file, FallocateFlags::empty(), 0, MAPPED_BYTES as u64) {

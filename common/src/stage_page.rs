@@ -1,12 +1,12 @@
-//! A page of shared memory for each stage that outlives its processes and the supervisor: how far the
-//! stage has come, what the supervisor tells its next process, and when its process last looked around.
+//! A shared page for each stage, which outlives its processes and the supervisor: how far the stage has
+//! come, the supervisor's note for its next process, and the time at which its process last checked in.
 //!
-//! A supervisor watches what the stages publish and tells the next process of a stage where to go on
+//! A supervisor watches the stages' outputs and tells the next process of a stage where to continue
 //! ([`Handover`]). But a supervisor can die too, and a stage's process after it, before the next
-//! supervisor has seen anything of it: what a dead process has published is not shown to those who
-//! come later. And a supervisor may be short of descriptors or memory, and not be able to connect to
-//! what a new process publishes. So each stage also writes down itself how far it has come. The page is mapped once; after that
-//! nothing done with it can fail.
+//! supervisor has seen any of that process's output: iceoryx2 does not deliver a dead process's
+//! messages to later subscribers. A supervisor may also lack descriptors or memory to connect to a new
+//! process. So each stage itself also notes how far it has come. The page is mapped once; after that no
+//! access to it can fail.
 
 use crate::handover::Handover;
 use crate::instance::Instance;
@@ -18,15 +18,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Layout of the page.
 #[repr(C)]
 struct Numbers {
-    /// One more than the number of the newest output; 0 when there is none.
+    /// Number of the newest output plus one; 0 when there is none.
     next: AtomicU64,
     /// The supervisor's note, [`Handover::to_bits`].
     note: AtomicU64,
-    /// When the process that works last looked around; 0 before.
+    /// Time at which the active process last checked in; 0 before.
     looked_around_ns: AtomicU64,
 }
 
-// SAFETY: atomic numbers, three of them.
+// SAFETY: three atomic numbers.
 #[allow(unsafe_code)]
 unsafe impl Shareable for Numbers {}
 
@@ -36,7 +36,7 @@ pub struct StagePage {
 }
 
 impl StagePage {
-    /// That of a stage in an instance, made if there is none.
+    /// Opens a stage's page in an instance, and creates it if there is none.
     pub fn open(instance: &Instance, kind: ProcessKind) -> io::Result<Self> {
         let namespace = instance.create_namespace().map_err(io::Error::other)?;
         Ok(Self { page: SharedPage::open(&namespace.stage_page_path(kind.name()))? })
@@ -47,27 +47,27 @@ impl StagePage {
         self.page.get().next.load(Ordering::Acquire).checked_sub(1)
     }
 
-    /// Notes an output that has just been published.
+    /// Records an output that has just been published.
     pub fn set_newest(&self, seq: u64) {
         self.page.get().next.store(seq.saturating_add(1), Ordering::Release);
     }
 
-    /// Leaves the note for the next process of the stage, in the place of the last one.
+    /// Leaves the note for the next process of the stage; it replaces the last one.
     pub fn leave_note(&self, note: Handover) {
         self.page.get().note.store(note.to_bits(), Ordering::Release);
     }
 
-    /// The note for a process that is about to work; `None` when the stage has not worked yet.
+    /// The note for a process that is about to become active; `None` when the stage has not worked yet.
     pub fn note(&self) -> Option<Handover> {
         Handover::from_bits(self.page.get().note.load(Ordering::Acquire))
     }
 
-    /// Notes that the process which works has looked around.
+    /// Records that the active process has checked in.
     pub fn look_around(&self, now_ns: u64) {
         self.page.get().looked_around_ns.store(now_ns, Ordering::Relaxed);
     }
 
-    /// When the process that works last looked around; 0 before.
+    /// Time at which the active process last checked in; 0 before.
     pub fn looked_around_ns(&self) -> u64 {
         self.page.get().looked_around_ns.load(Ordering::Relaxed)
     }

@@ -1,12 +1,12 @@
-//! Saying something to whoever looks after a process, on the standard error output, and showing things on
-//! the standard output.
+//! Messages on the standard error output and results on the standard output, without the risk to panic
+//! or block.
 //!
-//! `eprintln!` panics where that output cannot be written: the terminal is gone, the reader of a pipe has
+//! `eprintln!` panics if the output cannot be written: the terminal is gone, the reader of a pipe has
 //! ended, a log has filled its disk. None of that is a reason to end a match.
 //!
-//! Nor is a reader that has stopped reading: a terminal after Ctrl-S, a pager. Writing to it blocks for
-//! as long as that lasts. A process that must not be held up has a thread do the writing
-//! ([`never_block`]); what that one does not get rid of is left out, and counted.
+//! A reader that stops reading, such as a terminal after Ctrl-S or a pager, blocks the writer for as
+//! long as that lasts. A process that must not be held up writes from a separate thread
+//! ([`never_block`]); texts that do not fit into its queue are left out and counted.
 
 use std::fmt::Arguments;
 use std::io::{self, Write};
@@ -15,16 +15,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
-/// Texts that wait to be written: some seconds of a lively match.
+/// Texts that may wait to be written: some seconds of a lively match.
 const WAITING: usize = 256;
 
-/// As `eprintln!`, except that nothing happens if it cannot be written.
+/// Like `eprintln!`, but ignores errors.
 #[macro_export]
 macro_rules! tell {
     ($($text:tt)*) => { $crate::tell_part!("{}\n", format_args!($($text)*)) };
 }
 
-/// As `eprint!`, except that nothing happens if it cannot be written.
+/// Like `eprint!`, but ignores errors.
 #[macro_export]
 macro_rules! tell_part {
     ($($text:tt)*) => { $crate::tell::tell(format_args!($($text)*)) };
@@ -34,19 +34,19 @@ macro_rules! tell_part {
 enum Task {
     Error(String),
     Output(String),
-    /// Answered when everything before it is written.
+    /// Answered when everything before it has been written.
     Finish(SyncSender<()>),
 }
 
 static WRITER: OnceLock<SyncSender<Task>> = OnceLock::new();
-/// Texts left out since the last that was written.
+/// Texts left out since the last one written.
 static LEFT_OUT: AtomicU64 = AtomicU64::new(0);
 
-/// From now on, whatever this process says waits for nobody.
+/// From now on this process's output never blocks it.
 pub fn never_block() -> io::Result<()> {
     let (sender, tasks) = sync_channel(WAITING);
     std::thread::Builder::new().name("tell".into()).spawn(move || write_all(&tasks))?;
-    // Where there is one already, the new thread ends at once.
+    // If there is a writer already, the new thread ends at once.
     let _ = WRITER.set(sender);
     Ok(())
 }
@@ -59,7 +59,7 @@ pub fn tell(text: Arguments) {
     }
 }
 
-/// Writes to the standard output; nothing happens if that cannot be done.
+/// Writes to the standard output and ignores errors.
 pub fn show(text: String) {
     match WRITER.get() {
         None => write_output(&text),
@@ -67,12 +67,13 @@ pub fn show(text: String) {
     }
 }
 
-/// Waits until everything is written that was said so far, but not longer than this; whether it is.
+/// Waits until everything said so far has been written, but no longer than `patience`; returns whether
+/// it was.
 pub fn finish(patience: Duration) -> bool {
     let Some(writer) = WRITER.get() else { return true };
     let (done, is_done) = sync_channel(1);
     let begun = std::time::Instant::now();
-    // The queue may be full just now.
+    // The queue may be full at the moment.
     while writer.try_send(Task::Finish(done.clone())).is_err() {
         if begun.elapsed() >= patience {
             return false;
@@ -97,7 +98,7 @@ fn write_all(tasks: &Receiver<Task>) {
         }
         let left_out = LEFT_OUT.swap(0, Ordering::Relaxed);
         if left_out > 0 {
-            let what = format!("touchline: {left_out} texts were left out: nobody read them\n");
+            let what = format!("touchline: {left_out} texts were left out, because the output was not read in time\n");
             let _ = io::stderr().lock().write_all(what.as_bytes());
         }
     }

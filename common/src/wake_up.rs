@@ -1,4 +1,4 @@
-//! How a reader waits for a topic to have something new.
+//! Waiting for a topic to have something new: by sleeping, by spinning, or by both.
 
 use crate::clock::monotonic_ns;
 use crate::config::WakeUpStrategy;
@@ -10,24 +10,24 @@ use std::time::Duration;
 /// Waits until a topic has something new.
 pub struct WakeUp {
     published: EventCount,
-    /// What the count was when the caller last looked at the topic.
+    /// The count at the caller's last look at the topic.
     seen: u32,
     strategy: WakeUpStrategy,
     rhythm: Rhythm,
 }
 
 impl WakeUp {
-    /// Nothing was looked at yet: the first wait returns at once.
+    /// Creates a wake-up whose first wait returns at once, since the caller has not looked yet.
     pub(crate) fn new(published: EventCount, strategy: WakeUpStrategy) -> Self {
         let seen = published.read().wrapping_sub(1);
         Self { published, seen, strategy, rhythm: Rhythm::default() }
     }
 
-    /// Returns when something has been published since the last return, when `timeout` has passed,
-    /// or on a signal; the caller looks for itself what has happened.
+    /// Returns when something was published since the last return, when `timeout` has passed, or on a
+    /// signal; the caller checks the topic for what happened.
     ///
-    /// To be called when the topic has been emptied. Then nothing is slept through: what is
-    /// published after the caller's last look makes the next wait return.
+    /// To be called when the topic is empty. Nothing published after the caller's last look is missed:
+    /// it makes the next wait return at once.
     pub fn wait(&mut self, timeout: Duration) {
         if self.is_unchanged() {
             let deadline_ns = monotonic_ns() + timeout.as_nanos() as u64;
@@ -36,7 +36,7 @@ impl WakeUp {
                 WakeUpStrategy::Spin => self.spin_until(deadline_ns),
                 WakeUpStrategy::Predictive => self.wait_in_rhythm(deadline_ns),
             }
-            // Only of those that were waited for the time of arrival is known.
+            // The time of arrival is known only for messages that were waited for.
             if !self.is_unchanged() {
                 self.rhythm.arrived(monotonic_ns());
             }
@@ -57,8 +57,8 @@ impl WakeUp {
 
     fn spin_until(&self, deadline_ns: u64) {
         while self.is_unchanged() && monotonic_ns() < deadline_ns {
-            // Costs a third of a microsecond. Without it, those that wait for this processor to do
-            // what is waited for here could be kept from it, for good if their priority is real-time.
+            // Yielding costs a third of a microsecond. Without it, the process that is to publish could
+            // be kept from this processor, for good if the spinning one has real-time priority.
             yield_now();
         }
     }

@@ -1,10 +1,10 @@
-//! The supervisor's lock: whoever holds it looks after the group, and nobody else does.
+//! The supervisor's lock: the process that holds it supervises the group.
 //!
-//! The kernel gives a lock up when its holder dies, however that happens. But it belongs to a file, and
-//! files get removed: a program that tidies up `/tmp` knows nothing of a match that has run for days.
-//! Whoever looks then finds no lock, or makes and takes a new one. So the lock is two files, one in the
-//! runtime directory and one in shared memory; a supervisor lives when either is held, becomes one who
-//! gets both, and puts back what has gone.
+//! The kernel releases the lock when its holder dies for any reason. But the lock belongs to a file,
+//! and files get removed: a program that tidies up `/tmp` knows nothing of a match that has run for
+//! days. Another process would then find no lock, or create a new one and take it. So the lock is two
+//! files, one in the runtime directory and one in shared memory. A supervisor lives while either is
+//! held; a process that holds both becomes the supervisor, and restores a file that was removed.
 
 use super::{Instance, InstanceError, Namespace, io_error};
 use crate::private;
@@ -16,15 +16,15 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// A lock that is held for longer than this is held by a supervisor. Who only asks has it for an
-/// instant, and so has the process that a dying supervisor was just starting.
+/// A lock that stays held for longer is held by a supervisor. A process that only queries it holds it
+/// for an instant, and so does a process that a dying supervisor was just starting.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Time between two attempts to get it.
+/// Time between two attempts to take it.
 const RETRY: Duration = Duration::from_millis(2);
-/// Its name, in both places.
+/// Name of the lock file, in both places.
 pub const NAME: &str = "supervisor.lock";
 
-/// The lock of a group, held.
+/// The held lock of a group.
 #[derive(Debug)]
 pub struct SupervisorLock {
     held: Vec<Held>,
@@ -38,13 +38,13 @@ struct Held {
 }
 
 impl SupervisorLock {
-    /// Where the group is in shared memory.
+    /// The group's names in shared memory.
     pub fn namespace(&self) -> &Namespace {
         &self.namespace
     }
 
-    /// Takes again what has been removed; returns whether there was anything. Call now and then. The
-    /// runtime directory must be there.
+    /// Recreates and takes lock files that were removed; returns whether any was missing. To be called
+    /// regularly. The runtime directory must exist.
     pub fn restore(&mut self) -> io::Result<bool> {
         let mut restored = false;
         for held in &mut self.held {
@@ -63,7 +63,7 @@ impl Instance {
     pub fn lock(&self) -> Result<Option<SupervisorLock>, InstanceError> {
         let own = self.directory().join(NAME);
         let taken = match take(&own, PATIENCE) {
-            // A supervisor that ends removes the directory with the lock.
+            // A supervisor that ends removes the directory together with the lock.
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.create_directory()?;
                 take(&own, PATIENCE)
@@ -88,7 +88,7 @@ impl Instance {
         })
     }
 
-    /// Number of the process that holds the lock, if one does.
+    /// Process id of the holder of the lock, if there is one.
     pub fn supervisor_pid(&self) -> Option<u32> {
         if !self.is_supervised() {
             return None;
@@ -98,14 +98,14 @@ impl Instance {
     }
 }
 
-/// Both, as far as they are there.
+/// Both lock files, as far as they exist.
 fn places(instance: &Instance) -> Vec<PathBuf> {
     let namespace = instance.namespace().ok().flatten();
     let in_memory = namespace.map(|namespace| namespace.lock_path());
     [instance.directory().join(NAME)].into_iter().chain(in_memory).collect()
 }
 
-/// `None` when somebody has it for longer than `patience`.
+/// Takes the lock file; `None` if it stays locked for longer than `patience`.
 fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
     let deadline = Instant::now() + patience;
     loop {
@@ -113,8 +113,8 @@ fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             // Its last holder may have removed it between the two calls.
             Ok(()) if is_at(&file, path) => {
-                // Whoever asks finds the number in the other file, or does without: a full disk is no
-                // reason to have no supervisor.
+                // The process id is also in the other file, and is optional: a full disk is no reason
+                // to run without a supervisor.
                 let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
                 return Ok(Some(file));
             }
@@ -126,7 +126,7 @@ fn take(path: &Path, patience: Duration) -> io::Result<Option<File>> {
     }
 }
 
-/// Whether an open file is the one that has this name.
+/// Whether an open file still has this name.
 pub(super) fn is_at(file: &File, path: &Path) -> bool {
     let identity = |data: fs::Metadata| (data.dev(), data.ino());
     match (file.metadata(), fs::symlink_metadata(path)) {
@@ -139,7 +139,7 @@ pub(super) fn is_at(file: &File, path: &Path) -> bool {
 mod tests {
     use super::*;
 
-    /// An instance of its own for each test, removed at the end.
+    /// A separate instance for each test, removed at the end.
     struct Scratch(Instance);
 
     impl Scratch {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn who_only_asks_for_a_supervisor_keeps_none_from_starting() {
+    fn a_query_does_not_keep_a_supervisor_from_starting() {
         let scratch = Scratch::new("lock-asked");
         let instance = &scratch.0;
         drop(instance.lock().unwrap());
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lock_that_somebody_removes_is_held_all_the_same_and_put_back() {
+    fn a_removed_lock_file_still_counts_as_held_and_is_restored() {
         let scratch = Scratch::new("lock-removed");
         let instance = &scratch.0;
         let mut lock = instance.lock().unwrap().unwrap();

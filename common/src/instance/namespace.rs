@@ -1,15 +1,15 @@
-//! Where a group is in shared memory.
+//! The group's names in shared memory.
 //!
-//! `/dev/shm` lets every user make files under any name, and see all names. A name that can be foretold
-//! can be taken before the group takes it: with a file that makes the group's start fail, or one that its
-//! maker truncates under the process that has mapped it, which ends that process with a SIGBUS. So what
-//! this program makes itself is in one directory that is closed to others, and iceoryx2, whose segments
-//! have to lie beside it, gets a prefix. The names of both are random. Everything else in the names of the
-//! segments are 128 bit numbers that iceoryx2 draws, but for one that has a fixed name (`seed.rs`), and
-//! that is made before anybody can see the prefix.
+//! In `/dev/shm` every user can create files under any name and see all names. A predictable name could
+//! be taken first by another user: with a file that makes the group's start fail, or with one that its
+//! owner truncates later, which kills a process that has mapped it with a SIGBUS. So this program's own
+//! files are in one directory that is closed to others, and iceoryx2, whose segments must be beside it,
+//! gets a prefix. Directory name and prefix are random. The rest of the segments' names are 128-bit
+//! numbers drawn by iceoryx2, except for one segment with a fixed name (`seed.rs`), which is created
+//! before any user can see the prefix.
 //!
-//! A file in the runtime directory says where this is ([`NOTE`]). When somebody has removed it, the
-//! directory is found by the same note in itself.
+//! A file in the runtime directory has the location ([`NOTE`]). If it was removed, the directory is
+//! found by its own copy of that note.
 
 mod seed;
 mod services;
@@ -27,12 +27,12 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Name of the note that says where the group is: in its runtime directory, and in its directory in shared
-/// memory.
+/// Name of the note with the group's location, both in its runtime directory and in its directory in
+/// shared memory.
 pub const NOTE: &str = "memory";
-/// How often another random name is tried.
+/// Number of random names tried.
 const ATTEMPTS: usize = 16;
-/// How long another process that makes the same namespace is waited for. It takes milliseconds.
+/// Time to wait for another process that creates the same namespace. It takes milliseconds.
 const PATIENCE: Duration = Duration::from_secs(2);
 const RETRY: Duration = Duration::from_millis(2);
 
@@ -45,15 +45,15 @@ pub struct Namespace {
     ipc_version: String,
 }
 
-/// The version of iceoryx2 that this program is built with. Others lay out their files in another way.
+/// The iceoryx2 version this program is built with. Other versions have other file layouts.
 pub const IPC_VERSION: &str = "0.10.0";
 
-/// A file in shared memory that has a name of a group's, but belongs to another user.
+/// A file in shared memory that has a name of the group, but belongs to another user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ForeignFile {
     /// Its path.
     pub path: PathBuf,
-    /// The user's number.
+    /// User id.
     pub uid: u32,
 }
 
@@ -69,12 +69,13 @@ impl std::fmt::Display for ForeignFile {
 }
 
 impl Namespace {
-    /// Closed to other users: iceoryx2's files that are no segments, and what this program makes itself.
+    /// Directory closed to other users, with this program's files and iceoryx2's files other than
+    /// segments.
     pub fn directory(&self) -> &Path {
         &self.directory
     }
 
-    /// How the names of iceoryx2's segments begin.
+    /// Prefix of the names of iceoryx2's segments.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
@@ -84,23 +85,23 @@ impl Namespace {
         &self.runtime_directory
     }
 
-    /// The iceoryx2 configuration of the group. Dead processes are cleaned up by the supervisor, off the
-    /// critical path: a stage that cleans while it starts would cost tens of milliseconds.
+    /// The iceoryx2 configuration of the group. Dead processes are cleaned up by the supervisor, off
+    /// the critical path; a stage that cleaned up at its start would lose tens of milliseconds.
     pub fn ipc_config(&self) -> Result<IpcConfig, InstanceError> {
         config_for(&self.directory, &self.prefix)
     }
 
-    /// The page that a stage's processes and the supervisor share.
+    /// Page shared by a stage's processes and the supervisor.
     pub fn stage_page_path(&self, stage: &str) -> PathBuf {
         self.directory.join(format!("{stage}.page"))
     }
 
-    /// The page with the nodes of the group's own processes.
+    /// Page with the nodes of the group's own processes.
     pub fn roster_path(&self) -> PathBuf {
         self.directory.join("roster.page")
     }
 
-    /// Where the count of a topic's messages is, on which its readers sleep.
+    /// Event count of a topic, on which its readers sleep.
     pub fn event_count_path(&self, topic: &str) -> PathBuf {
         self.directory.join(format!("{topic}.count"))
     }
@@ -109,7 +110,7 @@ impl Namespace {
         self.directory.join(super::lock::NAME)
     }
 
-    /// Whether this program understands what is there: an error says why not.
+    /// Checks that this program and the group use the same version of iceoryx2.
     pub fn check_version(&self) -> Result<(), InstanceError> {
         if self.ipc_version == IPC_VERSION {
             return Ok(());
@@ -122,8 +123,8 @@ impl Namespace {
         })
     }
 
-    /// What programs with other versions of iceoryx2 than the group's have made in it, in words: they and
-    /// the group do not understand each other.
+    /// Readable list of the attachments and topics made by programs with another iceoryx2 version than
+    /// the group's. These programs and the group do not understand each other.
     pub fn strange_versions(&self) -> io::Result<Vec<String>> {
         let own = &self.ipc_version;
         let (segments, _) = self.segments()?;
@@ -143,14 +144,14 @@ impl Namespace {
         Ok(attached.chain(made).collect())
     }
 
-    /// The group's files beside the directory, and those of other users that have such names.
+    /// The group's segments, and files of other users with such names.
     pub fn segments(&self) -> io::Result<(Vec<PathBuf>, Vec<ForeignFile>)> {
         let (mut own, mut foreign) = (Vec::new(), Vec::new());
         for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
             if !entry.file_name().to_string_lossy().starts_with(&self.prefix) {
                 continue;
             }
-            // One that has gone since is nobody's.
+            // A file that has just been removed has no owner.
             let Ok(data) = entry.metadata() else { continue };
             match data.uid() {
                 uid if uid == rustix::process::geteuid().as_raw() => own.push(entry.path()),
@@ -160,7 +161,7 @@ impl Namespace {
         Ok((own, foreign))
     }
 
-    /// Removes what says how far the stages of an earlier group have come.
+    /// Removes the stage pages of an earlier group.
     fn forget_progress(&self) -> Result<(), InstanceError> {
         for stage in ProcessKind::ALL.map(ProcessKind::name) {
             let path = self.stage_page_path(stage);
@@ -169,8 +170,8 @@ impl Namespace {
         Ok(())
     }
 
-    /// Removes everything a group has left behind, but for the lock and what makes the namespace; returns
-    /// what belongs to others and stays.
+    /// Removes everything an earlier group left behind, except the lock and the namespace itself;
+    /// returns files of other users, which stay.
     fn wipe(&self) -> Result<Vec<ForeignFile>, InstanceError> {
         let (segments, foreign) = self.segments().map_err(io_error(Path::new(SHARED_MEMORY)))?;
         for path in segments.iter().filter(|path| !seed::is_seed(path)) {
@@ -190,7 +191,7 @@ impl Namespace {
         Ok(foreign)
     }
 
-    /// Removes the namespace itself, with all that is in it.
+    /// Removes the namespace and everything in it.
     fn remove(&self) -> Result<(), InstanceError> {
         let (segments, _) = self.segments().map_err(io_error(Path::new(SHARED_MEMORY)))?;
         for path in &segments {
@@ -212,7 +213,7 @@ impl Namespace {
     fn from_note(text: &str) -> Option<Self> {
         let value =
             |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
-        // The last line is complete only with its end.
+        // The last line is complete only with its newline.
         text.ends_with('\n').then_some(())?;
         Some(Self {
             directory: value("root_path")?.into(),
@@ -222,7 +223,7 @@ impl Namespace {
         })
     }
 
-    /// That of which a file tells, if its directory is there and this user's alone.
+    /// Reads a note; `None` if its directory does not exist or is not this user's alone.
     fn read(note: &Path) -> io::Result<Option<Self>> {
         let mut text = String::new();
         match private::read_file(note).and_then(|mut file| file.read_to_string(&mut text)) {
@@ -235,13 +236,13 @@ impl Namespace {
         }))
     }
 
-    /// All namespaces of this user, whatever groups they belong to.
+    /// All namespaces of this user, for all groups.
     pub fn all() -> io::Result<Vec<Self>> {
         let mut all = Vec::new();
         for path in directories()? {
             match Self::read(&path.join(NOTE)) {
                 Ok(read) => all.extend(read.filter(|namespace| namespace.directory == path)),
-                // One that is not as it is made says nothing.
+                // A note with another mode or owner is ignored.
                 Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {}
                 Err(error) => return Err(error),
             }
@@ -273,7 +274,7 @@ impl Namespace {
 }
 
 impl Instance {
-    /// Where the group is in shared memory; `None` when it is not there.
+    /// The group's names in shared memory; `None` if it has none.
     pub fn namespace(&self) -> Result<Option<Namespace>, InstanceError> {
         let note = self.directory().join(NOTE);
         if let Some(namespace) = Namespace::read(&note).map_err(io_error(&note))? {
@@ -284,14 +285,13 @@ impl Instance {
         Ok(all.pop())
     }
 
-    /// Where the group is in shared memory; a place is made when there is none. The runtime directory
-    /// must be there.
+    /// The group's names in shared memory, created if there are none. The runtime directory must exist.
     pub fn create_namespace(&self) -> Result<Namespace, InstanceError> {
         if let Some(namespace) = self.namespace()? {
             return Ok(namespace);
         }
         let note = self.directory().join(NOTE);
-        // One process at a time; the others find what it has made.
+        // One process creates it; the others wait and find it.
         let locked = lock(&note).map_err(io_error(&note))?;
         if let Some(namespace) = self.namespace()? {
             return Ok(namespace);
@@ -307,8 +307,8 @@ impl Instance {
         Ok(namespace)
     }
 
-    /// Puts back what somebody has removed of a namespace that is in use; returns whether there was
-    /// anything. The runtime directory must be there.
+    /// Restores removed parts of a namespace that is in use; returns whether any was missing. The
+    /// runtime directory must exist.
     pub fn restore_namespace(&self, namespace: &Namespace) -> io::Result<bool> {
         let mut restored = false;
         match DirBuilder::new().mode(0o700).create(&namespace.directory) {
@@ -327,21 +327,21 @@ impl Instance {
         Ok(restored)
     }
 
-    /// Removes everything a group has left behind in shared memory, but for the lock; returns files with
-    /// its names that belong to others, and stay. Only for the holder of the lock, and only when none of
-    /// the group's processes is alive: removing one half of what iceoryx2 keeps, or removing it under a
-    /// living process, is worse than leaving it.
+    /// Removes everything a group left behind in shared memory, except the lock; returns files of other
+    /// users with its names, which stay. Only for the holder of the lock, and only when no process of
+    /// the group is alive: removing half of iceoryx2's files, or removing them under a living process,
+    /// is worse than leaving them.
     pub fn wipe(&self) -> Result<Vec<ForeignFile>, InstanceError> {
         self.namespace()?.map_or(Ok(Vec::new()), |namespace| namespace.wipe())
     }
 
-    /// Removes what says how far the stages of an earlier group have come, so that those of a new one
-    /// begin at the beginning. Only when none of them is alive.
+    /// Removes the stage pages of an earlier group, so that the stages of a new one start from the
+    /// beginning. Only when no process of the group is alive.
     pub fn forget_progress(&self) -> Result<(), InstanceError> {
         self.namespace()?.map_or(Ok(()), |namespace| namespace.forget_progress())
     }
 
-    /// Removes everything of the group in shared memory, the lock and the namespace included.
+    /// Removes everything of the group in shared memory, including the lock and the namespace.
     pub fn remove_namespace(&self) -> Result<(), InstanceError> {
         self.namespace()?.map_or(Ok(()), |namespace| namespace.remove())
     }
@@ -360,7 +360,7 @@ fn config_for(directory: &Path, prefix: &str) -> Result<IpcConfig, InstanceError
     Ok(config)
 }
 
-/// Makes a directory in shared memory under a name that nobody can foretell.
+/// Creates a directory in shared memory under an unpredictable name.
 fn make_directory() -> io::Result<PathBuf> {
     let mut outcome = Err(Errno::EXIST.into());
     for _ in 0..ATTEMPTS {
@@ -374,7 +374,7 @@ fn make_directory() -> io::Result<PathBuf> {
     outcome
 }
 
-/// The directories in shared memory of this user's groups.
+/// The directories of this user's groups in shared memory.
 pub fn directories() -> io::Result<Vec<PathBuf>> {
     let mut directories = Vec::new();
     for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
@@ -387,14 +387,14 @@ pub fn directories() -> io::Result<Vec<PathBuf>> {
     Ok(directories)
 }
 
-/// Whether a name in shared memory is that of a group's directory.
+/// Whether a name in shared memory has the form of a group's directory.
 fn is_directory_name(name: &str) -> bool {
     let digits = name.strip_prefix("tl_").and_then(|rest| rest.strip_suffix(".group"));
     digits
         .is_some_and(|digits| digits.len() == 8 && digits.bytes().all(|it| it.is_ascii_hexdigit()))
 }
 
-/// A prefix that nobody can foretell and with which no name begins yet.
+/// An unpredictable prefix with which no name begins yet.
 fn free_prefix() -> io::Result<String> {
     for _ in 0..ATTEMPTS {
         let prefix = format!("tl_{:08x}_", random()?);
@@ -412,13 +412,13 @@ fn random() -> io::Result<u32> {
     Ok(u32::from_ne_bytes(bytes))
 }
 
-/// Locks a file, which is made if it is not there.
+/// Opens or creates a file and locks it.
 fn lock(path: &Path) -> io::Result<File> {
     let deadline = Instant::now() + PATIENCE;
     loop {
         let file = private::open_file(path)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-            // Somebody may have removed it between the two calls.
+            // Another process may have removed it between the two calls.
             Ok(()) if super::lock::is_at(&file, path) => return Ok(file),
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) if Instant::now() < deadline => std::thread::sleep(RETRY),
@@ -435,7 +435,7 @@ fn write_all(mut file: &File, namespace: &Namespace) -> io::Result<()> {
     file.write_all(namespace.note().as_bytes())
 }
 
-/// Whether an error only says that something is not there.
+/// Whether an error only means that the file does not exist.
 fn is_absence(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
 }

@@ -1,4 +1,4 @@
-//! What the runtime directory lets in and what not.
+//! Tests: which runtime directories are accepted.
 
 use super::*;
 
@@ -12,7 +12,7 @@ fn a_place_too_deep_for_sockets_is_refused_before_it_is_used() {
     assert!(longest.is_ok(), "the longest name must fit into the usual place: {longest:?}");
 }
 
-/// A directory of its own for each test, removed at the end.
+/// A separate directory for each test, removed at the end.
 struct Scratch(PathBuf);
 
 impl Scratch {
@@ -44,7 +44,7 @@ fn the_runtime_directory_is_for_nobody_else() {
     let instance = Instance::below(&base, "match").unwrap();
     instance.create_directory().unwrap();
     assert_eq!((mode(&base), mode(instance.directory())), (0o700, 0o700));
-    // A service manager has made it, and let everybody look.
+    // As a service manager might have made it: readable by everybody.
     fs::set_permissions(instance.directory(), fs::Permissions::from_mode(0o755)).unwrap();
     instance.create_directory().unwrap();
     assert_eq!(mode(instance.directory()), 0o700);
@@ -72,7 +72,7 @@ fn the_place_for_a_group_of_users_opens_nothing_else() {
     instance.remove_gateway_directory().unwrap();
     assert!(!instance.gateway_directory().exists() && instance.directory().exists());
 
-    // Somebody's home, say.
+    // For example a user's home.
     let home = scratch.0.join("home");
     fs::DirBuilder::new().mode(0o700).create(&home).unwrap();
     fs::write(home.join("letter"), "").unwrap();
@@ -103,7 +103,7 @@ fn a_place_where_others_can_write_is_refused() {
         assert!(refusal.starts_with(&format!("{} ", path.display())), "{refusal}");
         fs::set_permissions(path, fs::Permissions::from_mode(0o700)).unwrap();
     }
-    // As /tmp.
+    // Like /tmp.
     fs::set_permissions(&base, fs::Permissions::from_mode(0o1777)).unwrap();
     instance.create_directory().unwrap();
 }
@@ -141,7 +141,7 @@ fn names_that_do_not_fit_into_file_names_are_refused() {
 #[test]
 fn a_directory_that_was_there_before_stays() {
     let scratch = Scratch::new("instance-own");
-    // Nothing was there.
+    // The directories did not exist before.
     let base = scratch.0.join("base");
     let [first, second] = ["first", "second"].map(|name| Instance::below(&base, name).unwrap());
     for instance in [&first, &second] {

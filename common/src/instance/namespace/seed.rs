@@ -1,9 +1,9 @@
-//! The one segment of iceoryx2's that has a fixed name after the prefix.
+//! The one iceoryx2 segment that has a fixed name after the prefix.
 //!
-//! Every process that joins a group draws a number from it. The first one makes it, readable and writable
-//! for everybody on the machine, and whoever opens it at that moment can truncate it later, under whoever
-//! joins then. So it is made under another prefix, and copied to its name for this user alone before the
-//! prefix is used.
+//! Every process that joins a group draws a number from it. The first process creates it, readable and
+//! writable for all users, so another user that opens it at that moment could truncate it later, while
+//! a process joins. So the segment is created under another prefix, and copied to its final name for
+//! this user alone before the prefix is used.
 
 use super::{config_for, free_prefix};
 use crate::memory::SHARED_MEMORY;
@@ -13,27 +13,28 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path as FilePath, PathBuf};
 
-/// How its name ends.
+/// End of the segment's name.
 const SUFFIX: &str = ".global_mgmt";
 
-/// Whether this is such a segment.
+/// Whether a file is such a segment.
 pub fn is_seed(path: &FilePath) -> bool {
     path.to_string_lossy().ends_with(SUFFIX)
 }
 
-/// The version of iceoryx2 that has made it, which is in its name: `…node.0_10_0.global_mgmt`.
+/// The iceoryx2 version that created it, which is part of its name: `…node.0_10_0.global_mgmt`.
 pub fn version(path: &FilePath) -> Option<String> {
     let name = path.file_name()?.to_str()?.strip_suffix(SUFFIX)?;
     let (_, version) = name.rsplit_once('.')?;
     Some(version.replace('_', "."))
 }
 
-/// Whoever changes what is copied has to win so many races.
+/// Number of races that another user must win to change the copy.
 const ATTEMPTS: u32 = 100;
 
-/// Makes it for a prefix, with the help of a directory that is empty before and after. It says only that one process
-/// has joined, so two are alike unless somebody has changed one before it was read. One that was truncated, or
-/// filled with rubbish, would be waited for for ever.
+/// Creates the segment for a prefix, with the help of a directory that is empty before and after. Its
+/// content says only that one process has joined, so two new segments are equal unless another user
+/// changed one before it was read; the first two equal ones in a row are accepted. With a truncated
+/// segment, or one filled with garbage, iceoryx2 would wait for ever.
 pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
     let mut last = None;
     for _ in 0..ATTEMPTS {
@@ -46,10 +47,11 @@ pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
         }
         last = made;
     }
-    Err(io::Error::other(format!("somebody changes what is made in {SHARED_MEMORY}")))
+    Err(io::Error::other(format!("another program keeps changing the new segment in {SHARED_MEMORY}")))
 }
 
-/// Makes one under a prefix that nobody uses, and removes it: its name without the prefix, and its bytes.
+/// Creates a segment under an unused prefix and removes it again. Returns its name without the prefix,
+/// and its bytes.
 fn made_apart(directory: &FilePath) -> io::Result<(String, Vec<u8>)> {
     let prefix = free_prefix()?;
     let place = directory.join("seed");
@@ -66,7 +68,7 @@ fn made_apart(directory: &FilePath) -> io::Result<(String, Vec<u8>)> {
     made
 }
 
-/// A process that joins and leaves.
+/// Lets a node join and leave, which creates the segment.
 fn make_under(place: &FilePath, prefix: &str) -> io::Result<()> {
     set_log_level(LogLevel::Fatal);
     let config = config_for(place, prefix).map_err(io::Error::other)?;

@@ -1,31 +1,31 @@
-//! Which versions of iceoryx2 have made the topics of a group, as their descriptions say.
+//! The iceoryx2 versions that created a group's topics, from iceoryx2's service descriptions.
 
 use crate::private;
 use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-/// Where iceoryx2 keeps the descriptions, below its root.
+/// Directory of the descriptions, below iceoryx2's root.
 const PLACE: &str = "services";
-/// Longer ones are none.
+/// Longest possible description.
 const MOST_BYTES: u64 = 1 << 16;
 
-/// A topic that somebody has made.
+/// An existing topic.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Service {
-    /// Its name, or that of its file when that cannot be read.
+    /// Name of the topic, or of its file if that cannot be read.
     pub name: String,
-    /// The version of iceoryx2 that has made it; "unknown" when that cannot be read.
+    /// Version of iceoryx2 that created it; "unknown" if it cannot be read.
     pub version: String,
 }
 
-/// All topics that are made.
+/// All existing topics.
 pub fn read(root: &Path) -> Vec<Service> {
     let entries = fs::read_dir(root.join(PLACE)).into_iter().flatten().flatten();
     entries.filter_map(|entry| read_one(&entry.path())).collect()
 }
 
-/// `None` of one that is just being made, or has gone.
+/// `None` if the description is just being created, or has been removed.
 fn read_one(path: &Path) -> Option<Service> {
     let mut text = String::new();
     let read = private::read_file(path).ok()?.take(MOST_BYTES).read_to_string(&mut text);

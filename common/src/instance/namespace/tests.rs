@@ -3,7 +3,7 @@ use crate::bus::Bus;
 use crate::topics;
 use std::os::unix::fs::PermissionsExt;
 
-/// An instance whose directories go with the test.
+/// An instance whose directories are removed at the end of the test.
 struct Scratch {
     base: PathBuf,
     instance: Instance,
@@ -84,7 +84,7 @@ fn half_a_note_and_one_of_a_place_that_is_gone_are_none() {
     instance.create_namespace().unwrap();
 }
 
-/// Also the segment that iceoryx2 makes for everybody.
+/// Includes the segment that iceoryx2 creates for all users.
 #[test]
 fn nothing_that_others_can_see_can_be_opened_by_them() {
     let scratch = Scratch::new("namespace-modes");
@@ -120,7 +120,7 @@ fn what_another_user_puts_among_the_groups_files_stays_and_is_named() {
     assert_eq!(foreign, [ForeignFile { path: path.clone(), uid: NOBODY }]);
     assert!(foreign[0].to_string().contains("another user (uid 65534)"), "{}", foreign[0]);
     assert!(path.exists());
-    // A directory of theirs that claims to be of this group.
+    // A directory of another user that claims to belong to this group.
     let theirs = make_directory().unwrap();
     fs::write(theirs.join(NOTE), namespace.note()).unwrap();
     for path in [&theirs.join(NOTE), &theirs] {
@@ -131,7 +131,7 @@ fn what_another_user_puts_among_the_groups_files_stays_and_is_named() {
     fs::remove_file(&path).unwrap();
 }
 
-/// The path of a listener's socket has to fit into the system's limit.
+/// The path of a listener's socket must fit into the system's limit.
 #[test]
 fn programs_in_other_languages_can_sleep_on_the_event_of_a_topic() {
     use iceoryx2::prelude::*;
@@ -159,7 +159,7 @@ fn a_group_with_another_version_of_iceoryx2_is_refused_at_once_by_its_name() {
     let refusal = Bus::join(&scratch.instance, "somebody").err().unwrap().to_string();
     assert!(refusal.contains("\"test\" uses iceoryx2 0.9.3"), "{refusal}");
     assert!(refusal.contains(&format!("this program {IPC_VERSION}")), "{refusal}");
-    // A program that does not look at the note leaves its own segment.
+    // A program that ignores the note leaves its own segment.
     let theirs = format!("{}00_node.0_9_3.global_mgmt", namespace.prefix());
     fs::write(Path::new(SHARED_MEMORY).join(theirs), "").unwrap();
     let strange = namespace.strange_versions().unwrap();
