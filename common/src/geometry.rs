@@ -1,7 +1,7 @@
-//! Between image and field: homography, the lens, and the parallax of things that stand above the
-//! floor.
+//! Transforms between image and field: homography, lens distortion, and the parallax of points above
+//! the floor.
 //!
-//! Types say which frame a point is in, and transforms read output first: `field_from_image`.
+//! A point type names its frame, and transforms read output first: `field_from_image`.
 
 use crate::config::{DistortionConfig, GeometryConfig, PointPair};
 use crate::lens::Lens;
@@ -44,17 +44,17 @@ impl FieldPoint {
     }
 }
 
-/// A place and a heading on the field.
+/// A position and a heading on the field.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
-    /// The place.
+    /// The position.
     pub position: FieldPoint,
     /// The heading: radians, counter-clockwise from x.
     pub orientation: f64,
 }
 
 impl Pose {
-    /// Where a point of the body (x forward, y left, millimetres) lies on the field.
+    /// Field position of a point of the body (x forward, y left, millimetres).
     pub fn field_from_robot(&self, [x, y]: [f64; 2]) -> FieldPoint {
         let (sin, cos) = self.orientation.sin_cos();
         FieldPoint::new(
@@ -67,7 +67,7 @@ impl Pose {
 /// The same angle in (−π, π].
 pub fn wrap_angle(angle: f64) -> f64 {
     use std::f64::consts::TAU;
-    // Most angles are hardly beyond what they should be; a division with remainder takes long.
+    // Most angles are within one turn of the result, and a division with remainder is slow.
     let wrapped = if (0.0..TAU).contains(&angle) {
         angle
     } else if -TAU < angle && angle < 0.0 {
@@ -78,7 +78,7 @@ pub fn wrap_angle(angle: f64) -> f64 {
     if wrapped > std::f64::consts::PI { wrapped - TAU } else { wrapped }
 }
 
-/// Why a geometry cannot be used.
+/// Reason why a geometry cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// Too few point pairs.
@@ -89,10 +89,10 @@ pub enum GeometryError {
         "the points do not determine the geometry: three of them lie (almost) on a line, or two coincide"
     )]
     Degenerate,
-    /// The lens is below what it looks at.
+    /// The camera is not above the floor.
     #[error("the camera's height must be positive, got {0} mm")]
     CameraHeight(f64),
-    /// A marked point is where no lens of these numbers shows anything.
+    /// A point is marked where a lens with these parameters shows nothing.
     #[error(
         "with this distortion the lens shows nothing at ({:.0}, {:.0}), where a point is marked: its picture ends \
          before",
@@ -104,26 +104,27 @@ pub enum GeometryError {
     },
 }
 
-/// The camera as the geometry sees it: a homography from the floor to the rays of an ideal picture, which the
-/// lens then bends; and the lens' position, from which height parallax follows.
+/// Camera model: a homography from the floor to the rays of an ideal picture, which the lens then
+/// distorts; and the lens' position C, from which height parallax follows.
 ///
-/// A ray from the lens C (height H) to the floor at g passes height h at g + (C − g)·h/H. That is
-/// exact for any camera through whose lens all rays pass in one point, whatever its tilt.
+/// A ray from the lens C (height H) to the floor at g passes height h at g + (C − g)·h/H. This is exact
+/// for any camera whose rays all pass through one point, whatever its tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraModel {
-    /// Signed so that what the calibration points show lies in front of the camera.
+    /// The sign is chosen such that the calibration points lie in front of the camera.
     ray_from_floor: Matrix3<f64>,
     floor_from_ray: Matrix3<f64>,
     position: Vector3<f64>,
     lens: Lens,
-    /// A ray whose third coordinate on the floor is less than this does not meet the floor.
+    /// A ray whose third coordinate on the floor is smaller does not meet the floor.
     horizon: f64,
 }
 
-/// A calibration point must be seen along a ray whose third coordinate is at least this: for a fisheye, the cosine of
-/// its angle to the axis.
+/// Smallest third coordinate of a calibration point's ray; for a fisheye, the cosine of its angle to
+/// the axis.
 const MIN_DEPTH: f64 = 0.02;
-/// Floor further away than this many times the distances of the calibration points is beyond the horizon.
+/// Floor farther away than this many times the mean distance of the calibration points is beyond the
+/// horizon.
 const HORIZON: f64 = 1e6;
 
 impl CameraModel {
@@ -134,11 +135,12 @@ impl CameraModel {
             return Err(GeometryError::CameraHeight(camera_height));
         }
         let lens = Lens::new(&geometry.distortion, [width, height]);
-        // The points are marked in the distorted picture; the homography leads to the rays.
+        // The points are marked in the distorted picture; the homography is fitted to their rays.
         let mut ideal = Vec::with_capacity(geometry.points.len());
         for pair in &geometry.points {
             let [ray] = lens.rays_from_image([Vector2::from(pair.image_px)]);
-            // No homography has a point of the floor at 90° from the axis or more; the fit would be spoiled by it.
+            // A homography cannot map the floor to rays at 90° from the axis or more; such a point
+            // would spoil the fit.
             if !lens.reaches_pixel(Vector2::from(pair.image_px)) || ray.z < MIN_DEPTH {
                 return Err(GeometryError::Distortion { image_px: pair.image_px });
             }
@@ -148,7 +150,7 @@ impl CameraModel {
         Self::assemble(homography(&ideal)?, geometry.camera_mm, lens, floor)
     }
 
-    /// The model that sees a point of the floor along the ray where the homography takes it, in pictures of
+    /// Builds the model from the homography that maps floor points to rays, for pictures of
     /// `picture_px` pixels across and down.
     pub(crate) fn from_homography(
         ray_from_floor: Matrix3<f64>,
@@ -163,7 +165,7 @@ impl CameraModel {
         Self::assemble(ray_from_floor, lens_mm, Lens::new(distortion, picture_px), floor)
     }
 
-    /// The model, with the side of the homography on which these points of the floor are seen in front.
+    /// Builds the model, with the sign of the homography for which these floor points lie in front.
     fn assemble(
         ray_from_floor: Matrix3<f64>,
         lens_mm: [f64; 3],
@@ -184,20 +186,20 @@ impl CameraModel {
         })
     }
 
-    /// Where a point `height_mm` above `point` on the field appears in the picture.
+    /// Image position of a point `height_mm` above `point` on the field.
     pub fn image_from_field(&self, point: FieldPoint, height_mm: f64) -> ImagePoint {
         let seen = self.lens.image_from_ray(&self.ray_from_field(point, height_mm));
         ImagePoint::new(seen.x, seen.y)
     }
 
-    /// Where on the field a point lies that appears at `point` and is `height_mm` above the floor. What is above the
-    /// horizon lies very far away in its direction.
+    /// Field position of the point that appears at `point` and is `height_mm` above the floor. A point
+    /// above the horizon is placed very far away in its direction.
     pub fn field_from_image(&self, point: ImagePoint, height_mm: f64) -> FieldPoint {
         let [place] = self.fields_from_image([point], height_mm);
         place
     }
 
-    /// The same for several points, which takes hardly longer.
+    /// Like [`field_from_image`](Self::field_from_image), for several points in hardly more time.
     pub fn fields_from_image<const N: usize>(
         &self,
         points: [ImagePoint; N],
@@ -215,8 +217,8 @@ impl CameraModel {
         })
     }
 
-    /// Whether the lens' numbers say anything of how a point is seen: further out its polynomial would turn back,
-    /// and is replaced by a straight line.
+    /// Whether the lens model is valid where the point is seen. Farther out its polynomial would turn
+    /// back, and is replaced by a straight line.
     pub fn is_within_lens(&self, point: FieldPoint, height_mm: f64) -> bool {
         self.lens.reaches(&self.ray_from_field(point, height_mm))
     }
@@ -231,7 +233,7 @@ impl CameraModel {
         self.ray_from_floor * floor
     }
 
-    /// Square millimetres of a plane `height_mm` above the floor that one pixel at `point` covers.
+    /// Area covered by one pixel at `point`, mm² of a plane `height_mm` above the floor.
     pub fn pixel_area_mm2(&self, point: ImagePoint, height_mm: f64) -> f64 {
         let around = [(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)];
         let around = around.map(|(dx, dy)| ImagePoint::new(point.x_px + dx, point.y_px + dy));
@@ -242,9 +244,10 @@ impl CameraModel {
     }
 }
 
-/// The homography that takes field points to image points, by the normalised direct linear
-/// transform (Hartley & Zisserman, Multiple View Geometry, algorithm 4.2); exact for four points,
-/// least squares for more.
+/// The homography that maps field points to image points, by the normalised direct linear transform
+/// (Hartley & Zisserman, *Multiple View Geometry*, algorithm 4.2). Each pair gives two equations that
+/// are linear in the nine elements; the solution is the right singular vector of the smallest singular
+/// value. Exact for four points, least squares for more.
 pub(crate) fn homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryError> {
     if pairs.len() < 4 {
         return Err(GeometryError::TooFewPoints(pairs.len()));
@@ -270,14 +273,14 @@ pub(crate) fn homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryEr
     }
     let svd = equations.svd(false, true);
     let v_t = svd.v_t.ok_or(GeometryError::Degenerate)?;
-    // Singular values come in descending order; the last is the residual, the one before it must
-    // not vanish too, or the solution is not unique.
+    // Singular values come in descending order. The last is the residual; if the one before it vanishes
+    // too, the solution is not unique.
     if svd.singular_values[7] < 1e-6 * svd.singular_values[0] {
         return Err(GeometryError::Degenerate);
     }
     let h = v_t.row(8);
     let normal = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    // Three points on a line make the homography itself singular.
+    // Three points on a line make the homography singular.
     let singular_values = normal.singular_values();
     if singular_values[2] < 1e-6 * singular_values[0] {
         return Err(GeometryError::Degenerate);
@@ -290,7 +293,7 @@ pub(crate) fn homography(pairs: &[PointPair]) -> Result<Matrix3<f64>, GeometryEr
     Ok(homography / homography[(2, 2)])
 }
 
-/// Moves points to their centroid and scales them to a mean distance of √2.
+/// The similarity that moves points to their centroid and scales them to a mean distance of √2.
 fn normalisation(points: &[Point2<f64>]) -> Option<Matrix3<f64>> {
     let count = points.len() as f64;
     let centroid = points.iter().fold(Vector2::zeros(), |sum, point| sum + point.coords) / count;

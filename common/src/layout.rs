@@ -1,17 +1,17 @@
-//! What a robot's top looks like from above: which patches show, where and how much of each.
+//! The visible parts of the patches on a robot's top.
 //!
-//! Patches may overlap: a team square with an identification patch in its corner is a whole square
-//! below and a small one above. What counts for recognition is what shows, so the visible area and
-//! centroid of each patch are measured on a fine grid once, and the rest of the program never needs
-//! to know which shapes the patches have.
+//! Patches may overlap: a team square with an identification patch in its corner is a whole square with
+//! a small one on top. Recognition depends on the visible part, so the visible area and centroid of
+//! each patch are measured once on a fine grid, and no other part of the program needs to know the
+//! patches' shapes.
 
 use crate::config::{Pair, PatchConfig, PatchRole};
 use std::f64::consts::FRAC_PI_2;
 
-/// A patch as it shows.
+/// The visible part of a patch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VisiblePatch {
-    /// What it is for.
+    /// Role of the patch.
     pub role: PatchRole,
     /// Visible area.
     pub area_mm2: f64,
@@ -22,7 +22,7 @@ pub struct VisiblePatch {
 /// A robot's top, patch by patch in the configured order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
-    /// The patches that can be seen.
+    /// The patches, bottom first.
     pub patches: Vec<VisiblePatch>,
 }
 
@@ -30,7 +30,8 @@ pub struct Layout {
 const STEP_MM: f64 = 0.25;
 
 impl Layout {
-    /// Measures the configured patches; those of most robots are a [`RobotsConfig`](crate::config::RobotsConfig)'s.
+    /// Measures the configured patches; those of most robots are in a
+    /// [`RobotsConfig`](crate::config::RobotsConfig).
     pub fn new(patches: &(impl AsRef<[PatchConfig]> + ?Sized)) -> Self {
         let configured = patches.as_ref();
         struct Sum {
@@ -80,7 +81,7 @@ impl Layout {
     }
 }
 
-/// The outlines of a layout's patches, each with the rectangle around it: for asking about many points.
+/// The outlines of a layout's patches, each with its bounding box, for testing many points.
 #[derive(Debug, Clone)]
 pub struct Outlines<'a>(Vec<(&'a [Pair], [Pair; 2])>);
 
@@ -98,7 +99,7 @@ impl<'a> Outlines<'a> {
         Self(patches.iter().map(|patch| bounded(&patch.outline_mm)).collect())
     }
 
-    /// Same as [`topmost_patch`].
+    /// Like [`topmost_patch`].
     pub fn topmost(&self, point: Pair) -> Option<usize> {
         self.0.iter().rposition(|(outline, [low, high])| {
             (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
@@ -112,20 +113,20 @@ pub fn topmost_patch(patches: &(impl AsRef<[PatchConfig]> + ?Sized), point: Pair
     patches.as_ref().iter().rposition(|patch| contains(&patch.outline_mm, point))
 }
 
-/// How far from the centre, along x or y, patches reach.
+/// Largest distance of the patches from the centre, along x or y.
 pub fn reach_mm(patches: &[PatchConfig]) -> f64 {
     let values = patches.iter().flat_map(|patch| patch.outline_mm.iter().flatten());
     values.fold(0.0f64, |reach, &value| reach.max(value.abs()))
 }
 
-/// By how much the robot's body, a square of side `size_mm`, is turned against the frame of its layout, in radians
+/// Angle between the robot's body, a square of side `size_mm`, and the frame of its layout, in radians
 /// from 0 to π/2.
 ///
-/// Heading is where the layout has its x axis, and a layout may well say that a corner goes ahead.
-/// That shows when its patches do not fit on a body that looks straight ahead; then the body is
-/// turned so that they fit best.
+/// The heading is the layout's x axis, and a layout may have a corner of the body ahead. This is
+/// recognised when its patches do not fit on a body that faces straight ahead; then the body is turned
+/// by the angle at which they fit best.
 pub(crate) fn body_turn(size_mm: f64, patches: &[PatchConfig]) -> f64 {
-    /// Patches may be drawn a little large.
+    /// Patches may be drawn slightly too large.
     const SLACK_MM: f64 = 1.0;
     const STEPS: u32 = 180;
     let reach = |angle: f64| {
@@ -201,7 +202,7 @@ mod tests {
         ];
         let layout = Layout::new(&robots);
         assert!((layout.patches[0].area_mm2 - 2700.0).abs() < 1e-6);
-        // Three quarters at distance 15: (−15 −15 +15) / 3.
+        // Three quarter squares at distance 15: (−15 −15 +15) / 3.
         assert!((layout.patches[0].centroid_mm[0] + 5.0).abs() < 1e-6);
         assert!((layout.patches[1].centroid_mm[1] - 15.0).abs() < 1e-6);
     }

@@ -1,15 +1,20 @@
-//! What a lens does to a picture: the rays it takes to pixels, and back.
+//! Radial lens models: from rays to pixels and back.
 //!
-//! Both models bend rays around an axis, by an odd polynomial in what says how far a ray is from it:
+//! Both models move a ray's image along the line through the centre, from the distance x of an ideal
+//! lens to x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸):
 //!
-//! * `polynomial`: in the radius r of an ideal picture, that is f·tan θ for a ray at angle θ from the axis. Good for
-//!   lenses that mean to show straight lines straight.
-//! * `fisheye`: in the angle θ itself (Kannala & Brandt, A generic camera model and calibration method for
-//!   conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's `fisheye`). Good for all others: an ideal picture of
-//!   theirs would be many times as large, and at 90° it would have no end.
+//! * `polynomial`: x is the radius in an ideal picture, f·tan θ for a ray at angle θ from the axis, in
+//!   half diagonals; only k1 and k2 are used (Brown, *Close-range camera calibration*, 1971). For
+//!   lenses that are meant to show straight lines straight.
+//! * `fisheye`: x is the angle θ itself, and the focal length gives the scale (Kannala & Brandt, *A
+//!   generic camera model and calibration method for conventional, wide-angle, and fish-eye lenses*,
+//!   2006; OpenCV's `fisheye`). For all others: their ideal picture would be many times as large, and
+//!   infinite at 90°.
 //!
-//! A polynomial that fits the pitch may turn back beyond it, where nothing was marked. From there on it is taken to go
-//! on straight, so that every pixel has one ray and every ray one pixel.
+//! A polynomial that fits the pitch may turn back beyond it, where no point was marked. From its
+//! turning point on it is continued by its tangent, so that every pixel has one ray and every ray one
+//! pixel. The inverse is found by Newton's method, safeguarded by bisection (Press et al., *Numerical
+//! Recipes*, `rtsafe`).
 
 use crate::config::{DistortionConfig, DistortionModel};
 use nalgebra::{Vector2, Vector3};
@@ -20,24 +25,24 @@ use std::f64::consts::PI;
 pub(crate) struct Lens {
     model: DistortionModel,
     center: Vector2<f64>,
-    /// Pixels in a unit of the radius: half the picture's diagonal, or the fisheye's focal length.
+    /// Pixels per unit of the radius: half the picture's diagonal, or the fisheye's focal length.
     scale_px: f64,
     k: [f64; 4],
-    /// Up to here the polynomial counts.
+    /// Largest radius at which the polynomial is used.
     limit: f64,
-    /// Its value there.
+    /// Value of the polynomial at the limit.
     limit_seen: f64,
-    /// Its slope there, with which it goes on.
+    /// Slope of the tangent beyond the limit.
     limit_slope: f64,
 }
 
-/// A polynomial that grows more slowly than this is taken to turn back.
+/// Slope below which the polynomial counts as turning back.
 const MIN_SLOPE: f64 = 0.05;
-/// Radii of the ideal picture, in half diagonals, up to which the polynomial may count.
+/// Largest limit of the `polynomial` model, in half diagonals of the ideal picture.
 const MAX_RADIUS: f64 = 10.0;
-/// Steps in which it is looked for where a polynomial turns back.
+/// Steps in the search for the turning point.
 const STEPS: u32 = 200;
-/// Steps in which a polynomial is inverted. Mostly it takes four.
+/// Most Newton steps. Usually four suffice.
 const MAX_NEWTON_STEPS: u32 = 60;
 
 impl Lens {
@@ -63,18 +68,18 @@ impl Lens {
         }
     }
 
-    /// Whether a ray is where the polynomial counts.
+    /// Whether the polynomial is used for a ray.
     pub fn reaches(&self, ray: &Vector3<f64>) -> bool {
         self.radius(ray) <= self.limit
     }
 
-    /// Whether a pixel is where the polynomial counts.
+    /// Whether the polynomial is used for a pixel.
     pub fn reaches_pixel(&self, pixel: Vector2<f64>) -> bool {
         (pixel - self.center).norm() <= self.limit_seen * self.scale_px
     }
 
-    /// Where a ray is seen. Rays are points of the ideal picture, in pixels, times a third coordinate, which is negative
-    /// behind the camera.
+    /// The pixel at which a ray is seen. A ray is a point of the ideal picture, in pixels, times a
+    /// third coordinate, which is negative behind the camera.
     #[inline]
     pub fn image_from_ray(&self, ray: &Vector3<f64>) -> Vector2<f64> {
         match self.model {
@@ -100,8 +105,9 @@ impl Lens {
         }
     }
 
-    /// The rays that are seen at these pixels, by Newton's method on the polynomial, which is monotonic up to its limit.
-    /// Points take their steps side by side: what takes time is waiting for one division after the other.
+    /// The rays seen at these pixels, by Newton's method on the polynomial, which is monotonic up to
+    /// its limit. The points are iterated together, because the latency of consecutive divisions
+    /// dominates.
     #[inline]
     pub fn rays_from_image<const N: usize>(&self, pixels: [Vector2<f64>; N]) -> [Vector3<f64>; N] {
         let mut seen = [0.0; N];
@@ -112,7 +118,7 @@ impl Lens {
         let mut rays = [Vector3::zeros(); N];
         for (index, ray) in rays.iter_mut().enumerate() {
             let (pixel, radius, seen) = (pixels[index], radii[index], seen[index]);
-            // In the centre there is no direction.
+            // The centre has no direction.
             let is_center = seen < 1e-12;
             *ray = match self.model {
                 _ if is_center => pixel.push(1.0),
@@ -128,7 +134,7 @@ impl Lens {
         rays
     }
 
-    /// How far from the axis a ray is: by radius or by angle.
+    /// Distance of a ray from the axis, as radius or as angle.
     fn radius(&self, ray: &Vector3<f64>) -> f64 {
         match self.model {
             DistortionModel::Polynomial => (ray.xy() / ray.z - self.center).norm() / self.scale_px,
@@ -138,7 +144,7 @@ impl Lens {
         }
     }
 
-    /// The polynomial, which goes on straight beyond its limit.
+    /// Distorted radius: the polynomial, or its tangent beyond the limit.
     fn seen(&self, radius: f64) -> f64 {
         if radius <= self.limit {
             bent(&self.k, radius)
@@ -147,11 +153,11 @@ impl Lens {
         }
     }
 
-    /// Its inverse.
+    /// Inverse of [`seen`](Self::seen).
     fn unseen<const N: usize>(&self, seen: [f64; N]) -> [f64; N] {
         let mut radius = seen.map(|seen| seen.min(self.limit));
-        // The answer lies between these. Where a step is not less than half of the one before, the middle between them
-        // is taken: Newton's method alone can go to and fro for ever.
+        // Bracket of the solution. If a step is not at most half as long as the one before, or leaves
+        // the bracket, the bracket is bisected instead: Newton's method alone can oscillate for ever.
         let (mut least, mut most) = ([0.0; N], [self.limit; N]);
         let mut last_step = [self.limit; N];
         let mut is_moving = [true; N];
@@ -178,7 +184,7 @@ impl Lens {
                 let is_closing_in = 2.0 * step.abs() <= last_step[index];
                 let next = if is_between && is_closing_in { newton } else { (low + high) / 2.0 };
                 last_step[index] = (next - r).abs();
-                // The next step would be of the square of this one.
+                // The next step would be of the order of this one squared.
                 radius[index] = if is_moving[index] { next } else { r };
                 is_moving[index] &= step.abs() >= 1e-7;
             }
@@ -187,7 +193,7 @@ impl Lens {
     }
 }
 
-/// Up to where the polynomial grows.
+/// Largest radius up to which the polynomial rises.
 fn limit(k: &[f64; 4], farthest: f64) -> f64 {
     let step = farthest / f64::from(STEPS);
     let is_growing = |radius: f64| slope(k, radius) > MIN_SLOPE;
@@ -203,7 +209,7 @@ fn limit(k: &[f64; 4], farthest: f64) -> f64 {
     inside
 }
 
-/// x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸).
+/// The polynomial: x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸).
 fn bent(k: &[f64; 4], x: f64) -> f64 {
     x * even(k, x * x)
 }
@@ -212,7 +218,7 @@ fn even([k1, k2, k3, k4]: &[f64; 4], x2: f64) -> f64 {
     1.0 + x2 * (k1 + x2 * (k2 + x2 * (k3 + x2 * k4)))
 }
 
-/// Its derivative.
+/// Derivative of the polynomial.
 fn slope([k1, k2, k3, k4]: &[f64; 4], x: f64) -> f64 {
     let x2 = x * x;
     1.0 + x2 * (3.0 * k1 + x2 * (5.0 * k2 + x2 * (7.0 * k3 + x2 * 9.0 * k4)))
@@ -248,7 +254,7 @@ mod tests {
     }
 
     proptest! {
-        /// Every pixel, also far outside the picture, has a ray that is seen there.
+        /// Every pixel, also far outside the picture, has a ray that is seen at that pixel.
         #[test]
         fn pixels_and_rays_belong_together(
             distortion in any_lens(), x in -300.0..900.0f64, y in -300.0..800.0f64,
@@ -264,7 +270,7 @@ mod tests {
             prop_assert_eq!(ray, both);
         }
 
-        /// A ray farther from the axis is seen farther from it.
+        /// A ray farther from the axis is seen farther from the centre.
         #[test]
         fn nothing_is_folded_over(distortion in any_lens(), a in 0.0..3.0f64, b in 0.0..3.0f64) {
             let lens = Lens::new(&distortion, PICTURE);
@@ -272,7 +278,7 @@ mod tests {
         }
     }
 
-    /// Newton's steps from one end of this polynomial lead beyond the other, and from there back.
+    /// Newton's steps from one end of this polynomial lead beyond the other end, and back from there.
     #[test]
     fn steps_beyond_both_ends_come_to_rest() {
         let distortion = DistortionConfig {
@@ -302,7 +308,7 @@ mod tests {
             k4: -0.0002,
             center_px: [330.0, 235.0],
         };
-        // cv::fisheye::projectPoints, written down from its documentation: x = 0.8, y = −0.6 at depth 1.
+        // cv::fisheye::projectPoints, derived from its documentation: x = 0.8, y = −0.6 at depth 1.
         let theta = 1f64.atan();
         let (t2, t4) = (theta.powi(2), theta.powi(4));
         let distorted = theta * (1.0 + 0.02 * t2 - 0.004 * t4 + 0.001 * t4 * t2 - 0.0002 * t4 * t4);

@@ -1,17 +1,20 @@
-//! Rolling shutter: each row of the picture is captured at a time of its own.
+//! Rolling shutter: the rows of a picture are captured one after the other.
+//!
+//! A frame has one capture time, that of its middle row. With a readout time T from the first row to
+//! the last of N rows, row y is captured (y / (N − 1) − ½)·T later.
 
 use crate::config::CameraConfig;
 
-/// When the rows of a frame are captured. The frame has one capture time, that of its middle row.
+/// Capture times of a frame's rows relative to the frame's capture time.
 #[derive(Debug, Clone, Copy)]
 pub struct RollingShutter {
-    /// From the first row to the last; 0 when all are captured at once.
+    /// Time from the first row to the last; 0 when all are captured at once.
     readout_s: f64,
     last_row: f64,
 }
 
 impl RollingShutter {
-    /// That of the configured camera.
+    /// The shutter of the configured camera.
     pub fn new(camera: &CameraConfig) -> Self {
         Self {
             readout_s: f64::from(camera.rolling_shutter_us) * 1e-6,
@@ -19,13 +22,13 @@ impl RollingShutter {
         }
     }
 
-    /// Whether rows have times of their own at all.
+    /// Whether rows are captured at different times.
     pub fn is_rolling(&self) -> bool {
         self.readout_s != 0.0
     }
 
-    /// How long after the frame's capture time one of its rows was captured, in seconds; negative for
-    /// those above the middle. What lies outside the picture counts as its nearest row.
+    /// Capture time of a row minus the frame's capture time, seconds; negative above the middle. A
+    /// position outside the picture counts as the nearest row.
     pub fn delay_s(&self, y_px: f64) -> f64 {
         if self.readout_s == 0.0 || !y_px.is_finite() {
             return 0.0;

@@ -1,12 +1,14 @@
-//! How large robots' tops are against the configured layout, measured over many robots.
+//! Estimates the size of the robots' tops relative to the configured layout, over many robots.
 //!
-//! A layout that was entered in another size than the tops have need not stop anything: patches may lie off
-//! their places by the tolerance, and robots are found, a centimetre or two off; or none is found, and
-//! nothing says why. So the scale is measured without asking which robots were found. Each pair of a region
-//! in a team's colour and one in an identification colour votes for the scale at which their distance is
-//! that of a team patch and an identification patch of those colours, if at that scale both regions have
-//! about the area of those patches. Pairs that are patches of one robot agree on the scale; all others are
-//! spread, and fewer.
+//! A layout configured in the wrong size can go unnoticed: patches may be off their places by the
+//! tolerance, so robots are found a centimetre or two off, or none is found without an obvious reason.
+//! So the scale is measured independently of recognition, by a Hough transform over the scale (Ballard,
+//! *Generalizing the Hough transform to detect arbitrary shapes*, 1981). Each pair of a region in a
+//! team's colour and one in an identification colour votes for the scale s = (distance of the two
+//! regions) / (distance of the two patches in the layout), if both regions have about s² times the area
+//! of these patches. Votes are counted in bins of ln s. Pairs of patches on one robot agree on the
+//! scale; all other pairs are spread, and fewer. The bin with most votes within ±3 bins wins over the
+//! configured scale if it has more than 1.5 times as many votes.
 
 use crate::config::Config;
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
@@ -14,33 +16,32 @@ use crate::layout::Layout;
 use crate::messages::DetectionFrame;
 use std::ops::RangeInclusive;
 
-/// Fewer votes tell nothing.
+/// Fewest votes for a result.
 const LEAST_VOTES: u64 = 3;
-/// Scales nearer to 1 are not told of: patches bleed, and heights are not exact.
+/// Smallest deviation from 1 that is reported: patches bleed, and heights are not exact.
 const WORTH_TELLING: f64 = 0.06;
-/// The configured scale is believed unless another one has so many times its votes.
+/// Factor by which the votes for another scale must exceed those for the configured one.
 const MORE_VOTES: f64 = 1.5;
-/// Square root of a region's area against its patch's, at the right scale: rims are often lost, and in poor
-/// light two thirds of a small patch.
+/// Ratio of the square roots of a region's area and its patch's area at the right scale. Rims are often
+/// lost, and in poor light two thirds of a small patch.
 const SIZES: RangeInclusive<f64> = 0.55..=1.25;
-/// Scales that are tried.
+/// Scales considered.
 const SCALES: RangeInclusive<f64> = 0.4..=2.5;
-/// Votes are counted in steps of this, as a natural logarithm …
+/// Width of a bin, as a natural logarithm …
 const STEP: f64 = 0.01;
-/// … and so many steps to each side belong together.
+/// … and number of bins to each side that are counted together.
 const SPREAD: usize = 3;
-/// Most regions of patches' colours that are looked at in a frame, the largest ones; a match has some
-/// hundred.
+/// Most regions in patch colours per frame, the largest ones; a match has about a hundred.
 const MOST_REGIONS: usize = 300;
 
-/// Collects votes.
+/// Collects the votes of frames.
 #[derive(Debug, Clone)]
 pub struct TopScale {
     camera: CameraModel,
-    /// Half extents of the field with its goals and the margin: parquet beside it may be as yellow as
-    /// patches.
+    /// Half extents of the field with its goals and the margin: a wooden floor beside it may be as
+    /// yellow as patches.
     half_mm: [f64; 2],
-    /// Heights of tops, each once.
+    /// The different heights of tops.
     heights_mm: Vec<f64>,
     pairs: Vec<PatchPair>,
     votes: Vec<u64>,
@@ -51,15 +52,15 @@ pub struct TopScale {
 /// A team patch and an identification patch of one robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct PatchPair {
-    /// Colour classes of the two.
+    /// Colour classes of the two patches.
     classes: [u32; 2],
     areas_mm2: [f64; 2],
     distance_mm: f64,
-    /// Index into the heights.
+    /// Index into `heights_mm`.
     height: usize,
 }
 
-/// A region on the plane of a height.
+/// A region projected onto the plane of a height.
 #[derive(Debug, Clone, Copy)]
 struct Measured {
     class: u32,
@@ -70,14 +71,14 @@ struct Measured {
 /// Result of the votes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// How many times as large as configured tops are.
+    /// Size of tops relative to the configured size.
     pub scale: f64,
-    /// Pairs of patches that say so, each in every frame.
+    /// Number of pairs of patches that agree on it, summed over frames.
     pub votes: u64,
 }
 
 impl TopScale {
-    /// For pictures of the configured camera.
+    /// Prepares for pictures of the configured camera.
     pub fn new(config: &Config) -> Result<Self, GeometryError> {
         let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height)?;
         let class = |name: &str| config.colors.iter().position(|color| color.name == name);
@@ -105,7 +106,7 @@ impl TopScale {
                 let [dx, dy] = [0, 1].map(|axis| patch.centroid_mm[axis] - team.centroid_mm[axis]);
                 let pair = PatchPair {
                     classes: [team_class as u32, class as u32],
-                    // Equal but for the grid that they are measured on.
+                    // Rounded, so that patches equal but for the sampling grid compare equal.
                     areas_mm2: [team.area_mm2, patch.area_mm2].map(f64::round),
                     distance_mm: dx.hypot(dy).round(),
                     height,
@@ -153,7 +154,7 @@ impl TopScale {
         self.regions = regions;
     }
 
-    /// The scale that most pairs agree on, when there are enough.
+    /// The scale on which most pairs agree, if they are enough.
     pub fn measured(&self) -> Option<Scale> {
         let around = |center: usize, spread: usize| {
             center.saturating_sub(spread)..(center + spread + 1).min(self.votes.len())
@@ -174,7 +175,7 @@ impl TopScale {
         Some(Scale { scale: sum / count as f64, votes: count })
     }
 
-    /// The regions of patches' colours on the plane of a height.
+    /// The regions in patch colours, on the plane of a height.
     fn measure(&self, seen: &DetectionFrame, height: usize, regions: &mut Vec<Measured>) {
         regions.clear();
         let height_mm = self.heights_mm[height];
@@ -197,7 +198,7 @@ impl TopScale {
     }
 }
 
-/// Where votes for a scale are counted.
+/// Bin of a scale.
 fn bin(scale: f64) -> usize {
     ((scale / SCALES.start()).ln() / STEP).round().max(0.0) as usize
 }
@@ -232,7 +233,7 @@ mod tests {
     use bytemuck::Zeroable;
 
     /// All robots of a configuration in a grid, their patches `scale` times as large as configured and
-    /// as far from the centre, of each a part that is recognised; regions alone.
+    /// as far from the centre; `shown` is the recognised share of each. Regions only.
     fn frame(config: &Config, scale: f64, shown: f64) -> Box<DetectionFrame> {
         let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height);
         let camera = camera.unwrap();
@@ -257,7 +258,7 @@ mod tests {
                     class: class as u32,
                     x_px: image.x_px as f32,
                     y_px: image.y_px as f32,
-                    // Some of the rim is lost.
+                    // Part of the rim is lost.
                     pixel_count: (shown * scale * scale * patch.area_mm2 / pixel_mm2) as u32,
                     ..Region::default()
                 };

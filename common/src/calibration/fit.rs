@@ -1,4 +1,19 @@
-//! The fit itself: which numbers are free, and what they are.
+//! The camera fit: chooses the free parameters and finds their values.
+//!
+//! For a given set of free parameters, the Levenberg–Marquardt method minimises the sum of squared
+//! distances in the picture, from a start given by the direct linear transform (`homography`). Free are
+//! the eight parameters of the homography, those lens coordinates that points at different heights or a
+//! measured height can determine, and 0, 1, 2 or 4 distortion parameters. A larger number of distortion
+//! parameters is accepted if the improvement is significant at about 1 % by an F test: (S_few − S_many)
+//! / added > 6.6·(1 + 12/surplus)·S_many / surplus, with sums of squares S, and the surplus of
+//! equations over parameters.
+//!
+//! If the lens found bends the picture strongly, or the residual stays large, the physical cameras of
+//! `physical.rs` compete with this free fit. The winner has the smallest corrected Akaike criterion,
+//! AICc = n·ln(S/n + σ²) + 2k + 2k(k+1)/(n − k − 1) for n equations and k parameters (Hurvich & Tsai,
+//! *Regression and time series model selection in small samples*, 1989), plus the Occam term of what
+//! its parameters are determined better than expected. σ keeps differences smaller than marking errors
+//! from deciding.
 
 use super::least_squares::{Minimum, minimise};
 use super::numbers::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Numbers, Scales};
@@ -10,24 +25,24 @@ use crate::geometry::{CameraModel, FieldPoint, GeometryError, homography};
 use crate::lens::Lens;
 use nalgebra::{DVector, Matrix3, Vector2, Vector3};
 
-/// Points to fit a camera to.
+/// The points and edges to fit, and the prior knowledge.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Task<'a> {
     pub marks: &'a [Mark],
     /// Weight of a mark's residual relative to an edge's.
     pub mark_weight: f64,
-    /// Places of lines of the pitch that were found in the picture.
+    /// Points of lines of the pitch found in the picture.
     pub edges: &'a [EdgeMark],
     pub known_lens: KnownLens,
     pub field: &'a FieldConfig,
     pub picture_px: [u32; 2],
-    /// Whether the picture is known to show the pitch as in a mirror.
+    /// Whether the picture is known to be mirrored.
     pub is_mirrored: bool,
-    /// Parameters of distortion that may be fitted at most.
+    /// Most distortion parameters to fit.
     pub max_distortion: usize,
 }
 
-/// The camera that fits.
+/// A fitted camera.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
     pub model: CameraModel,
@@ -37,54 +52,56 @@ pub(super) struct Fitted {
     pub lens_sigma_mm: [f64; 3],
     pub surplus: usize,
     pub distortion_parameters: usize,
-    /// Whether pixels were taken to be square.
+    /// Whether square pixels were assumed.
     pub is_physical: bool,
     /// Sum of the points' squared residuals, px².
     sum_of_squares: f64,
-    /// Variance of a marked coordinate, going by what is left.
+    /// Variance of a marked coordinate, from the residuals.
     variance_px2: f64,
-    /// Akaike's information criterion, corrected for few data: the least is the likeliest.
+    /// Corrected Akaike information criterion plus Occam term; the smallest is the likeliest.
     criterion: f64,
-    /// The same for points marked by hand, where smaller errors are chance.
+    /// The criterion with the larger σ of marks by hand.
     criterion_by_hand: f64,
 }
 
-/// Parameters of a polynomial: k1, k2 and the centre.
+/// Distortion parameters of the polynomial model: k1, k2 and the centre.
 pub(super) const POLYNOMIAL: usize = 4;
-/// Parameters of distortion of a lens of which all may be free: those, and a focal length.
+/// Most distortion parameters of any model: those of a fisheye, k1, k2, the centre and a focal length.
 pub(super) const MAX_DISTORTION: usize = 5;
 
-/// A point further than this from the height most points have is raised.
+/// A point farther than this from the height of most points counts as raised.
 const RAISED_MM: f64 = 1.0;
-/// A marked point is hardly ever better than this.
+/// Smallest standard deviation assumed for a marked point.
 const MARKING_SIGMA_PX: f64 = 0.2;
-/// A lens is told by raised points if they leave its height open by no more than this share.
+/// Raised points determine the lens if its height's relative standard deviation is at most this.
 const MAX_LENS_SIGMA: f64 = 0.25;
-/// Without this error left there is no distortion to look for.
+/// Below this residual no distortion is looked for.
 const NEGLIGIBLE_RMS_PX: f64 = 0.01;
-/// Differences much smaller than this tell no camera from another.
+/// σ of the criterion: smaller differences do not distinguish cameras.
 const TELLING_SIGMA_PX: f64 = 0.03;
-/// The same between physical cameras: nobody marks better than this.
+/// σ of the criterion among physical cameras: nobody marks points better than this.
 const BY_HAND_SIGMA_PX: f64 = 0.1;
-/// With this error left there is more to look for, even if the points are too few to show it.
+/// Above this residual further models are tried, even if the points are too few to show them.
 const TOO_LARGE_RMS_PX: f64 = 1.0;
-/// A ray through which a point is marked must have at least this third coordinate.
+/// Smallest third coordinate of the ray of a marked point.
 const LEAST_DEPTH: f64 = 0.1;
-/// Lenses to begin with where a straight one does not lead to the right one: k1.
+/// Values of k1 at which to start when a straight lens does not lead to a good fit.
 const BARRELS: [f64; 6] = [0.1, -0.06, -0.12, -0.18, -0.24, -0.3];
-/// A lens that moves points by a larger share than this is a wide one, of which more can be expected than of others.
+/// Relative displacement of points above which a lens counts as strongly bent, so that other models are
+/// tried.
 const STRONG_BENDING: f64 = 0.08;
-/// What a number costs that could be anything and is found to be something: twice the logarithm of how much closer it is
-/// known then.
+/// Occam term of a parameter without prior: twice the logarithm of the ratio of its range and its final
+/// uncertainty.
 const FREEDOM: f64 = 6.0;
-/// Numbers of a homography with a lens beside it that a physical camera has not: the two of a pixel's shape.
+/// Parameters of the free camera that a physical one does not have: the two of the pixel shape.
 const NOT_PHYSICAL: usize = 2;
-/// A physical camera has at least seven free numbers, of which points of one height leave one open.
+/// Fewest equations for a physical camera: it has at least seven free parameters, one of which stays
+/// undetermined by points of one height.
 const LEAST_PHYSICAL_EQUATIONS: usize = 10;
 
 impl Task<'_> {
-    /// The camera with as many free numbers as the points can tell: a homography with an ordinary lens beside it, or,
-    /// where the picture is bent, whichever camera is the likeliest.
+    /// The camera with as many free parameters as the points can determine: the free fit or, if the
+    /// picture is bent, the likeliest of all cameras.
     pub fn best_fit(&self) -> Result<Fitted, GeometryError> {
         let free = self.best_free_fit();
         let is_bent = free.as_ref().map_or(true, |fit| {
@@ -118,7 +135,7 @@ impl Task<'_> {
 
     fn best_free_fit(&self) -> Result<Fitted, GeometryError> {
         self.best_fit_of(self.lens_freedom()).or_else(|error| match self.known_lens {
-            // Raised points that tell nothing of the lens: all in a line below it, say.
+            // The raised points may not determine the lens, for example if all lie on a line below it.
             KnownLens::Guess(_) if self.lens_freedom() == [true; 3] => self.best_fit_of([false; 3]),
             _ => Err(error),
         })
@@ -127,7 +144,7 @@ impl Task<'_> {
     fn physical_fit(&self, form: &LensForm) -> Option<Fitted> {
         let is_told = !matches!(self.known_lens, KnownLens::Guess(_)) || self.raised() >= 2;
         if form.model == DistortionModel::Polynomial && !is_told {
-            // Its focal length and its height cannot be told apart.
+            // Its focal length and its height cannot be distinguished.
             return None;
         }
         let camera = physical::fit(self, form).ok()?;
@@ -170,12 +187,12 @@ impl Task<'_> {
         })
     }
 
-    /// Equations of points and edges.
+    /// Number of equations from points and edges.
     pub fn equations(&self) -> usize {
         2 * self.marks.len() + self.edges.len()
     }
 
-    /// How far from where a camera sees them points were marked and edges found.
+    /// Residuals of marks and edges for a camera.
     pub fn errors(&self, camera: &QuickCamera) -> Vec<f64> {
         let mut errors = Vec::with_capacity(self.equations());
         for mark in self.marks {
@@ -199,7 +216,8 @@ impl Task<'_> {
         self.marks.iter().map(square).sum()
     }
 
-    /// About how well the points fit at best, root mean square: a quick look through a straight lens and a few bent ones.
+    /// Approximate root mean square residual of the best fit, from a quick look through a straight lens
+    /// and a few bent ones.
     pub fn rough_rms_px(&self) -> [f64; 2] {
         [self.start(), self.bent_start()]
             .map(|start| start.map_or(f64::INFINITY, |start| self.rms_px(&start)))
@@ -223,7 +241,7 @@ impl Task<'_> {
             let fit = if straight.as_ref().is_ok_and(is_good) {
                 straight
             } else {
-                // A strongly bent lens is not found from a straight one.
+                // A strongly bent lens is not found from a straight start.
                 let bent = bent.get_or_insert_with(|| self.bent_start()).clone();
                 better(straight, bent.and_then(|bent| self.fit_from(bent, bent, lens, parameters)))
             };
@@ -235,17 +253,17 @@ impl Task<'_> {
             if is_better && is_usable {
                 best = Ok((numbers, minimum));
             } else if parameters > 1 && lens != [false; 3] && best.as_ref().is_ok_and(is_good) {
-                // One more number may need the next to show its worth, but not the centre where the place of the
-                // lens is free: each can stand for the other.
+                // One more parameter may need the next to show its benefit. The exception is the centre
+                // where the lens position is free: each can stand for the other.
                 break;
             }
         }
         self.finished(self.in_perspective(best?, lens), lens)
     }
 
-    /// With a lens of known height that no raised point tells of where the fitted camera's perspective has
-    /// it. The fit began with the perspective of an undistorted picture around its middle, and a lens whose
-    /// axis is 13 px off that is 50 mm away from where it seems.
+    /// Moves a lens of known height, without raised points, to where the perspective of the fitted
+    /// camera puts it, and fits again. The first fit used the perspective of an undistorted picture
+    /// around its middle; an axis 13 px off the middle moves the lens by 50 mm.
     fn in_perspective(&self, fit: (Numbers, Minimum), lens: [bool; 3]) -> (Numbers, Minimum) {
         let KnownLens::HeightMm(height) = self.known_lens else { return fit };
         if lens != [false; 3] {
@@ -260,9 +278,9 @@ impl Task<'_> {
         self.fit(moved, lens, minimum.parameters.len() - HOMOGRAPHY).unwrap_or(fit)
     }
 
-    /// The better one of two fits: from what is given, and from where the lens is thought to be, where it
-    /// is held at first. Raised points tell little of a lens that hangs high above them, and a distortion
-    /// that is not allowed for yet may send it anywhere, from where it does not find back.
+    /// The better of two fits: one from `given`, and one from `start` that first holds the lens. Raised
+    /// points determine a lens high above them only weakly, and distortion not yet modelled may send it
+    /// far away, from where it does not return.
     fn fit_from(
         &self,
         given: Numbers,
@@ -275,7 +293,7 @@ impl Task<'_> {
         better(self.fit(given, lens, distortion), held)
     }
 
-    /// Which coordinates of the lens the points may decide.
+    /// Lens coordinates that the points can determine.
     fn lens_freedom(&self) -> [bool; 3] {
         let raised = self.raised();
         match self.known_lens {
@@ -289,7 +307,7 @@ impl Task<'_> {
         }
     }
 
-    /// Points not at the height at which most are.
+    /// Number of points not at the height of most points.
     fn raised(&self) -> usize {
         let at = |height: f64| {
             let near = |mark: &&Mark| (mark.field_mm[2] - height).abs() <= RAISED_MM;
@@ -314,13 +332,13 @@ impl Task<'_> {
         }
     }
 
-    /// The homography that the direct linear transform gives, with the lens where it is thought to
-    /// be, and no distortion.
+    /// Start of the fit: the homography of the direct linear transform, the lens at its assumed
+    /// position, no distortion.
     fn start(&self) -> Result<Numbers, GeometryError> {
         self.start_with(0.0)
     }
 
-    /// The same with the barrel distortion of a few with which the points fit best.
+    /// Start with the best of a few barrel distortions.
     fn bent_start(&self) -> Result<Numbers, GeometryError> {
         let starts = BARRELS.into_iter().filter_map(|k1| self.start_with(k1).ok());
         let rated = starts.map(|start| (self.rms_px(&start), start));
@@ -336,7 +354,8 @@ impl Task<'_> {
         Ok(Numbers::new(&scales, &homography, lens, k1))
     }
 
-    /// The homography from the floor to the rays of such a lens, and where the lens is thought to be then.
+    /// The homography from the floor to the rays of a lens with this distortion, and the lens position
+    /// assumed with it.
     pub fn homography_through(
         &self,
         distortion: &DistortionConfig,
@@ -359,7 +378,8 @@ impl Task<'_> {
         };
         let mut homography = homography(&self.shadows(lens, &rays))?;
         if let KnownLens::HeightMm(height) = self.known_lens {
-            // Where the lens is depends a little on the homography, and the other way round.
+            // The lens position depends slightly on the homography, and the homography on the lens
+            // position.
             for _ in 0..3 {
                 if let Some([x, y]) = lens_above(&homography, scales.image_center_px, height) {
                     lens = Vector3::new(x, y, height);
@@ -370,7 +390,8 @@ impl Task<'_> {
         Ok((homography, lens))
     }
 
-    /// Where the marked points are seen against the floor, with their rays.
+    /// The floor points that hide or lie below the marked points as seen from the lens, with their
+    /// rays.
     fn shadows(&self, lens: Vector3<f64>, rays: &[[f64; 2]]) -> Vec<PointPair> {
         let shadow = |(mark, &image_px): (&Mark, &[f64; 2])| {
             let [x, y, height] = mark.field_mm;
@@ -381,8 +402,8 @@ impl Task<'_> {
         self.marks.iter().zip(rays).map(shadow).collect()
     }
 
-    /// The least sum of squares over the homography, the free coordinates of the lens, and so many
-    /// parameters of distortion.
+    /// Least squares over the homography, the free lens coordinates and this many distortion
+    /// parameters.
     fn fit(
         &self,
         start: Numbers,
@@ -420,7 +441,7 @@ impl Task<'_> {
         self.equations() - minimum.parameters.len()
     }
 
-    /// Whether more numbers fit better by more than chance has it: an F test at about 1 %.
+    /// Whether additional parameters improve the fit significantly: an F test at about 1 %.
     fn is_worth_it(&self, few: &Minimum, many: &Minimum) -> bool {
         let surplus = self.surplus(many) as f64;
         let rms = (2.0 * few.sum_of_squares / self.equations() as f64).sqrt();
@@ -429,12 +450,12 @@ impl Task<'_> {
         }
         let added = (many.parameters.len() - few.parameters.len()) as f64;
         let gain = (few.sum_of_squares - many.sum_of_squares) / added;
-        // 34 for one number and three more equations than unknowns, 6.6 for very many.
+        // 34 for one added parameter and a surplus of three; 6.6 for a large surplus.
         let threshold = 6.6 * (1.0 + 12.0 / surplus);
         gain > threshold * many.sum_of_squares / surplus
     }
 
-    /// Whether the lens turns back nowhere on the pitch that is to be seen.
+    /// Whether the lens polynomial is valid at all marks and on the visible part of the pitch.
     fn is_usable(&self, model: &CameraModel, distortion: &DistortionConfig) -> bool {
         let scales = self.scales();
         let reach = 1.0
@@ -502,19 +523,18 @@ impl Task<'_> {
 }
 
 impl Fitted {
-    /// Root mean square distance of so many points.
+    /// Root mean square distance of this many points.
     pub fn rms_px(&self, points: usize) -> f64 {
         (self.sum_of_squares / points.max(1) as f64).sqrt()
     }
 
-    /// What the variance of a marked coordinate must be, going by what is left; `None` if nothing
-    /// could have been left.
+    /// Variance of a marked coordinate, from the residuals; `None` without surplus equations.
     pub fn variance_px2(&self) -> Option<f64> {
         (self.surplus > 0).then_some(self.variance_px2)
     }
 }
 
-/// The better one of two fits.
+/// The better of two fits.
 fn better(
     a: Result<(Numbers, Minimum), GeometryError>,
     b: Result<(Numbers, Minimum), GeometryError>,
@@ -525,10 +545,10 @@ fn better(
     }
 }
 
-/// Evidence about the camera at a minimum of the fit.
+/// Statistics of a minimum.
 struct Evidence<'a> {
     minimum: &'a Minimum,
-    /// Equations beside those of the points.
+    /// Prior equations besides those of the points.
     expectations: usize,
     equations: usize,
 }
@@ -545,8 +565,7 @@ impl Evidence<'_> {
         }
     }
 
-    /// Hurvich & Tsai, Regression and time series model selection in small samples, 1989. A number of which something is
-    /// expected is not free.
+    /// Corrected Akaike criterion (see the module). A parameter with a prior does not count as free.
     fn criterion(&self, telling_sigma_px: f64) -> f64 {
         let count = self.equations as f64;
         let free = self.minimum.parameters.len() as f64 - self.expectations as f64;
@@ -559,8 +578,9 @@ impl Evidence<'_> {
     }
 }
 
-/// Whether the picture shows each marked point as a camera above the pitch does: a turn to the left on the floor is one
-/// to the right in a picture's rows and columns, unless there is a mirror between.
+/// For each marked point, whether the picture has the orientation that a camera above the pitch sees: a
+/// left turn on the floor is a right turn in the picture's rows and columns, unless the picture is
+/// mirrored.
 pub(super) fn senses(model: &CameraModel, task: &Task) -> Vec<bool> {
     let sense = |mark: &Mark| {
         let [x, y, _] = mark.field_mm;

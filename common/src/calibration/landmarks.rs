@@ -1,33 +1,33 @@
-//! Names for the points of a pitch, so that nobody has to write their millimetres.
+//! Names for the points of a pitch, so that users need not type coordinates.
 
 use crate::config::{FieldConfig, Pair};
 
-/// A named point of the pitch, seen upright: x to the right, y up.
+/// A named point of the pitch; directions as seen in an upright picture, x to the right and y up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmark {
-    /// How it is written: "corner top left".
+    /// Canonical spelling: "corner top left".
     pub name: String,
-    /// Where it is: x and y.
+    /// Position: x and y.
     pub field_mm: Pair,
 }
 
-/// Why a name is none.
+/// Reason why a name is not accepted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LandmarkError {
-    /// Nothing on the pitch has this name.
+    /// The pitch has no point with this name.
     #[error("{name:?} is no point of the pitch; there are {}", known.join(", "))]
     Unknown {
-        /// What was asked for.
+        /// The unknown name.
         name: String,
-        /// What there is.
+        /// All names.
         known: Vec<String>,
     },
-    /// The top of the wall is asked for, and nobody has said how high it is.
+    /// A point on top of the wall was named, but the wall's height is unknown.
     #[error("{0:?}: how high is the wall? Give `wall_height_mm`")]
     WallHeight(String),
 }
 
-/// All names, with their places.
+/// All names with their positions.
 pub fn landmark_names(field: &FieldConfig) -> Vec<Landmark> {
     let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
     let (goal, depth) = (field.goal_width_mm / 2.0, field.goal_depth_mm);
@@ -53,9 +53,9 @@ pub fn landmark_names(field: &FieldConfig) -> Vec<Landmark> {
     all.into_iter().map(|(name, field_mm)| Landmark { name, field_mm }).collect()
 }
 
-/// Where a named point is: x, y and height. Words may come in any order, joined by spaces or
-/// hyphens; upper, lower, tl, br and the like are understood. "wall …" is the inner upper edge of the
-/// wall above the point: above a corner if nothing else is said.
+/// Position of a named point: x, y and height. Words may come in any order, joined by spaces or
+/// hyphens; upper, lower, tl, br and the like are accepted. "wall …" is the inner upper edge of the
+/// wall above the point, by default above a corner.
 pub fn resolve_landmark(
     name: &str,
     field: &FieldConfig,
@@ -73,7 +73,7 @@ pub fn resolve_landmark(
         wanted.sort();
         wanted
     };
-    // "wall top left" is the corner's; "goal left upper" can only be the post.
+    // "wall top left" means the corner; "goal left upper" can only mean the post.
     let landmark = find(&words)
         .or_else(|| is_on_wall.then(|| find(&with("corner"))).flatten())
         .or_else(|| find(&with("post")))
@@ -91,7 +91,7 @@ pub fn resolve_landmark(
     Ok([x, y, height])
 }
 
-/// The words of a name in one spelling and order.
+/// The words of a name in canonical spelling and order.
 fn words(name: &str) -> Vec<String> {
     let parts = name.split(|letter: char| !letter.is_alphanumeric());
     let mut words: Vec<String> = parts
@@ -116,7 +116,7 @@ fn words(name: &str) -> Vec<String> {
             spelled.iter().map(|word| word.to_string()).collect()
         })
         .collect();
-    // The centre circle needs no centre.
+    // "centre circle" and "circle" are the same.
     if words.iter().any(|word| word == "circle") {
         words.retain(|word| word != "centre");
     }

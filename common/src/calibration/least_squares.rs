@@ -1,25 +1,30 @@
-//! Least squares by the Levenberg–Marquardt method (Nocedal & Wright, Numerical Optimization,
-//! section 10.3), for the few parameters and few hundred residuals of a camera.
+//! Nonlinear least squares by the Levenberg–Marquardt method (Nocedal & Wright, *Numerical
+//! Optimization*, section 10.3), for the few parameters and few hundred residuals of a camera.
+//!
+//! With residuals r and their Jacobian J (by central differences), each step solves (JᵀJ +
+//! λ·diag(JᵀJ))·δ = Jᵀr and subtracts δ from the parameters if that lowers the sum of squares. λ is
+//! divided by 10 after a successful step and multiplied by 10 after a failed one. The covariance of the
+//! parameters is (JᵀJ)⁻¹ at the end.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Where the sum of squares is least.
+/// Result of a minimisation.
 #[derive(Debug, Clone)]
 pub(super) struct Minimum {
-    /// The parameters there.
+    /// The parameters at the minimum.
     pub parameters: DVector<f64>,
-    /// What is left there.
+    /// The sum of squares at the minimum.
     pub sum_of_squares: f64,
     /// Covariance of the parameters for residuals of variance 1; `None` if they are not determined.
     pub covariance: Option<DMatrix<f64>>,
 }
 
 const MAX_STEPS: usize = 200;
-/// Parameters are of order one, so this is a small change to each.
+/// Step of the central differences; parameters are of order one.
 const DERIVATIVE_STEP: f64 = 1e-6;
 
-/// Looks for the parameters near `start` with which the residuals are least. Parameters should be
-/// scaled to order one. `None` if the residuals are not finite at the start.
+/// Finds the local minimum of the sum of squares near `start`. Parameters should be scaled to order
+/// one. `None` if the residuals are not finite at the start.
 pub(super) fn minimise(
     start: DVector<f64>,
     residuals: impl Fn(&DVector<f64>) -> DVector<f64>,
@@ -51,7 +56,7 @@ pub(super) fn minimise(
     Some(Minimum { parameters, sum_of_squares: cost, covariance })
 }
 
-/// A step that makes the sum of squares smaller, however short; `None` if there is none.
+/// A step that lowers the sum of squares; `None` if there is none.
 fn step(
     parameters: &DVector<f64>,
     normal: &DMatrix<f64>,
@@ -69,7 +74,7 @@ fn step(
             let next = parameters - decomposed.solve(gradient);
             let rest = residuals(&next);
             let next_cost = rest.norm_squared();
-            // A cost that is not a number is not less either.
+            // False for a NaN.
             if next_cost < cost {
                 *damping = (*damping / 10.0).max(1e-12);
                 return Some((next, rest, next_cost));
@@ -98,9 +103,9 @@ fn jacobian(
     jacobian
 }
 
-/// The inverse of a normal matrix; `None` if it is singular but for rounding.
+/// The inverse of a normal matrix; `None` if it is numerically singular.
 fn invert(normal: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    // Scaled to a unit diagonal, so that units do not look like a lack of determination.
+    // Scaled to a unit diagonal, so that different units do not look like a singular matrix.
     let scale = normal.diagonal().map(f64::sqrt);
     if !scale.iter().all(|&scale| scale > 0.0 && scale.is_finite()) {
         return None;

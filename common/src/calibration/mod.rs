@@ -1,11 +1,12 @@
-//! From points marked in a picture to the geometry of the camera.
+//! Calibration: the camera's geometry from points marked in a picture.
 //!
-//! A camera that sees straight lines straight is a homography of the floor (eight numbers) and the
-//! place of its lens (three); together they are any pinhole camera, whatever its tilt, its pixels'
-//! shape or its picture's middle. A point at a known height tells of the lens, since it appears
-//! where the ray through it meets the floor. Around that comes radial distortion. All of it is fitted
-//! to the marked points at once, by the least sum of squared distances in the picture, with only as
-//! many of the numbers free as the points can tell. A lens too wide for that is taken for a fisheye.
+//! A pinhole camera, with any tilt, pixel shape and principal point, is a homography of the floor
+//! (eight parameters) and the position of its lens (three). A point at a known height determines the
+//! lens, since it appears where the ray through it meets the floor. To this radial distortion is added.
+//! All parameters are fitted to the marked points at once by least squares of the distances in the
+//! picture, with only as many free as the points can determine (`fit.rs`). For a lens too wide for this
+//! model, cameras with square pixels and a fisheye lens are tried as well (`physical.rs`). If the
+//! points do not fit together, the wrong ones are searched for (`suspects.rs`).
 //!
 //! Everything here is pure: points in, geometry or suspicions out.
 
@@ -24,77 +25,77 @@ use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 pub use landmarks::{Landmark, LandmarkError, landmark_names, resolve_landmark};
 pub use suspects::Suspicion;
 
-/// A point of known place, and where it is seen.
+/// A point of known position, and its pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mark {
-    /// On the pitch: x, y and height above the floor.
+    /// Position on the pitch: x, y and height above the floor.
     pub field_mm: [f64; 3],
-    /// In the picture; the centre of the top-left pixel is (0, 0).
+    /// Position in the picture; the centre of the top-left pixel is (0, 0).
     pub image_px: Pair,
 }
 
-/// A place on a line of the pitch, and where the line is seen: only across it, since along it all places look alike.
+/// A point of a line on the pitch, and its pixel. It counts only across the line, since the points
+/// along a line look alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeMark {
-    /// On the floor.
+    /// Position on the floor.
     pub field_mm: Pair,
-    /// In the picture.
+    /// Position in the picture.
     pub image_px: Pair,
-    /// Across the line in the picture, of length 1.
+    /// Unit vector across the line in the picture.
     pub normal: Pair,
 }
 
-/// What is known of the lens' place before the points are looked at.
+/// Prior knowledge of the lens position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum KnownLens {
-    /// Nothing but where it may be: [x, y, height].
+    /// A guess only: [x, y, height].
     Guess([f64; 3]),
-    /// Its height above the floor was measured.
+    /// The height above the floor was measured.
     HeightMm(f64),
-    /// All of it was measured.
+    /// All three coordinates were measured.
     Position([f64; 3]),
 }
 
-/// Where the place of the lens comes from.
+/// Source of the lens position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LensSource {
-    /// From points at different heights.
+    /// Points at different heights.
     Points,
-    /// Height measured, the rest from points at different heights.
+    /// Measured height; the rest from points at different heights.
     HeightAndPoints,
-    /// Height measured, the rest from the perspective of the floor, for square pixels and a lens
-    /// over the middle of the picture.
+    /// Measured height; the rest from the perspective of the floor, for square pixels and a lens axis
+    /// through the middle of the picture.
     HeightAndPerspective,
-    /// The floor's perspective, which a fisheye of known projection determines.
+    /// Perspective of the floor, which suffices for a fisheye of known projection.
     Perspective,
-    /// All of it was given.
+    /// Measured position.
     Given,
-    /// Nobody knows; it is where it was guessed to be.
+    /// A guess; the points do not determine it.
     Guessed,
 }
 
 /// The camera that fits the marked points best.
 #[derive(Debug, Clone)]
 pub struct Calibration {
-    /// Ready for the configuration.
+    /// Geometry for the configuration.
     pub geometry: GeometryConfig,
-    /// The same, ready for use.
+    /// The same geometry as a camera model.
     pub model: CameraModel,
-    /// Where the lens' place comes from.
+    /// Source of the lens position.
     pub lens_source: LensSource,
-    /// Standard deviation of each coordinate of the lens, as far as the points tell; 0 for what was
-    /// given.
+    /// Standard deviation of each lens coordinate as determined by the points; 0 for given ones.
     pub lens_sigma_mm: [f64; 3],
-    /// For each point, by how much it was marked beside where this camera sees it.
+    /// For each point, its mark minus its position as seen by this camera.
     pub errors_px: Vec<Pair>,
-    /// Equations more than unknowns: 0 means that any points would have fitted.
+    /// Number of equations minus number of parameters: 0 means that any points would have fitted.
     pub surplus: usize,
-    /// Distortion parameters that were fitted: 0, 1 (k1), 2 (k1, k2), 4 (and the centre), or all 5 of a
+    /// Number of fitted distortion parameters: 0, 1 (k1), 2 (k1, k2), 4 (and the centre), or all 5 of a
     /// fisheye.
     pub distortion_parameters: usize,
 }
 
-/// Why there is no calibration.
+/// Reason why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few points.
@@ -103,41 +104,41 @@ pub enum CalibrationError {
     /// Too many points.
     #[error("{0} points are marked, at most {MAX_MARKS} are used: leave some out")]
     TooManyPoints(usize),
-    /// Numbers that are none.
+    /// A coordinate is not a finite number of reasonable size.
     #[error("point {}: {what} is not a usable number", point + 1)]
     Number {
-        /// Which point, from 0.
+        /// Index of the point, from 0.
         point: usize,
-        /// Which of its numbers.
+        /// Which coordinate.
         what: &'static str,
     },
-    /// Two points at one place.
+    /// Two points have the same position.
     #[error("points {} and {} are the same place on the pitch", .0 + 1, .1 + 1)]
     SamePlace(usize, usize),
-    /// Numbers that make a pitch only in another unit.
+    /// The coordinates fit the pitch only in another unit.
     #[error(
         "the points' places look like {unit}: with them all within {reach} of the centre, this is not a pitch of \
          {length_mm} × {width_mm} mm; write millimetres, {example}"
     )]
     Unit {
-        /// The likely unit.
+        /// The assumed unit.
         unit: &'static str,
-        /// The largest number.
+        /// The largest coordinate.
         reach: f64,
-        /// The configured pitch.
+        /// Length of the configured pitch.
         length_mm: f64,
-        /// The configured pitch.
+        /// Width of the configured pitch.
         width_mm: f64,
-        /// One of the numbers as it should be.
+        /// Largest coordinate converted to millimetres, as text.
         example: String,
     },
-    /// A height that makes sense in another unit.
+    /// The height makes sense only in another unit.
     #[error("the camera hangs {0} mm high: is that metres? Write millimetres, {thousand:.0}", thousand = 1000.0 * .0)]
     HeightUnit(f64),
-    /// A point that the camera looks up to.
+    /// A point is nearly as high as the camera, or higher.
     #[error("point {} is {height_mm} mm high, the camera hangs at {camera_mm} mm", point + 1)]
     AboveCamera {
-        /// Which point, from 0.
+        /// Index of the point, from 0.
         point: usize,
         /// Its height.
         height_mm: f64,
@@ -152,17 +153,17 @@ pub enum CalibrationError {
     Suspicious(Suspicion),
 }
 
-/// Most points that are looked at.
+/// Most points accepted.
 pub const MAX_MARKS: usize = 1000;
 
 impl Calibration {
-    /// Root mean square distance between the points as marked and as this camera sees them.
+    /// Root mean square distance between the points' marks and their positions as seen by this camera.
     pub fn rms_px(&self) -> f64 {
         let sum: f64 = self.errors_px.iter().map(|[x, y]| x * x + y * y).sum();
         (sum / self.errors_px.len().max(1) as f64).sqrt()
     }
 
-    /// The largest of these distances, and whose it is.
+    /// The largest of these distances, with the index of its point.
     pub fn worst(&self) -> (usize, f64) {
         let distances = self.errors_px.iter().map(|[x, y]| x.hypot(*y)).enumerate();
         distances.max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or((0, 0.0))
@@ -171,8 +172,8 @@ impl Calibration {
 
 /// Fits a camera to marked points.
 ///
-/// No point may be further than `within_px` from where the camera sees it; otherwise, or when the
-/// points turn the pitch inside out, the error says which of them are to be suspected.
+/// Every point must lie within `within_px` of its mark. Otherwise, or if the points turn the pitch
+/// inside out, the error names the points to suspect.
 pub fn calibrate(
     marks: &[Mark],
     known_lens: KnownLens,
@@ -200,7 +201,8 @@ pub fn calibrate(
     finished(&fitted?, marks, field, camera)
 }
 
-/// Fits a camera to marked points and, much more, to lines of the pitch that were found in the picture.
+/// Fits a camera to marked points and, with far more weight, to lines of the pitch found in the
+/// picture.
 pub fn refine(
     marks: &[Mark],
     edges: &[EdgeMark],
@@ -222,7 +224,7 @@ pub fn refine(
     finished(&task.best_fit()?, marks, field, camera)
 }
 
-/// A mark by hand is so much worse than an edge.
+/// Weight of a point marked by hand relative to an edge.
 const MARK_BESIDE_EDGES: f64 = 0.05;
 
 fn finished(
@@ -251,7 +253,7 @@ fn finished(
     })
 }
 
-/// A configuration with the geometry of a calibration.
+/// The configuration with the geometry of a calibration.
 pub fn calibrated(config: &Config, calibration: &Calibration) -> Config {
     Config { geometry: calibration.geometry.clone(), ..config.clone() }
 }
@@ -291,7 +293,7 @@ fn check(marks: &[Mark], known_lens: KnownLens) -> Result<(), CalibrationError> 
     Ok(())
 }
 
-/// Metres and centimetres fit as well as millimetres do, and make robots of the wrong size.
+/// Rejects metres and centimetres: they fit equally well, but make robots of the wrong size.
 fn check_unit(
     marks: &[Mark],
     known_lens: KnownLens,
@@ -314,11 +316,11 @@ fn check_unit(
     Err(CalibrationError::Unit { unit, reach, length_mm, width_mm, example })
 }
 
-/// No camera hangs as low as this.
+/// Lowest plausible height of a camera.
 const LEAST_HEIGHT_MM: f64 = 20.0;
 
 /// The unit in which these points would be on the pitch and spread over a good part of it, if it is not
-/// millimetres; and how many millimetres it has.
+/// millimetres; with its length in millimetres.
 pub(crate) fn likely_unit(
     points: impl Iterator<Item = Pair>,
     field: &FieldConfig,
@@ -329,8 +331,9 @@ pub(crate) fn likely_unit(
     [("metres", 1000.0), ("centimetres", 10.0)].into_iter().find(is_likely)
 }
 
-/// The configuration knows the floor by points of it: those at which the fit sees the corners of
-/// the pitch, or, where the lens makes these meaningless, of what is seen.
+/// The geometry in the form of the configuration, which describes the floor by points: the fitted
+/// positions of the pitch's corners or, where the lens makes these meaningless, of four points of the
+/// visible floor.
 fn as_configured(
     fitted: &fit::Fitted,
     marks: &[Mark],
@@ -375,13 +378,13 @@ fn as_configured(
     Err(error.into())
 }
 
-/// Corners of the pitch.
+/// The corners of the pitch.
 pub(crate) fn corners(field: &FieldConfig) -> [Pair; 4] {
     let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
     [[-x, y], [x, y], [x, -y], [-x, -y]]
 }
 
-/// Points around the pitch: its corners, and some on each side.
+/// Points around the pitch: its corners and points on its sides.
 pub(crate) fn outline(field: &FieldConfig) -> impl Iterator<Item = Pair> {
     const STEPS: u32 = 8;
     let corners = corners(field);

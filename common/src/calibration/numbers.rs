@@ -1,4 +1,4 @@
-//! The numbers of a camera that are fitted, and the scales that bring them to order one.
+//! The fitted parameters of a camera, and the scales that bring them to order one.
 
 use super::Mark;
 use super::fit::POLYNOMIAL;
@@ -8,9 +8,9 @@ use crate::geometry::{CameraModel, GeometryError};
 use crate::lens::Lens;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// The numbers of a camera, scaled to order one: the homography from the floor to the undistorted
-/// picture, both normalised; the lens in units of the floor's scale; k1, k2 and the distortion's
-/// centre.
+/// Parameters of a camera, scaled to order one: the homography from the floor to the undistorted
+/// picture, both normalised; the lens position in units of the floor's scale; k1, k2 and the
+/// distortion's centre.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers(pub [f64; COUNT]);
 
@@ -19,7 +19,7 @@ pub(super) const HOMOGRAPHY: usize = 8;
 pub(super) const LENS: usize = HOMOGRAPHY;
 pub(super) const DISTORTION: usize = LENS + 3;
 
-/// Points of the floor and pixels, moved and scaled to order one.
+/// Offset and scale that bring floor points and pixels to order one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scales {
     pub field_center_mm: Vector2<f64>,
@@ -45,7 +45,7 @@ impl Numbers {
         Self(numbers).with_lens(scales, lens)
     }
 
-    /// The same camera with its lens at another place.
+    /// The same camera with the lens at another position.
     pub fn with_lens(mut self, scales: &Scales, lens_mm: Vector3<f64>) -> Self {
         let lens = scales.normal_lens(lens_mm.into());
         self.0[LENS..DISTORTION].copy_from_slice(lens.as_slice());
@@ -103,7 +103,7 @@ impl Numbers {
 }
 
 impl Scales {
-    /// A place of the lens in the floor's scale.
+    /// A lens position in the floor's scale.
     pub fn normal_lens(&self, [x, y, z]: [f64; 3]) -> Vector3<f64> {
         let offset = Vector2::new(x, y) - self.field_center_mm;
         Vector3::new(offset.x, offset.y, z) / self.field_scale_mm

@@ -1,12 +1,15 @@
-//! The place of a lens of known height, from the perspective of the floor.
+//! The position of a lens of known height, from the perspective of the floor.
 
 use super::numbers::to_normal;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// Above which point of the floor a lens of known height hangs, for square pixels and an axis through
-/// `axis_px` of the undistorted picture: with each focal length the homography's columns are two axes of the
-/// floor and the way to its origin as the camera sees them (Zhang, A flexible new technique for
-/// camera calibration, section 3.1), and the longer it is, the higher the camera must hang.
+/// Position of the lens above the floor, for a lens of known height, square pixels, and an axis through
+/// `axis_px` of the undistorted picture.
+///
+/// For a focal length f, the columns of diag(1/f, 1/f, 1)·H are the floor's two axes and its origin in
+/// the camera's frame, up to scale (Zhang, *A flexible new technique for camera calibration*, section
+/// 3.1), which gives the lens position. Its height rises with f, so f is found by bisection. `None` if
+/// no focal length gives the height within 1 %.
 pub(super) fn lens_above(
     image_from_floor: &Matrix3<f64>,
     axis_px: Vector2<f64>,

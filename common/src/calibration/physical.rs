@@ -1,10 +1,14 @@
-//! A camera as it is built: square pixels, and the lens' axis through the point around which it bends the picture.
+//! Physical camera model: square pixels, and a lens axis through the centre of the distortion.
 //!
-//! It has far fewer free numbers than a homography with a lens beside it: where it is, how it is turned, its focal length,
-//! and those of the lens. With eight points marked around a pitch that is the difference between a camera that is
-//! determined and one that is not. What is usual is expected, too: an axis near the middle of the picture, a
-//! projection near those of the textbooks. Expectations are equations beside those of the points, each with the deviation
-//! that cameras have.
+//! It has far fewer parameters than a homography with separate distortion: position, rotation, focal
+//! length and lens terms. With eight points marked around a pitch this decides whether the camera is
+//! determined. Prior knowledge is added as Gaussian priors: an axis near the middle of the picture, and
+//! terms near those of textbook projections. A prior of standard deviation σ on a value v is one more
+//! residual, v/σ in units of the marking error, beside those of the points.
+//!
+//! The fit starts from the best of several focal lengths and first terms: for each, the marks become
+//! rays, the rays give a homography, and its columns give rotation and position (Zhang, *A flexible new
+//! technique for camera calibration*, section 3.1).
 
 use super::fit::Task;
 use super::least_squares::{Minimum, minimise};
@@ -15,20 +19,21 @@ use crate::geometry::{CameraModel, GeometryError};
 use crate::lens::Lens;
 use nalgebra::{DVector, Matrix3, Rotation3, Vector2, Vector3};
 
-/// Free parameters of the lens, and the values of the fixed ones.
+/// Lens model with its free parameters and the values of its fixed ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LensForm {
     pub model: DistortionModel,
-    /// Terms of the polynomial where they are not fitted.
+    /// Polynomial terms that are not fitted.
     terms: [f64; 4],
-    /// How many terms are fitted.
+    /// Number of fitted terms.
     free_terms: usize,
-    /// Whether the axis may be beside the picture's middle.
+    /// Whether the centre is fitted.
     is_center_free: bool,
 }
 
 impl LensForm {
-    /// All that are tried: the textbooks' projections, and what is near them; ordinary lenses.
+    /// All forms tried: textbook projections, a fisheye near them, and ordinary lenses; each with fixed
+    /// and with free centre.
     pub fn all() -> impl Iterator<Item = Self> {
         let textbook = |terms| Self {
             model: DistortionModel::Fisheye,
@@ -53,50 +58,53 @@ impl LensForm {
         1 + self.free_terms + if self.is_center_free { 2 } else { 0 }
     }
 
-    /// Deviations of the first terms from 0.
+    /// Standard deviations of the first two terms' priors.
     fn term_sigmas(&self) -> [f64; 2] {
         match self.model {
-            // 0, 1/12 and −1/24; 0, 1/120 and 1/1920 for the projections of the textbooks.
+            // The textbook projections have first terms 0, 1/12 and −1/24, and second terms 0, 1/120
+            // and 1/1920.
             DistortionModel::Fisheye => [0.08, 0.02],
             DistortionModel::Polynomial => [0.3, 0.05],
         }
     }
 }
 
-/// r = θ.
+/// Equidistant projection, r = θ.
 const EQUIDISTANT: [f64; 4] = [0.0; 4];
-/// r = 2 tan(θ/2).
+/// Stereographic projection, r = 2 tan(θ/2).
 const STEREOGRAPHIC: [f64; 4] = [1.0 / 12.0, 1.0 / 120.0, 17.0 / 20_160.0, 31.0 / 362_880.0];
-/// r = 2 sin(θ/2).
+/// Equal-area projection, r = 2 sin(θ/2).
 const EQUAL_AREA: [f64; 4] = [-1.0 / 24.0, 1.0 / 1920.0, -1.0 / 322_560.0, 1.0 / 92_897_280.0];
 
-/// Points are expected to be marked so well.
+/// Assumed standard deviation of a mark.
 const SIGMA_PX: f64 = 0.3;
-/// Distance of the axis from the picture's middle, in half diagonals.
+/// Standard deviation of the centre from the picture's middle, in half diagonals.
 const CENTER_SIGMA: f64 = 0.03;
-/// Focal lengths to begin with, in half diagonals.
+/// Focal lengths at which to start, in half diagonals.
 const FOCALS: [f64; 7] = [0.4, 0.55, 0.75, 1.0, 1.4, 2.0, 3.0];
-/// First terms of a polynomial to begin with.
+/// First polynomial terms at which to start.
 const BARRELS: [f64; 6] = [0.0, -0.06, -0.12, -0.18, -0.24, -0.3];
 
-/// A camera that fits.
+/// A fitted camera.
 #[derive(Debug, Clone)]
 pub(super) struct Physical {
     camera: Camera,
     pub minimum: Minimum,
-    /// Equations that are expectations.
+    /// Number of prior equations.
     pub expectations: usize,
-    /// How much closer the points determine what was expected, in logarithms of variance: the price of its freedom.
+    /// Occam term: how much better than their priors the points determine the parameters, as the
+    /// logarithm of the ratio of the variances.
     pub occam: f64,
     pub distortion_parameters: usize,
-    /// Column of the covariance for each coordinate of the lens that was fitted.
+    /// Column of the covariance for each fitted lens coordinate.
     pub lens_columns: [Option<usize>; 3],
 }
 
-/// The camera itself, lengths in the floor's scale and in half diagonals.
+/// Camera parameters; lengths in the floor's scale and in half diagonals.
 #[derive(Debug, Clone, Copy)]
 struct Camera {
-    /// From the field's axes to the camera's: right, down, forward; a mirror's if the picture is one.
+    /// Rotation from field axes to camera axes (right, down, forward), with a reflection if the picture
+    /// is mirrored.
     turn: Matrix3<f64>,
     lens: Vector3<f64>,
     focal: f64,
@@ -126,7 +134,7 @@ impl Physical {
     }
 }
 
-/// The camera of this form with the least squares; which coordinates of its lens are known depends on the task.
+/// Fits a camera of this form. The task says which lens coordinates are known.
 pub(super) fn fit(task: &Task, form: &LensForm) -> Result<Physical, GeometryError> {
     let scales = task.scales();
     let start = start(task, form)?;
@@ -193,7 +201,7 @@ pub(super) fn fit(task: &Task, form: &LensForm) -> Result<Physical, GeometryErro
     })
 }
 
-/// The best of a few cameras, from the homography that their lenses leave.
+/// The best of several start cameras.
 fn start(task: &Task, form: &LensForm) -> Result<Camera, GeometryError> {
     let scales = task.scales();
     let firsts: &[f64] = match form.model {
@@ -225,8 +233,7 @@ fn start(task: &Task, form: &LensForm) -> Result<Camera, GeometryError> {
 }
 
 impl Camera {
-    /// The same lens where a homography from the floor to its rays has it (Zhang, A flexible new technique for camera
-    /// calibration, section 3.1).
+    /// The same lens, placed by a homography from the floor to its rays (Zhang, section 3.1).
     fn placed(self, scales: &Scales, ray_from_floor: &Matrix3<f64>, task: &Task) -> Option<Self> {
         let normal = self.intrinsics().try_inverse()?
             * scales.normal_from_image()
@@ -242,7 +249,7 @@ impl Camera {
         let [along, across, origin] = [0, 1, 2].map(|index| normal.column(index).into_owned());
         let scale = (along.norm() * across.norm()).sqrt();
         let (along, across, origin) = (along.normalize(), across.normalize(), origin / scale);
-        // The nearest right angle: turned apart by as much on both sides.
+        // The nearest orthogonal pair: both axes are turned by the same angle.
         let (middle, beside) = ((along + across).normalize(), (along - across).normalize());
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let (along, across) = ((middle + beside) * half, (middle - beside) * half);
@@ -304,7 +311,7 @@ impl Camera {
     }
 }
 
-/// The same as a [`CameraModel`], without inverting anything.
+/// Like [`CameraModel`], but only forward, without inverses.
 pub(super) struct QuickCamera {
     pub ray_from_floor: Matrix3<f64>,
     pub position: Vector3<f64>,
@@ -312,7 +319,7 @@ pub(super) struct QuickCamera {
 }
 
 impl QuickCamera {
-    /// Where a point of the pitch, with its height, is seen.
+    /// Pixel of a point of the pitch with its height.
     pub fn image(&self, [x, y, height]: [f64; 3]) -> Vector2<f64> {
         let lift = height / self.position.z;
         let shadow = (Vector2::new(x, y) - self.position.xy() * lift) / (1.0 - lift);

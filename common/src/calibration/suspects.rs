@@ -1,60 +1,79 @@
-//! Which of the marked points is to blame when they do not go together.
+//! Finds the marked points that are to blame when the points do not fit together.
+//!
+//! A fit is good if every point lies within the tolerance of its mark and the pitch is not turned
+//! inside out. If the fit of all points is not, explanations are tried, and each one is accepted only
+//! if it makes the fit good:
+//!
+//! 1. A pair of points swapped in the picture. All pairs of the 16 worst points are tried; among
+//!    several, those whose view is least distorted (`strangeness`) are reported. A mirrored picture is
+//!    reported instead if all points fit mirrored and no swap gives an equally plausible view.
+//! 2. A few wrong points, by backward elimination: the point whose removal lowers the residual most is
+//!    removed, again and again, up to a quarter of the points. n removed points must lower the root
+//!    mean square residual by at least 2ⁿ. If removing another point instead is about as good, the
+//!    culprit is ambiguous. This is tried with an ordinary lens first, since a lens that may bend
+//!    freely hides a wrong point by bending.
+//! 3. Otherwise the residuals of a straight lens decide: mostly radial ones mean that no lens model
+//!    fits; others mean a contradiction.
+//!
+//! A good fit is checked too: if a straighter lens fits about as well without a few points, the lens
+//! was bent around wrong points.
 
 use super::Mark;
 use super::fit::{self, Fitted, Task, senses};
 use crate::geometry::{CameraModel, FieldPoint};
 use std::fmt;
 
-/// What is wrong with the points; they are numbered from 0 here, and from 1 in the text.
+/// Problem of the points. They are numbered from 0 here, and from 1 in the text.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Suspicion {
-    /// With these two exchanged in the picture all fits; where there are more, each pair alone would
-    /// do, the likeliest first.
+    /// Swapping these two in the picture makes all points fit. If there are several pairs, any one of
+    /// them would do, the likeliest first.
     Swapped(Vec<(usize, usize)>),
-    /// Without these the others fit; each lies so many pixels from where they would have it.
+    /// Without these the other points fit; with the distance in pixels from the position at which the
+    /// others expect each.
     Off(Vec<(usize, f64)>),
-    /// Without any one of these the others fit.
+    /// Without any one of these the other points fit.
     OneOf(Vec<usize>),
-    /// They do not fit, and it cannot be told which is to blame; the worst lies so many pixels off.
+    /// The points do not fit, and the culprit cannot be identified.
     Contradiction {
-        /// The point furthest off.
+        /// The point farthest off.
         worst: usize,
-        /// How far.
+        /// Its distance.
         distance_px: f64,
     },
-    /// All would fit in a mirror.
+    /// All points fit in a mirror image.
     Mirrored,
-    /// All would fit without the mirror that is configured.
+    /// All points fit without the configured mirror.
     NotMirrored,
-    /// No lens model fits, and no few points are to blame: what is left bends with the distance from the picture's
-    /// middle. The worst point lies so many pixels off.
+    /// No lens model fits, and no few points are to blame: the residuals are radial and grow with the
+    /// distance from the picture's middle.
     Lens {
-        /// The point furthest off.
+        /// The point farthest off.
         worst: usize,
-        /// How far.
+        /// Its distance.
         distance_px: f64,
     },
-    /// They turn part of the pitch inside out.
+    /// The points turn part of the pitch inside out.
     InsideOut,
 }
 
-/// Points that are tried as culprits: those furthest off.
+/// Most points tried as culprits, the ones farthest off.
 const MOST_TRIED: usize = 16;
-/// Work for taking points away, in fits times points: all that can be tried with 22 points, some seconds with
-/// any number. Of many points those furthest off are to blame, if any few are.
+/// Most work for removing points, in fits times points: every removal with up to 22 points, some
+/// seconds with any number. Among many points a few culprits are the ones farthest off.
 const MOST_WORK: usize = 2000;
-/// A look without distortion and with a guessed lens finds points this many times too far off at
-/// most, if they belong together.
+/// A rough fit without distortion and with a guessed lens puts good points off by at most this many
+/// tolerances.
 const ROUGHLY: f64 = 15.0;
-/// A look through lenses of a few strengths finds points this many times too far off at most.
+/// A rough fit with a few distortions puts good points off by at most this many tolerances.
 const NEARLY: f64 = 3.0;
-/// A fit with a variance this many times as large is as good, if it takes fewer numbers.
+/// A fit that needs fewer parameters counts as equally good up to this ratio of variances.
 const AS_GOOD: f64 = 1.5;
-/// A fit with a variance this many times as large is much better.
+/// A fit counts as much better below this ratio of variances.
 const MUCH_BETTER: f64 = 0.25;
-/// With fewer equations more than unknowns a small variance is chance.
+/// With fewer surplus equations a small variance may be chance.
 const LEAST_SURPLUS: usize = 6;
-/// Views that differ by less than this in strangeness are equally likely.
+/// Views whose strangeness differs by less are equally likely.
 const EQUALLY_STRANGE: f64 = 0.2;
 
 impl fmt::Display for Suspicion {
@@ -110,11 +129,11 @@ impl fmt::Display for Suspicion {
     }
 }
 
-/// What is to be suspected about a fit; `None` if nothing is.
+/// Problem of a fit; `None` if there is none.
 pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) -> Option<Suspicion> {
     let judge = Judge { within_px };
     let Some(fitted) = fitted else {
-        // Swapped corners can turn the pitch so far inside out that its middle is seen nowhere.
+        // Swapped corners can turn the pitch inside out so far that no model can be built.
         let first: Vec<usize> = (0..task.marks.len().min(MOST_TRIED)).collect();
         return Suspicion::of_swapped(&judge.swapped(task, &first));
     };
@@ -134,10 +153,10 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
     if let Some(swapped) = Suspicion::of_swapped(&swapped) {
         return Some(swapped);
     }
-    // A lens that may bend can hide one wrong point behind another.
+    // A lens that is free to bend can hide one wrong point behind another.
     let straight = Task { max_distortion: 0, ..*task };
     let off_straight = || judge.off(&straight, &straight.best_fit().ok()?);
-    // So can a wide one, which bends even more.
+    // So can a wide lens, which bends even more.
     let ordinary = Task { max_distortion: fit::POLYNOMIAL.min(task.max_distortion), ..*task };
     let off_ordinary = || judge.off(&ordinary, &ordinary.best_fit().ok()?);
     let off_any = || judge.off(task, fitted);
@@ -161,8 +180,8 @@ impl Suspicion {
     }
 }
 
-/// Whether what a straight lens leaves over points to or away from the picture's middle, and more the further out:
-/// more than half of it is of that kind, and a lens would leave it.
+/// Whether the residuals of a straight lens point towards or away from the picture's middle: more than
+/// 80 % of their squares are radial, as a lens would leave them.
 fn is_bent_around_the_middle(task: &Task, straight: &Task) -> bool {
     let Ok(fitted) = straight.best_fit() else { return false };
     let middle = task.picture_px.map(|size| (f64::from(size) - 1.0) / 2.0);
@@ -176,7 +195,7 @@ fn is_bent_around_the_middle(task: &Task, straight: &Task) -> bool {
         all += error[0].powi(2) + error[1].powi(2);
         radial += across.powi(2) / (out[0].powi(2) + out[1].powi(2)).max(1.0);
     }
-    // Of errors in any direction half is radial.
+    // Errors in random directions are radial by half.
     radial > 0.8 * all
 }
 
@@ -193,8 +212,8 @@ impl Judge {
         self.is_near(fitted, task.marks) && senses(&fitted.model, task).iter().all(|&sense| sense)
     }
 
-    /// Pairs of those tried with which exchanged in the picture all is fine, and how strange the view
-    /// is then; the likeliest first, and none much stranger than another.
+    /// Pairs of the tried points that give a good fit when swapped in the picture, with the strangeness
+    /// of the view; the likeliest first, without views that are much stranger than another.
     fn swapped(&self, task: &Task, tried: &[usize]) -> Vec<(usize, usize, f64)> {
         let mut marks = task.marks.to_vec();
         let mut found = Vec::new();
@@ -215,8 +234,8 @@ impl Judge {
         found.into_iter().map(|(a, b, strange, _)| (a, b, strange)).collect()
     }
 
-    /// A fit with which all is fine, if there is one. Wide lenses take long to fit, and are tried only where a quick look
-    /// through bent lenses says so.
+    /// A good fit, if there is one. Wide lenses are slow to fit, and are tried only if a rough fit with
+    /// distortion is close enough.
     fn fine_fit(&self, task: &Task) -> Option<Fitted> {
         let [straight, bent] = task.rough_rms_px();
         let is_possible = straight.min(bent) < ROUGHLY * self.within_px;
@@ -227,8 +246,8 @@ impl Judge {
         fits.filter_map(|(_, task)| task.best_fit().ok()).find(|fitted| self.is_fine(fitted, task))
     }
 
-    /// A lens bent around a wrong point: without the point a straighter lens fits the others about
-    /// as well.
+    /// Detects a lens bent around a wrong point: without the point, a straighter lens fits the others
+    /// about as well.
     fn bent_around(&self, task: &Task, fitted: &Fitted) -> Option<Suspicion> {
         let variance_px2 = fitted.variance_px2()?;
         for max_distortion in [0, 1, 2].into_iter().filter(|&c| c < fitted.distortion_parameters) {
@@ -237,11 +256,12 @@ impl Judge {
             let Some((found, without)) = self.off(&straighter, &fitted_straighter) else {
                 continue;
             };
-            // A wrong point takes two numbers; who gives up more of them may be a little worse.
+            // A wrong point takes up two parameters. A fit that saves more than that may be slightly
+            // worse.
             let Suspicion::Off(points) = &found else { continue };
             let saved = fitted.distortion_parameters.saturating_sub(without.distortion_parameters);
             let allowed = match fitted.is_physical {
-                // Too stiff to bend around a point without showing it.
+                // A physical lens is too stiff to bend around a point unnoticed.
                 true if without.surplus < LEAST_SURPLUS => continue,
                 true => MUCH_BETTER,
                 false if saved >= 2 * points.len() => AS_GOOD,
@@ -255,7 +275,7 @@ impl Judge {
         None
     }
 
-    /// Points without which the others are fine, taken away one by one, the most harmful first.
+    /// Points without which the others fit well, found by backward elimination (see the module).
     fn off(&self, task: &Task, fitted: &Fitted) -> Option<(Suspicion, Fitted)> {
         let mut left: Vec<usize> = (0..task.marks.len()).collect();
         let rms_px = fitted.rms_px(left.len());
@@ -270,7 +290,7 @@ impl Judge {
                 let mut others = marks.clone();
                 others.remove(place);
                 let fitted = Task { marks: &others, ..*task }.best_fit();
-                // Fewer equations than that fit whatever the points are.
+                // With fewer surplus equations any points fit.
                 if let Some(fitted) = fitted.ok().filter(|fitted| fitted.surplus >= 2) {
                     without.push((place, fitted.rms_px(others.len()), fitted, others));
                 }
@@ -278,15 +298,16 @@ impl Judge {
             without.sort_by(|a, b| a.1.total_cmp(&b.1));
             let (place, rms_without, best, others) = without.first()?;
             if self.is_fine(best, &Task { marks: others, ..*task }) {
-                // Each point taken away must be worth it, but only all together show it.
+                // Removal must pay off for each point, but that shows only when all of them are
+                // removed.
                 let taken = task.marks.len() - others.len();
                 if *rms_without > rms_px / 2f64.powi(taken as i32) {
                     return None;
                 }
-                // The same with other points taken away says that nobody knows.
+                // If removing another point is about as good, the culprit is ambiguous.
                 let as_good = |(_, rms, fitted, others): &&(usize, f64, Fitted, Vec<Mark>)| {
                     let task = Task { marks: others, ..*task };
-                    // A lens that has to bend more for it is no equal explanation.
+                    // A lens that must bend more for it is no equal explanation.
                     fitted.distortion_parameters <= best.distortion_parameters + 1
                         && *rms < 2.0 * rms_without + 0.1
                         && self.is_fine(fitted, &task)
@@ -319,7 +340,7 @@ fn distance_px(model: &CameraModel, mark: &Mark) -> f64 {
     let [x, y, height] = mark.field_mm;
     let seen = model.image_from_field(FieldPoint::new(x, y), height);
     let distance = (seen.x_px - mark.image_px[0]).hypot(seen.y_px - mark.image_px[1]);
-    // A point on the horizon is seen nowhere.
+    // A point on the horizon has no pixel.
     if distance.is_nan() { f64::INFINITY } else { distance }
 }
 
@@ -328,7 +349,7 @@ fn worst(model: &CameraModel, marks: &[Mark]) -> (usize, f64) {
     distances.max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or((0, 0.0))
 }
 
-/// Indices of the marks furthest off.
+/// Indices of the marks farthest off.
 fn furthest_off(model: &CameraModel, marks: &[Mark]) -> Vec<usize> {
     let mut places: Vec<usize> = (0..marks.len()).collect();
     let distance = |&place: &usize| distance_px(model, &marks[place]);
@@ -337,8 +358,8 @@ fn furthest_off(model: &CameraModel, marks: &[Mark]) -> Vec<usize> {
     places
 }
 
-/// How unlike the view of a camera from above it is: 0 for one that shows squares as squares,
-/// everywhere of the same size.
+/// Distortion of the view compared with a camera that looks straight down: 0 for one that shows squares
+/// as squares, everywhere of the same size.
 fn strangeness(model: &CameraModel, marks: &[Mark]) -> f64 {
     let mut stretch = 0.0f64;
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);
@@ -346,7 +367,7 @@ fn strangeness(model: &CameraModel, marks: &[Mark]) -> f64 {
         let [along, across] = steps(model, mark);
         let determinant = (along[0] * across[1] - along[1] * across[0]).abs();
         let sum = along[0].hypot(along[1]).powi(2) + across[0].hypot(across[1]).powi(2);
-        // For singular values a ≥ b: (a² + b²) / 2ab is the hyperbolic cosine of ln(a/b).
+        // For singular values a ≥ b, (a² + b²) / 2ab = cosh ln(a/b).
         stretch = stretch.max((sum / (2.0 * determinant)).max(1.0).acosh());
         least = least.min(determinant);
         most = most.max(determinant);
@@ -355,12 +376,12 @@ fn strangeness(model: &CameraModel, marks: &[Mark]) -> f64 {
     if strangeness.is_nan() { f64::INFINITY } else { strangeness }
 }
 
-/// Whether x runs to the right rather than to the left.
+/// Whether x runs to the right in the picture.
 fn is_upright(model: &CameraModel, marks: &[Mark]) -> bool {
     marks.iter().map(|mark| steps(model, mark)[0][0]).sum::<f64>() > 0.0
 }
 
-/// How far a millimetre along x and one along y goes in the picture.
+/// Displacements in the picture of 1 mm along x and 1 mm along y.
 fn steps(model: &CameraModel, mark: &Mark) -> [[f64; 2]; 2] {
     let [x, y, height] = mark.field_mm;
     let at = |dx: f64, dy: f64| model.image_from_field(FieldPoint::new(x + dx, y + dy), height);

@@ -1,11 +1,11 @@
-//! Synthetic cameras of known place, looked through and found again.
+//! Tests with synthetic cameras: marks are computed through a known camera, and the camera is
+//! recovered.
 
 use super::*;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
 
-/// A pinhole camera with a lens, as a physicist would write it: nothing of it is shared with the
-/// code under test.
+/// An independent pinhole camera with a lens; it shares no code with the code under test.
 #[derive(Debug, Clone)]
 struct Pinhole {
     lens_mm: [f64; 3],
@@ -89,8 +89,8 @@ fn jitter(marks: &mut [Mark], sigma: f64, seed: u64) {
     }
 }
 
-/// Low walls tell little of the lens, and a distortion that is not allowed for yet seems to tell something
-/// else: these were taken for cameras without a place.
+/// Low walls determine the lens weakly, and unmodelled distortion looks like a displacement of the
+/// lens: the fit once declared these cameras to have no lens position.
 #[test]
 fn a_bent_picture_does_not_send_the_lens_away() {
     let cases = [
@@ -109,9 +109,9 @@ fn a_bent_picture_does_not_send_the_lens_away() {
     }
 }
 
-/// With points marked by hand the lens is nine times out of ten within two of the deviations that are
-/// claimed (a normal error would be nineteen times out of twenty: with few points the deviation itself
-/// is not well known), and the pitch is found within a few pixels' worth.
+/// With points marked by hand, the lens lies within two of the claimed deviations nine times out of ten
+/// (nineteen out of twenty for a normal error: with few points the deviation itself is uncertain), and
+/// the pitch is found within a few pixels.
 #[test]
 fn errors_are_as_large_as_claimed() {
     for k1 in [0.0, -0.08] {
@@ -143,7 +143,7 @@ fn errors_are_as_large_as_claimed() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// What was marked exactly is found exactly: place, lens, distortion.
+    /// Exact marks give the exact camera: position, lens, distortion.
     #[test]
     fn any_camera_is_found_again(
         x in -400.0..400.0f64, y in -400.0..400.0f64, height in 1800.0..3500.0f64,
@@ -161,7 +161,8 @@ proptest! {
             k1,
         };
         let found = fit(&truth.marks(&places(wall)), GUESS).unwrap();
-        // Above a camera that looks straight down the fit goes on by tiny steps, and ends a little early.
+        // For a camera that looks straight down, the fit proceeds in tiny steps and ends a little
+        // early.
         prop_assert!(found.worst().1 < 0.1, "{:?}", found.errors_px);
         prop_assert_eq!(found.lens_source, LensSource::Points);
         for axis in 0..3 {
@@ -175,7 +176,7 @@ proptest! {
         }
     }
 
-    /// Whatever is marked, the answer is a usable geometry or an error.
+    /// Any marks give a usable geometry or an error.
     #[test]
     fn nonsense_is_survived(
         numbers in prop::collection::vec(prop::array::uniform5(-3000.0..3000.0f64), 0..9),
@@ -219,8 +220,8 @@ fn a_measured_height_tells_the_rest_of_the_lens_from_the_perspective() {
     assert_eq!(found.geometry.camera_mm, [1.0, 2.0, 3000.0]);
 }
 
-/// The axis of a real lens is seldom in the middle of the picture, and what it does to the perspective is
-/// only known when the distortion is.
+/// The axis of a real lens is seldom in the middle of the picture, and its effect on the perspective is
+/// known only when the distortion is.
 #[test]
 fn the_perspective_is_that_of_the_fitted_lens() {
     let truth = Pinhole { middle_px: [332.0, 229.0], k1: -0.12, ..Pinhole::above() };
@@ -261,7 +262,7 @@ fn swapped_points_are_named() {
     for places in [floor_corners(), places(50.0)] {
         for b in 0..places.len() {
             for a in 0..b {
-                // Of the corner and the wall above it nobody can tell much, but of all others.
+                // A swap of a corner and the wall above it is hardly visible; all other swaps are.
                 let [dx, dy] = [0, 1].map(|axis| places[a][axis] - places[b][axis]);
                 if dx.hypot(dy) < 1.0 {
                     continue;

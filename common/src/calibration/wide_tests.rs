@@ -1,15 +1,17 @@
-//! Wide-angle cameras of all projections, looked through and found again.
+//! Tests with wide-angle cameras of all projections: marks are computed through a known camera, and the
+//! camera is recovered.
 
 use super::*;
 use nalgebra::{Rotation3, Vector3};
 
-/// How a lens turns the angle from its axis into a distance from its middle, as the textbooks have it, for focal length 1.
+/// Textbook projections: distance from the centre as a function of the angle from the axis, for focal
+/// length 1.
 #[derive(Debug, Clone, Copy)]
 enum Projection {
     Equidistant,
     Stereographic,
     EqualArea,
-    /// An ideal picture bent by r·(1 + k1·r²), with r in half diagonals; the focal length is given in them.
+    /// An ideal picture distorted by r·(1 + k1·r²), r in half diagonals; so is the focal length.
     Barrel {
         k1: f64,
         focal: f64,
@@ -27,7 +29,7 @@ impl Projection {
     }
 }
 
-/// A camera above the pitch; nothing of it is shared with the code under test.
+/// An independent camera above the pitch; it shares no code with the code under test.
 #[derive(Debug, Clone)]
 struct Wide {
     projection: Projection,
@@ -42,12 +44,12 @@ const PICTURE: [u32; 2] = [640, 480];
 const HALF_DIAGONAL: f64 = 400.0;
 
 impl Wide {
-    /// Hanging over the middle, the pitch filling the picture.
+    /// Above the middle, with the pitch filling the picture.
     fn above(projection: Projection, height: f64) -> Self {
         let corner = (1100f64.hypot(900.0) / height).atan();
         let projection = match projection {
             Projection::Barrel { k1, .. } => {
-                // The corner of the pitch is seen at 0.72 half diagonals.
+                // Places the corner of the pitch at 0.72 half diagonals.
                 let mut radius = 0.72;
                 for _ in 0..50 {
                     radius = 0.72 / (1.0 + k1 * radius * radius);
@@ -77,7 +79,7 @@ impl Wide {
         [0, 1].map(|axis| self.middle_px[axis] + distance * ray[axis] / across)
     }
 
-    /// Normal errors of this deviation; the same for the same seed.
+    /// Adds normal errors of this standard deviation; the same for the same seed.
     fn marks(&self, places: &[Pair], sigma_px: f64, seed: u64) -> Vec<Mark> {
         let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
         let mark = |&[x, y]: &Pair| {
@@ -88,7 +90,7 @@ impl Wide {
         places.iter().map(mark).collect()
     }
 
-    /// Root mean square distance at which robots are found from where they stand, all over the pitch.
+    /// Root mean square error of robot positions all over the pitch.
     fn robots_rms_mm(&self, found: &Calibration) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for x in [-1000.0, -500.0, 0.0, 500.0, 1000.0] {
@@ -117,7 +119,7 @@ impl Noise {
     }
 }
 
-/// Corners and middles of the sides: nothing inside.
+/// Corners and middles of the sides; no inner points.
 fn around() -> Vec<Pair> {
     let mut places = outline(&FieldConfig::default()).step_by(4).collect::<Vec<_>>();
     places.truncate(8);
@@ -151,7 +153,7 @@ fn lenses() -> Vec<Wide> {
             lenses.push(Wide::above(projection, height));
         }
     }
-    // With the axis beside the middle, corners of the pitch come near where -0.24 turns back.
+    // With an off-centre axis, corners of the pitch come near the point where −0.24 turns back.
     for k1 in [-0.08, -0.16, -0.2] {
         lenses.push(Wide::above(Projection::Barrel { k1, focal: 0.0 }, 2200.0));
     }
@@ -168,7 +170,7 @@ fn lenses() -> Vec<Wide> {
     lenses
 }
 
-/// Root mean square of where robots are found over many pictures; every camera must be found.
+/// Root mean square position error over many pictures; every camera must be found.
 fn pooled_rms_mm(places: &[Pair], sigma_px: f64, seeds: u64, is_centered: bool) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     let lenses = lenses().into_iter().filter(|lens| (lens.middle_px[0] < 320.0) == is_centered);
@@ -189,13 +191,14 @@ fn lenses_of_all_projections_are_found_in_points_marked_exactly() {
         let found = fit(&lens.marks(&marked(), 0.0, 0), lens.lens_mm[2]).unwrap();
         let error = lens.robots_rms_mm(&found);
         assert!(error < 0.3, "{lens:?}: {error} mm, {:?}", found.geometry.distortion);
-        // What is written into the configuration is what was found.
+        // The written configuration equals the fit.
         let written = CameraModel::new(&found.geometry, PICTURE[0], PICTURE[1]).unwrap();
         assert_eq!(written, found.model);
     }
 }
 
-/// A pixel is 4.1 mm at the edge of the pitch. The errors are those of a fit that knows the lens beforehand, within a fifth.
+/// A pixel is 4.1 mm at the edge of the pitch. The errors are within a fifth of those of a fit that
+/// knows the lens beforehand.
 #[test]
 fn points_marked_to_a_third_of_a_pixel_are_enough() {
     assert!(pooled_rms_mm(&grid(), 0.3, 3, true) < 0.95);
