@@ -11,9 +11,9 @@
 //! If the lens found bends the picture strongly, or the residual stays large, the physical cameras of
 //! `physical.rs` compete with this free fit. The winner has the smallest corrected Akaike criterion,
 //! AICc = n·ln(S/n + σ²) + 2k + 2k(k+1)/(n − k − 1) for n equations and k parameters (Hurvich & Tsai,
-//! *Regression and time series model selection in small samples*, 1989), plus the Occam term of what
-//! its parameters are determined better than expected. σ keeps differences smaller than marking errors
-//! from deciding.
+//! *Regression and time series model selection in small samples*, 1989), plus an Occam term that charges
+//! each parameter for how much closer the points determine it than its prior. σ keeps differences smaller
+//! than marking errors from deciding.
 
 use super::least_squares::{Minimum, minimise};
 use super::numbers::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Numbers, Scales};

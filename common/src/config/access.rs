@@ -1,4 +1,4 @@
-//! Who may attach.
+//! Access configuration: which users and programs may attach.
 
 use crate::messages::Team;
 use schemars::JsonSchema;
@@ -24,20 +24,20 @@ impl TeamsAccess {
     }
 }
 
-/// Who may attach to a group besides its owner.
+/// Which users and programs may attach to a group besides its owner.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct AccessConfig {
-    /// Users of this group of the system may read poses and send commands, through a socket that the
-    /// process `gateway` offers; docs/attaching.md says how. Empty: only the owner may attach.
+    /// System group whose users may read poses and send commands, through a socket of the process
+    /// `gateway`; see docs/attaching.md. Empty: only the owner may attach.
     pub group: String,
-    /// So many of their programs at the same time; one user has at most half of the places, and gives up what it
-    /// has more than others when all are taken.
+    /// Most programs of these users at the same time. One user has at most half of the places, and
+    /// loses what it has beyond the others' share when all are taken.
     #[schemars(range(min = 2, max = 256))]
     pub clients: u32,
-    /// Programs of the owner, by the names under which they join the group, whose messages are believed on every
-    /// topic as if they were processes of the group: one that feeds frames into `frames`, say. On `commands`
-    /// every program is believed. docs/attaching.md tells more.
+    /// The owner's programs, by the names under which they join the group, whose messages are accepted
+    /// on every topic like those of the group's processes: for example one that feeds frames into
+    /// `frames`. On `commands` every program is accepted. See docs/attaching.md.
     pub publishers: Vec<String>,
     /// Which users may command which team.
     pub teams: TeamsAccess,
@@ -55,7 +55,7 @@ impl Default for AccessConfig {
 }
 
 impl AccessConfig {
-    /// The group of users that may attach, if there is one.
+    /// The system group that may attach, if there is one.
     pub fn group(&self) -> Option<&str> {
         Some(self.group.as_str()).filter(|group| !group.is_empty())
     }

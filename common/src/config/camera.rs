@@ -1,4 +1,4 @@
-//! Keys of the camera: what its pictures are, and what real cameras are set to.
+//! Camera configuration: picture format, and settings of real cameras.
 
 use crate::messages::{BayerOrder, FrameHeader, PixelFormat};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -19,35 +19,35 @@ pub struct CameraConfig {
     /// Frames a second.
     #[schemars(range(min = 1, max = 10_000))]
     pub fps: f64,
-    /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures given
-    /// as a source are turned into this order.
+    /// Colours of the top-left 2×2 pixels: "rggb", "grbg", "gbrg" or "bggr". Colour pictures used as a
+    /// source are converted to this order.
     pub bayer_order: BayerOrder,
-    /// Whether pictures show the pitch as in a mirror: the camera looks through one, or its pictures come
-    /// flipped. The geometry's points say where everything is all the same; this says that they are meant.
+    /// Whether the picture is mirrored: the camera looks through a mirror, or its pictures are flipped.
+    /// The geometry's points already describe that; this key says that it is intended.
     pub mirrored: bool,
-    /// Exposure time, in microseconds; for a moving robot it sets the motion blur. Of real cameras,
-    /// which are set below, it is only used where they do not tell theirs.
+    /// Exposure time in microseconds; it sets the motion blur of a moving robot. With a real camera,
+    /// whose exposure is set below, it is used only if the camera does not report its own.
     #[schemars(range(max = 1_000_000))]
     pub exposure_us: u32,
-    /// Of a camera with a rolling shutter: time between the exposures of the first and the last row, in
-    /// microseconds (see its data sheet: readout time). Capture times are those of the middle row. 0 for
-    /// a global shutter, which captures all rows at once.
+    /// Readout time of a rolling shutter, in microseconds: from the exposure of the first row to that
+    /// of the last (see the camera's data sheet). Capture times are those of the middle row. 0 for a
+    /// global shutter, which captures all rows at once.
     #[schemars(range(max = 1_000_000))]
     pub rolling_shutter_us: u32,
-    /// Cameras of Video for Linux (`--source v4l2:/dev/video0`).
+    /// Video for Linux cameras (`--source v4l2:/dev/video0`).
     pub v4l2: V4l2Config,
     /// GigE Vision and USB3 Vision cameras (`--source genicam`).
     pub genicam: GenicamConfig,
 }
 
 impl CameraConfig {
-    /// Bytes of a frame, rows without padding.
+    /// Bytes of a frame with one byte a pixel and unpadded rows.
     pub fn frame_bytes(&self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Header of a raw Bayer frame as configured, of a byte a pixel and rows without padding; number and
-    /// times are left to the caller.
+    /// Header of a raw Bayer frame as configured, with one byte a pixel and unpadded rows. The caller
+    /// sets number and times.
     pub fn frame_header(&self) -> FrameHeader {
         FrameHeader {
             width: self.width,
@@ -61,24 +61,24 @@ impl CameraConfig {
     }
 }
 
-/// Cameras of Video for Linux (`--source v4l2:/dev/video0`): USB webcams, capture cards, and cameras
-/// soldered to the board.
+/// Video for Linux cameras (`--source v4l2:/dev/video0`): USB webcams, capture cards, and cameras on
+/// the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct V4l2Config {
-    /// Four letters of the format, as `touchline cameras` shows them ("RGGB", "YUYV", "MJPG"), or
-    /// "auto": the best that comes in the configured size and rate.
+    /// Four-letter name of the format, as listed by `touchline cameras` ("RGGB", "YUYV", "MJPG"), or
+    /// "auto": the best one available in the configured size and rate.
     #[schemars(length(min = 1))]
     pub format: String,
-    /// Pictures that the driver may be filling at the same time.
+    /// Number of pictures the driver may be filling at the same time.
     #[schemars(range(min = 2, max = 12))]
     pub buffers: u32,
-    /// Have the driver write pictures straight into shared memory where it can; false has them
-    /// copied, for drivers that only say they can.
+    /// Let the driver write pictures straight into shared memory if it can. false: pictures are copied,
+    /// for drivers that claim this ability wrongly.
     pub direct: bool,
-    /// Controls to set whenever the camera is opened, by the names that `touchline cameras` shows:
-    /// numbers, true or false, or an entry of a menu in quotes. Cameras with automatic exposure or
-    /// white balance change all colours when a hand reaches in: switch these off.
+    /// Controls set whenever the camera is opened, by their names in `touchline cameras`: numbers, true
+    /// or false, or a menu entry in quotes. Automatic exposure and white balance change all colours
+    /// when a hand enters the picture: switch them off.
     pub controls: BTreeMap<String, SettingValue>,
 }
 
@@ -88,34 +88,34 @@ impl Default for V4l2Config {
     }
 }
 
-/// GigE Vision and USB3 Vision cameras (`--source genicam`), by way of the library Aravis.
+/// GigE Vision and USB3 Vision cameras (`--source genicam`), through the library Aravis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GenicamConfig {
-    /// GenICam's name of the format ("BayerRG8", "YUV422_8"), or "auto": the best the camera has.
+    /// GenICam name of the format ("BayerRG8", "YUV422_8"), or "auto": the camera's best one.
     #[schemars(length(min = 1))]
     pub format: String,
-    /// Pictures that the library may be filling at the same time.
+    /// Number of pictures the library may be filling at the same time.
     #[schemars(range(min = 2, max = 12))]
     pub buffers: u32,
-    /// Bytes in a network packet; 0 means 8000 for a camera on this machine and 1500 otherwise. Set
-    /// 8000 or more where the network takes jumbo frames: it saves much processor time.
+    /// Size of a network packet in bytes; 0 means 8000 for a camera on this machine and 1500 otherwise.
+    /// Set 8000 or more if the network supports jumbo frames: it saves much processor time.
     #[schemars(range(min = 0, max = 16_000))]
     pub packet_size: u32,
-    /// Read packets below the network stack; needs rights (CAP_NET_RAW), and does not work on
-    /// every machine.
+    /// Read packets below the network stack. Needs the right CAP_NET_RAW, and does not work on every
+    /// machine.
     pub packet_socket: bool,
-    /// What the network stack keeps while the library is busy; net.core.rmem_max has to allow it.
+    /// Receive buffer of the network stack, in bytes; net.core.rmem_max must allow it.
     #[schemars(range(min = 65_536, max = 1_073_741_824))]
     pub socket_buffer_bytes: u32,
-    /// Ask the camera again for packets that have not come.
+    /// Request missing packets again from the camera.
     pub packet_resend: bool,
-    /// A picture whose packets have not all come within this time is given up; those after it wait
+    /// A picture is given up if its packets have not all arrived within this time. Later pictures wait
     /// until then.
     #[schemars(range(min = 1, max = 10_000))]
     pub frame_timeout_ms: u32,
-    /// Features to set whenever the camera is opened, by their GenICam names ("ExposureTime",
-    /// "Gain"): numbers, true or false, or an entry in quotes.
+    /// Features set whenever the camera is opened, by their GenICam names ("ExposureTime", "Gain"):
+    /// numbers, true or false, or an entry in quotes.
     pub features: BTreeMap<String, SettingValue>,
 }
 
@@ -134,7 +134,7 @@ impl Default for GenicamConfig {
     }
 }
 
-/// What a camera's control or feature is set to.
+/// Value of a camera's control or feature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum SettingValue {

@@ -1,24 +1,24 @@
-//! What is wrong with a configuration, shown as a compiler shows it: the line, and the fault underlined.
+//! Diagnostics of a configuration, shown like a compiler's: the line, with the fault underlined.
 
 use super::problem::Problem;
 use std::fmt;
 use std::ops::Range;
 
-/// What is wrong with a text, in its order. Displays as one block a complaint.
+/// All problems of a text, in text order. Displayed as one block each.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Complaints {
-    /// What is wrong.
+    /// The problems.
     pub list: Vec<Complaint>,
 }
 
-/// A problem and its place in the text. Displays like a compiler's message.
+/// A problem and its position in the text. Displayed like a compiler's message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Complaint {
-    /// Name of the text.
+    /// Name of the text, usually its path.
     pub origin: String,
-    /// What is wrong.
+    /// The problem.
     pub problem: Problem,
-    /// Where; `None` when it concerns the text as a whole, or what is not in it.
+    /// Position; `None` if it concerns the whole text, or a part that is missing from it.
     pub place: Option<Place>,
 }
 
@@ -35,7 +35,7 @@ pub struct Place {
     pub source: String,
 }
 
-/// Complaints shown in full; a file of another kind can have thousands.
+/// Problems shown in full; a file of another kind can have thousands.
 const MOST_SHOWN: usize = 20;
 
 impl fmt::Display for Complaints {
@@ -71,7 +71,7 @@ impl fmt::Display for Complaint {
 }
 
 impl Place {
-    /// The place of a range of bytes, of which a part after the first line is left out.
+    /// Position of a range of bytes; only its first line is kept.
     pub(super) fn new(text: &str, span: Range<usize>) -> Self {
         let boundary = |index: usize| {
             (0..=index.min(text.len())).rev().find(|&index| text.is_char_boundary(index))
@@ -91,10 +91,10 @@ impl Place {
 
     /// The line, and carets with the help below.
     fn show(&self, f: &mut fmt::Formatter<'_>, help: &str) -> fmt::Result {
-        // Of a long line only the surroundings of the fault.
+        // Only the surroundings of the fault are shown of a long line.
         const MOST: usize = 100;
         let skipped = if self.column > MOST - 20 { self.column - 20 } else { 0 };
-        // Tabs would move the carets, other control characters the terminal.
+        // Tabs would move the carets, and other control characters would control the terminal.
         let visible = |c: char| if c.is_control() { ' ' } else { c };
         let part: String = self.source.chars().skip(skipped).take(MOST).map(visible).collect();
         let (before, after) = (

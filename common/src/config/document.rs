@@ -1,6 +1,7 @@
-//! The configuration as a document: TOML with every key explained, and the JSON schema.
+//! The configuration as a document: commented TOML, and the JSON schema.
 //!
-//! Both come from the structures in `mod.rs` by way of the schema, so a new key appears by itself.
+//! Both are generated from the structures in `mod.rs` through the schema, so new keys appear
+//! automatically.
 
 use super::Config;
 use super::problem::key_path;
@@ -8,10 +9,10 @@ use super::schema::{Node, Schema};
 use serde_json::Value as Json;
 use toml::Value;
 
-/// The configuration as a TOML file for people: every key, its description above it, in the order
-/// of the structures. Reading it gives the same configuration.
+/// The configuration as a commented TOML file: every key with its description above it, in the order of
+/// the structures. Parsing it gives the same configuration.
 ///
-/// TOML's integers end at 2⁶³ − 1: a larger seed, which no file can have, is written as that.
+/// TOML's integers end at 2⁶³ − 1. A larger seed, which no file can contain, is written as that number.
 pub fn commented_toml(config: &Config) -> String {
     let mut config = config.clone();
     config.synthetic.seed = config.synthetic.seed.min(i64::MAX as u64);
@@ -38,21 +39,21 @@ const HEADER: &str = "\
 
 /// Longest line of comments and lists.
 const WIDTH: usize = 96;
-/// Elements that all have so few keys are written in one line each, others as [[tables]].
+/// Tables in a list with at most this many keys are written in one line each, others as [[tables]].
 const MOST_INLINE_KEYS: usize = 3;
 
-/// How much is explained.
+/// Amount of comments.
 #[derive(Clone, Copy, PartialEq)]
 enum Comments {
-    /// Every key, with space around it.
+    /// Every key, with blank lines between.
     Full,
-    /// Every key, close together: the first table of a list.
+    /// Every key, without blank lines: the first table of a list.
     Close,
-    /// Nothing: the other tables of a list.
+    /// No comments: the other tables of a list.
     None,
 }
 
-/// The keys of a table, then the tables in it.
+/// Writes the keys of a table, then the tables in it.
 fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, comments: Comments) {
     let mut first = !path.is_empty();
     for (key, property) in node.properties() {
@@ -60,7 +61,7 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
         if value.is_some_and(is_section) {
             continue;
         }
-        // A heading and its first key belong together.
+        // No blank line between a heading and its first key.
         if comments == Comments::Full && !first {
             out.push('\n');
         }
@@ -113,23 +114,23 @@ fn write_table(out: &mut String, node: Node, table: &toml::Table, path: &str, co
     }
 }
 
-/// A key in quotes where it needs them.
+/// The key, quoted if TOML requires it.
 fn written_key(key: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "_-".contains(letter);
     if !key.is_empty() && key.chars().all(is_plain) {
         key.to_string()
     } else {
-        // As in JSON: TOML's strings of several lines, which its writer prefers, cannot be keys.
+        // Quoted as in JSON: TOML's multi-line strings, which its writer prefers, cannot be keys.
         Json::from(key).to_string().replace('\u{7f}', "\\u007f")
     }
 }
 
-/// Sections of the top level stand further apart than keys.
+/// Top-level sections are separated by two blank lines.
 fn write_gap(out: &mut String, parent: &str) {
     out.push_str(if parent.is_empty() { "\n\n" } else { "\n" });
 }
 
-/// Whether a key gets a heading of its own, and so has to stand behind the simple keys.
+/// Whether a key gets its own heading, and so must follow the simple keys.
 fn is_section(value: &Value) -> bool {
     match value {
         Value::Table(_) => true,
@@ -141,7 +142,7 @@ fn is_section(value: &Value) -> bool {
     }
 }
 
-/// The keys of a list's elements, where these are written in one line each.
+/// Describes the keys of a list's elements when these are written in one line each.
 fn write_legend(out: &mut String, property: Node) {
     let Some(element) = property.element() else { return };
     let width = element.properties().map(|(key, _)| key.len()).max().unwrap_or(0);
@@ -150,7 +151,7 @@ fn write_legend(out: &mut String, property: Node) {
     }
 }
 
-/// A comment with wrapped lines; those behind the first are indented as far as `head` is long.
+/// Writes a comment with wrapped lines; continuation lines are indented by the length of `head`.
 fn write_comment(out: &mut String, head: &str, text: &str) {
     let indent = head.chars().count();
     let mut line = format!("# {head}");
@@ -174,8 +175,8 @@ fn write_comment(out: &mut String, head: &str, text: &str) {
     }
 }
 
-/// A value behind `key =`: a list that is too long for the line, or one of tables, gets a line for
-/// each element.
+/// The value for `key =`. A list that does not fit into the line, or a list of tables, gets one line
+/// per element.
 fn list_or_scalar(node: Node, value: &Value, key: &str) -> String {
     let one_line = inline(Some(node), value);
     match value {
@@ -190,11 +191,10 @@ fn list_or_scalar(node: Node, value: &Value, key: &str) -> String {
     }
 }
 
-/// A value in one line; the schema knows the order of a table's keys.
+/// A value in one line; the schema gives the order of a table's keys.
 fn inline(node: Option<Node>, value: &Value) -> String {
     match value {
-        // 2200 rather than 2200.0, as one would write it; both are read as the same number, except
-        // where the integers end.
+        // 2200 instead of 2200.0. Both are read as the same number up to the largest TOML integer.
         Value::Float(number) if number.fract() == 0.0 && number.abs() < 1e15 => {
             format!("{number}")
         }

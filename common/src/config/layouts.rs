@@ -1,4 +1,4 @@
-//! What robots wear, by league: arrangements of patches, and which robot has which colours.
+//! Robot tops by league: arrangements of patches, and the colours of each robot.
 
 use super::{IdentityConfig, Pair, PatchConfig, PatchRole};
 use crate::messages::Team;
@@ -22,7 +22,7 @@ pub(super) fn diagonal_squares() -> Vec<PatchConfig> {
     ]
 }
 
-/// The team colour across the front half, two identification squares behind.
+/// A stripe of the team colour across the front half, and two identification squares behind it.
 pub(super) fn stripe_and_two_patches() -> Vec<PatchConfig> {
     vec![
         PatchConfig { role: PatchRole::Team, outline_mm: rectangle([18.5, 0.0], [33.0, 70.0]) },
@@ -31,9 +31,8 @@ pub(super) fn stripe_and_two_patches() -> Vec<PatchConfig> {
     ]
 }
 
-/// A square of 65 mm, cut along a diagonal: the half ahead on the left has the team's colour, the half
-/// behind on the right is cut into two triangles with identification colours, the one behind on the
-/// left first.
+/// A square of 65 mm, cut along a diagonal. The front left half has the team's colour; the rear right
+/// half is cut into two triangles with identification colours, the rear left one first.
 pub(super) fn triangles() -> Vec<PatchConfig> {
     let half = 32.5;
     let identification = |outline_mm| PatchConfig { role: PatchRole::Identification, outline_mm };
@@ -47,8 +46,8 @@ pub(super) fn triangles() -> Vec<PatchConfig> {
     ]
 }
 
-/// Four squares: the team's ahead on the left, identification squares ahead on the right, behind on
-/// the left and behind on the right.
+/// Four squares: the team's at the front left, identification squares at the front right, rear left and
+/// rear right.
 pub(super) fn quadrants() -> Vec<PatchConfig> {
     let identification =
         |center| PatchConfig { role: PatchRole::Identification, outline_mm: square(center, 34.0) };
@@ -60,8 +59,7 @@ pub(super) fn quadrants() -> Vec<PatchConfig> {
     ]
 }
 
-/// A square of 66 mm in the team's colour, and in its corner ahead on the left a square with an
-/// identification colour.
+/// A square of 66 mm in the team's colour, with an identification square in its front left corner.
 pub(super) fn corner_patch() -> Vec<PatchConfig> {
     vec![
         PatchConfig { role: PatchRole::Team, outline_mm: square([0.0, 0.0], 66.0) },
@@ -69,8 +67,8 @@ pub(super) fn corner_patch() -> Vec<PatchConfig> {
     ]
 }
 
-/// The standard pattern of the Small Size League: the team's dot of 50 mm in the middle; dots of
-/// 40 mm ahead on the left and right, and behind on the left and right, all 65 mm from the middle.
+/// The standard pattern of the Small Size League: the team's dot of 50 mm in the middle, and dots of 40
+/// mm at the front left and right and the rear left and right, all 65 mm from the middle.
 pub(super) fn butterfly() -> Vec<PatchConfig> {
     let identification =
         |center| PatchConfig { role: PatchRole::Identification, outline_mm: dot(center, 40.0) };
@@ -84,11 +82,11 @@ pub(super) fn butterfly() -> Vec<PatchConfig> {
     ]
 }
 
-/// A regular polygon of the area of a disc.
+/// A regular polygon with the area of a disc.
 fn dot([x, y]: Pair, diameter: f64) -> Vec<Pair> {
     const CORNERS: u32 = 24;
     let step = std::f64::consts::TAU / f64::from(CORNERS);
-    // A polygon of n corners has the area n/2·sin(2π/n)·r², a disc 2π/2·r².
+    // A polygon of n corners has the area n/2·sin(2π/n)·r², a disc n/2·(2π/n)·r².
     let radius = diameter / 2.0 * (step / step.sin()).sqrt();
     let corner = |index: u32| {
         let (sin, cos) = (step * f64::from(index)).sin_cos();
@@ -100,7 +98,7 @@ fn dot([x, y]: Pair, diameter: f64) -> Vec<Pair> {
 /// Identification colours of the standard palette.
 const IDENTIFICATION_COLORS: [&str; 5] = ["green", "cyan", "pink", "violet", "red"];
 
-/// Robots 0 to `count` − 1 of both teams, each with an identification colour of its own.
+/// Robots 0 to `count` − 1 of both teams, each with its own identification colour.
 pub(super) fn one_color_identities(count: u32) -> Vec<IdentityConfig> {
     identities(count, |id| vec![IDENTIFICATION_COLORS[id as usize].to_string()])
 }
@@ -119,10 +117,10 @@ pub(super) fn two_color_identities(count: u32) -> Vec<IdentityConfig> {
     identities(count, |id| pairs[id as usize].clone())
 }
 
-/// Robots 0 to `count` − 1 of both teams, each with three different colours of its own.
+/// Robots 0 to `count` − 1 of both teams, each with its own set of three different colours.
 pub(super) fn three_color_identities(count: u32) -> Vec<IdentityConfig> {
     identities(count, |id| {
-        // Each begins one colour further on.
+        // Each set starts one colour later.
         let color = |step: usize| {
             IDENTIFICATION_COLORS[(id as usize + step) % IDENTIFICATION_COLORS.len()].to_string()
         };
@@ -130,13 +128,13 @@ pub(super) fn three_color_identities(count: u32) -> Vec<IdentityConfig> {
     })
 }
 
-/// Robots of both teams, numbered in the order of the colours they wear.
+/// Robots of both teams, numbered in the order of these colours.
 pub(super) fn identities_of_colors(colors: Vec<Vec<String>>) -> Vec<IdentityConfig> {
     identities(colors.len() as u32, |id| colors[id as usize].clone())
 }
 
-/// Colours of the Small Size League's sixteen robots, in the order of [`butterfly`]: ahead on the
-/// left and right, behind on the left and right.
+/// Colours of the Small Size League's sixteen robots, in the order of [`butterfly`]: front left and
+/// right, rear left and right.
 pub(super) fn standard_patterns() -> Vec<Vec<String>> {
     const PATTERNS: [&str; 16] = [
         "ppgp", "gpgp", "gggp", "pggp", "pppg", "gppg", "ggpg", "pgpg", "gggg", "pppp", "ppgg",

@@ -1,10 +1,10 @@
 //! The configuration: one TOML file, read once and handed to every process as a whole.
 //!
-//! The structures below are the only description of it. Their doc comments become the comments of
-//! `touchline config init` and the descriptions of the JSON schema, their `range` and `length`
-//! attributes its bounds, which every value is checked against; their `Default` is the MiroSot
-//! middle league preset on a synthetic pitch. So a new key needs a doc comment, bounds and a default,
-//! and nothing else; what involves more than one key is checked in `validate`.
+//! The structures below are its only definition. Their doc comments become the comments of `touchline
+//! config init` and the descriptions of the JSON schema; their `range` and `length` attributes become
+//! its bounds, against which every value is checked; their `Default` is the MiroSot middle league
+//! preset on a synthetic pitch. A new key needs a doc comment, bounds and a default, and nothing else.
+//! Rules about more than one key are checked in `validate`.
 
 mod access;
 mod camera;
@@ -45,19 +45,19 @@ pub type Pair = [f64; 2];
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Which defaults everything below starts from. "mirosot-5v5" (2200×1800 mm; also
-    /// "mirosot-triangles" and "mirosot-quadrants", with other patches), "mirosot-large"
-    /// (4000×2800 mm, 11 against 11), "vsss-3v3" (1500×1300 mm; also "vsss-corner", with other
-    /// patches) or "ssl-division-b" (9000×6000 mm).
+    /// The defaults for everything below. "mirosot-5v5" (2200×1800 mm; also "mirosot-triangles" and
+    /// "mirosot-quadrants", with other patches), "mirosot-large" (4000×2800 mm, 11 against 11),
+    /// "vsss-3v3" (1500×1300 mm; also "vsss-corner", with other patches) or "ssl-division-b" (9000×6000
+    /// mm).
     pub preset: Preset,
     /// The pitch.
     pub field: FieldConfig,
     /// The camera's picture.
     pub camera: CameraConfig,
-    /// Where the camera hangs and how its picture lies on the field, in pictures of the size above.
-    /// What is left out follows from field and picture: a camera above the middle that sees it all.
+    /// Position of the camera and mapping from picture to field, for pictures of the size above.
+    /// Defaults follow from field and picture: a camera above the middle that sees the whole field.
     pub geometry: GeometryConfig,
-    /// The light, and whether colours follow it.
+    /// The light, and whether the colours follow it.
     pub light: LightConfig,
     /// The colours on the pitch, at most 32. Where boxes overlap, the colour listed first wins.
     #[schemars(length(min = 1, max = 32))]
@@ -68,15 +68,15 @@ pub struct Config {
     pub ball: BallConfig,
     /// The robots and the colour patches on their tops.
     pub robots: RobotsConfig,
-    /// From regions to robots.
+    /// Recognition: from regions to robots.
     pub tracker: TrackerConfig,
-    /// From detections to filtered poses.
+    /// Filtering: from detections to poses.
     pub filter: FilterConfig,
     /// The process group.
     pub supervisor: SupervisorConfig,
-    /// Who may attach to the group besides its owner.
+    /// Which users and programs may attach to the group besides its owner.
     pub access: AccessConfig,
-    /// How stages wait for their input, and what the system does for them.
+    /// How stages wait for their input, and how the system schedules them.
     pub scheduling: SchedulingConfig,
     /// The synthetic match (`--source synthetic`).
     pub synthetic: SyntheticConfig,
@@ -104,41 +104,42 @@ pub struct FieldConfig {
     /// Robots and balls found up to this far outside the field still count.
     #[schemars(range(min = 0, max = 10_000))]
     pub margin_mm: f64,
-    /// Look only at the part of the picture that shows the field, goals and margin, and at the
-    /// areas below: spectators' shirts cost no time and become no balls. false: at all of it.
+    /// Process only the part of the picture that shows the field, goals and margin, and the areas
+    /// below: spectators' shirts then cost no time and are not taken for balls. false: the whole
+    /// picture.
     pub mask: bool,
-    /// Further areas to look at, for example where robots wait, each a polygon of at least three
-    /// corners [x, y] in field millimetres. Regions there are listed with the detections, but
-    /// robots and balls count only within the margin.
+    /// Further areas to process, for example where robots wait, each a polygon of at least three
+    /// corners [x, y] in field millimetres. Regions there are listed in the detections, but robots and
+    /// balls count only within the margin.
     #[schemars(length(max = 64), inner(length(min = 3, max = 64)))]
     #[schemars(inner(inner(inner(range(min = -1_000_000, max = 1_000_000)))))]
     pub also_look_at_mm: Vec<Vec<Pair>>,
 }
 
-/// A point on the field and where it appears in the picture.
+/// A floor point and its position in the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointPair {
-    /// On the floor: origin at the centre of the pitch, x towards the right goal, y to the left
-    /// of x, that is towards the top of an upright picture.
+    /// Position on the floor: origin at the centre of the pitch, x towards the right goal, y to the
+    /// left of x, that is towards the top of an upright picture.
     #[schemars(inner(range(min = -1_000_000, max = 1_000_000)))]
     pub field_mm: Pair,
-    /// In the picture; the centre of the top-left pixel is [0, 0].
+    /// Position in the picture; the centre of the top-left pixel is [0, 0].
     #[schemars(inner(range(min = -100_000, max = 100_000)))]
     pub image_px: Pair,
 }
 
-/// What the lens does to the picture: it moves points towards or away from `center_px`. With `model`
-/// "polynomial" a point at distance r of the undistorted picture, in units of half the picture's diagonal,
-/// appears at r·(1 + k1·r² + k2·r⁴); with "fisheye" a ray at angle θ (radians) from the lens' axis appears
-/// focal_px·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹) pixels from it.
+/// Lens distortion, which moves points towards or away from `center_px`. With `model` "polynomial", a
+/// point at distance r in the undistorted picture, in half diagonals of the picture, appears at r·(1 +
+/// k1·r² + k2·r⁴). With "fisheye", a ray at angle θ (radians) from the lens axis appears focal_px·(θ +
+/// k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹) pixels from it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DistortionConfig {
-    /// "polynomial" for ordinary lenses; "fisheye" for wide ones (as in OpenCV's fisheye module, fx and fy
-    /// equal). `touchline calibrate` chooses by fit.
+    /// "polynomial" for ordinary lenses; "fisheye" for wide ones (as in OpenCV's fisheye module, with
+    /// fx = fy). `touchline calibrate` chooses the better fit.
     pub model: DistortionModel,
-    /// Focal length of a fisheye, in pixels; a polynomial has none.
+    /// Focal length of a fisheye, in pixels; unused by "polynomial".
     #[schemars(range(min = 1, max = 100_000))]
     pub focal_px: f64,
     /// First term; negative for barrel distortion. 0 for an equidistant fisheye, 1/12 for a stereographic
@@ -148,10 +149,10 @@ pub struct DistortionConfig {
     /// Second term.
     #[schemars(range(min = -10, max = 10))]
     pub k2: f64,
-    /// Third term, of fisheyes only.
+    /// Third term; "fisheye" only.
     #[schemars(range(min = -10, max = 10))]
     pub k3: f64,
-    /// Fourth term, of fisheyes only.
+    /// Fourth term; "fisheye" only.
     #[schemars(range(min = -10, max = 10))]
     pub k4: f64,
     /// Optical centre in the picture.
@@ -159,74 +160,73 @@ pub struct DistortionConfig {
     pub center_px: Pair,
 }
 
-/// Kinds of lenses.
+/// Lens models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DistortionModel {
-    /// Straight lines are about straight.
+    /// The lens shows straight lines about straight.
     #[default]
     Polynomial,
-    /// Equal angles are about equally long.
+    /// The lens shows equal angles at about equal distances.
     Fisheye,
 }
 
-/// Where the camera hangs and how its picture lies on the field.
+/// Position of the camera and mapping from picture to field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GeometryConfig {
-    /// Position of the lens in field coordinates, [x, y, height above the floor]; used to correct
-    /// for the height of robots and ball.
+    /// Position of the lens in field coordinates, [x, y, height above the floor]; used to correct for
+    /// the height of robots and ball.
     #[schemars(inner(range(min = -1_000_000, max = 1_000_000)))]
     pub camera_mm: [f64; 3],
-    /// At least four points of the floor with their place in the picture, no three on a line; more
-    /// are fitted by least squares.
+    /// At least four floor points with their positions in the picture, no three on a line; more than
+    /// four are fitted by least squares.
     #[schemars(length(min = 4, max = 1000))]
     pub points: Vec<PointPair>,
-    /// What the lens does to the picture.
+    /// Lens distortion.
     pub distortion: DistortionConfig,
 }
 
-/// The light under which the colours were set. A picture whose pitch looks different is corrected,
-/// channel by channel, so that other lamps and a camera's white balance do not matter.
+/// The light under which the colours were set. If the pitch looks different, each channel of the
+/// picture is corrected, so that other lamps and the camera's white balance do not matter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightConfig {
-    /// Whether that is done. false: pictures are taken as they are.
+    /// Whether the light is followed. false: pictures are not corrected.
     pub follow: bool,
-    /// Red, green and blue of the empty pitch when the colours were set, as `touchline learn`
-    /// writes it. The preset's belongs to the preset's colours, which are those of the synthetic
-    /// match. Where a file has colours of its own and leaves this out, nothing is followed.
+    /// Red, green and blue of the empty pitch when the colours were set, as written by `touchline
+    /// learn`. The preset's value belongs to the preset's colours, which are those of the synthetic
+    /// match. A file with colours of its own and without this key has no correction.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(inner(range(min = 0, max = 255)), extend("examples" = [[48.5, 50, 41.2]]))]
     pub pitch_rgb: Option<[f64; 3]>,
-    /// How much of a change in the pitch's brightness the patches share, 0–1: little where it comes
-    /// from a lamp mirrored in a dark floor, all of it on a dull one.
+    /// Share of a change in the pitch's brightness that applies to the patches, 0–1: little if the
+    /// change is a lamp mirrored in a dark floor, all of it on a dull floor.
     #[schemars(range(min = 0, max = 1))]
     pub brightness: f64,
-    /// How much of the unevenness of the pitch's brightness the patches share, 0–1: where the floor is
-    /// darker than in its middle, colours may be darker by this part, in octaves. As `touchline learn`
-    /// measures it; 0 switches it off, and it counts only with `pitch_rgb`.
+    /// Share of the pitch's unevenness in brightness that applies to the patches, 0–1: where the floor
+    /// is darker than in its middle, colours may be darker by this share, in octaves. Measured by
+    /// `touchline learn`; 0 switches it off. Needs `pitch_rgb`.
     #[schemars(range(min = 0, max = 1))]
     pub unevenness: f64,
-    /// Whether colours are looked for under glare, too: where a lamp is mirrored, white light lies over
-    /// a part of the picture, and what it adds to the floor is taken off everything there. For pitches
-    /// whose floor is otherwise lit about evenly.
+    /// Whether colours are also found under glare: a mirrored lamp adds white light to a part of the
+    /// picture, and what it adds to the floor is subtracted from everything there. For pitches whose
+    /// floor is otherwise evenly lit.
     pub glare: bool,
 }
 
-/// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optionally
-/// bounds in hue and saturation that classified pixels must also meet.
+/// One colour class: a box in RGB, thresholded as in section 4.2 of the paper, and optional bounds in
+/// hue and saturation that classified pixels must also meet.
 ///
-/// The paper finds YUV the better space for thresholds, since brightness is one axis of it, and
-/// only advises against converting to it. So where the camera gives YUV, a colour may have a box
-/// there (`y`, `u`, `v`), which is compared with the pixels as they come.
+/// The paper finds YUV the better space for thresholds, since brightness is one of its axes, and only
+/// advises against converting to it. If the camera delivers YUV, a colour may have a box there (`y`,
+/// `u`, `v`), which is compared with the pixels as they arrive.
 ///
-/// A colour of which only `looks` is given has a box around that: something for `touchline learn` to
-/// begin with.
+/// A colour with nothing but `looks` gets a box around it, as a start for `touchline learn`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorConfig {
-    /// What teams, ball and robots call it.
+    /// Name by which teams, ball and robots refer to it.
     #[schemars(length(min = 1))]
     pub name: String,
     /// Lowest and highest red value, 0–255.
@@ -238,8 +238,8 @@ pub struct ColorConfig {
     /// Lowest and highest blue value, 0–255.
     #[serde(default = "unbounded")]
     pub blue: [u8; 2],
-    /// Optional second look: hue from … to, in degrees (red 0, green 120, blue 240); [350, 20]
-    /// passes through 0.
+    /// Optional second look: range of hue in degrees (red 0, green 120, blue 240); [350, 20] passes
+    /// through 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(inner(range(min = 0, max = 360)), extend("examples" = [[350, 20]]))]
     pub hue_deg: Option<[f64; 2]>,
@@ -247,21 +247,21 @@ pub struct ColorConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(inner(range(min = 0, max = 1)), extend("examples" = [[0.4, 1]]))]
     pub saturation: Option<[f64; 2]>,
-    /// For cameras that give YUV: lowest and highest Y (brightness), 0–255. Where any of `y`, `u`
-    /// and `v` is given, these three are the colour's box in YUV pictures, and the one left out is
-    /// unbounded; where none is given, YUV pixels are converted and compared with the box in RGB.
+    /// For cameras that deliver YUV: lowest and highest Y (brightness), 0–255. If any of `y`, `u` and
+    /// `v` is given, these three are the colour's box in YUV pictures, and a missing one is unbounded.
+    /// If none is given, YUV pixels are converted and compared with the RGB box.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("examples" = [[40, 235]]))]
     pub y: Option<[u8; 2]>,
-    /// For cameras that give YUV: lowest and highest U (blue against yellow), 0–255, 128 is grey.
+    /// For cameras that deliver YUV: lowest and highest U (blue against yellow), 0–255, 128 is grey.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("examples" = [[90, 120]]))]
     pub u: Option<[u8; 2]>,
-    /// For cameras that give YUV: lowest and highest V (red against cyan), 0–255, 128 is grey.
+    /// For cameras that deliver YUV: lowest and highest V (red against cyan), 0–255, 128 is grey.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("examples" = [[150, 200]]))]
     pub v: Option<[u8; 2]>,
-    /// What it looks like: for overlays, for painting the synthetic match, and for telling robots apart
+    /// Typical RGB value: for overlays, for painting the synthetic match, and for distinguishing robots
     /// whose patches are blurred.
     pub looks: [u8; 3],
 }
@@ -271,8 +271,8 @@ fn unbounded() -> [u8; 2] {
 }
 
 impl ColorConfig {
-    /// Boxes of red, green and blue around what a colour looks like, as wide as paint under other
-    /// lamps and in shadow needs.
+    /// Ranges of red, green and blue around a typical value, wide enough for paint under other lamps
+    /// and in shadow.
     pub fn box_around(looks: [u8; 3]) -> [[u8; 2]; 3] {
         looks.map(|value| {
             let value = f64::from(value);
@@ -280,7 +280,7 @@ impl ColorConfig {
         })
     }
 
-    /// The box in YUV, if the colour has one of its own: ranges of Y, U and V.
+    /// The colour's own YUV box, if it has one: ranges of Y, U and V.
     pub fn yuv_box(&self) -> Option<[[u8; 2]; 3]> {
         let ranges = [self.y, self.u, self.v];
         let is_given = ranges.iter().any(Option::is_some);
@@ -299,21 +299,21 @@ pub struct BallConfig {
     pub diameter_mm: f64,
 }
 
-/// From regions to robots.
+/// Recognition: from regions to robots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerConfig {
     /// A region smaller than this is noise.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub min_region_px: u32,
-    /// A patch may show from this fraction of its expected area …
+    /// Smallest visible area of a patch, as a fraction of its expected area …
     #[schemars(range(min = 0, max = 1))]
     pub min_area_ratio: f64,
-    /// … up to this multiple of it.
+    /// … and largest, as a multiple of it.
     #[schemars(range(min = 1, max = 1000))]
     pub max_area_ratio: f64,
-    /// An identification patch may lie this far from where the layout puts it, relative to the
-    /// team patch (the tolerance around the distance in eq. 5).
+    /// Largest distance of an identification patch from its place in the layout, relative to the team
+    /// patch (the tolerance around the distance in eq. 5).
     #[schemars(range(min = 0.1, max = 1000))]
     pub patch_tolerance_mm: f64,
 }

@@ -1,4 +1,4 @@
-//! Defaults: the leagues' fields, and the colours and layouts that go with them.
+//! Presets: the leagues' fields, with matching colours and layouts.
 
 use super::layouts::{
     butterfly, corner_patch, diagonal_squares, identities_of_colors, one_color_identities,
@@ -8,7 +8,7 @@ use super::layouts::{
 use super::*;
 use crate::messages::BayerOrder;
 
-/// A league whose numbers the configuration starts from.
+/// A league whose values are the defaults of a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
@@ -16,17 +16,17 @@ pub enum Preset {
     #[default]
     #[serde(rename = "mirosot-5v5")]
     Mirosot5v5,
-    /// The same league; half of a robot's top, cut along the diagonal, has the team's colour, the
-    /// other half two triangles in identification colours.
+    /// The same league; half of a robot's top, cut along the diagonal, has the team's colour, the other
+    /// half has two triangles in identification colours.
     MirosotTriangles,
-    /// The same league; four squares, one of the team's colour and three identification colours.
+    /// The same league; four squares, one in the team's colour and three in identification colours.
     MirosotQuadrants,
     /// FIRA MiroSot large league, 11 against 11, 4000×2800 mm.
     MirosotLarge,
     /// IEEE Very Small Size Soccer, 3 against 3, 1500×1300 mm.
     #[serde(rename = "vsss-3v3")]
     Vsss3v3,
-    /// The same league; the whole top has the team's colour, but for a square in one corner.
+    /// The same league; the whole top has the team's colour, except for a square in one corner.
     VsssCorner,
     /// RoboCup Small Size League, division B, 9000×6000 mm, with the standard pattern: a dot of the
     /// team's colour in the middle, four pink or green ones around it.
@@ -45,7 +45,7 @@ impl Preset {
         Self::SslDivisionB,
     ];
 
-    /// Its name in a configuration.
+    /// Name in a configuration.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mirosot5v5 => "mirosot-5v5",
@@ -58,7 +58,7 @@ impl Preset {
         }
     }
 
-    /// What it is, in a line.
+    /// Description in one line.
     pub fn describe(self) -> &'static str {
         match self {
             Self::Mirosot5v5 => "MiroSot middle league: two squares on a diagonal, as in the paper",
@@ -333,13 +333,13 @@ impl Default for SyntheticConfig {
 }
 
 impl GeometryConfig {
-    /// A camera hanging `height_mm` above the field, a little off its centre and a little tilted,
-    /// so that the whole field fills the picture with a small border.
+    /// A camera `height_mm` above the field, slightly off its centre and slightly tilted, such that the
+    /// whole field fills the picture with a small border.
     pub fn above(field: &FieldConfig, camera: &CameraConfig, height_mm: f64) -> Self {
         Self::with_border(field, camera, height_mm, 60.0)
     }
 
-    /// The same with a border of so many millimetres: what stands at the edge of the field leans
+    /// Like [`above`](Self::above), with a border in millimetres: objects at the edge of the field lean
     /// outwards, the more the wider the camera looks.
     fn with_border(
         field: &FieldConfig,
@@ -374,15 +374,14 @@ impl GeometryConfig {
     }
 }
 
-/// The synthetic pitch as it looks, in the median over it, under the lamps that [`standard_colors`] are
-/// made for.
+/// Median colour of the synthetic pitch under the lamps for which [`standard_colors`] are made.
 const STANDARD_PITCH: [f64; 3] = [24.9, 28.2, 27.2];
 
-/// Colours of the synthetic pitch, and boxes that hold them from its bright middle to its corners.
+/// Colours of the synthetic pitch, with boxes that hold from its bright middle to its corners.
 ///
-/// At the edge of a patch a pixel shows part patch, part dark robot: the same colour, but darker. So
-/// no colour, however dark, may fall into the box of another, which is why each box begins about
-/// where half the patch's brightness is left and is narrow where a neighbour is near. Grey (lines,
+/// A pixel at the edge of a patch shows part patch, part dark robot: the same colour, but darker. So
+/// even a dark version of a colour must not fall into another colour's box. Each box therefore starts
+/// at about half the patch's brightness and is narrow where a neighbouring colour is near. Grey (lines,
 /// walls) lies in no box.
 fn standard_colors() -> Vec<ColorConfig> {
     let color = |name: &str, looks, red, green, blue| ColorConfig {

@@ -1,19 +1,19 @@
-//! One thing that is wrong with a configuration, named by the path of the key: `colors[2].red`.
+//! A problem of a configuration, named by the path of the key: `colors[2].red`.
 
 use std::fmt;
 
-/// One thing that is wrong with a configuration.
+/// One problem of a configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     /// The key: `camera.fps`, `colors[2].red`.
     pub path: String,
-    /// What is wrong with it.
+    /// The problem.
     pub message: String,
-    /// How to put it right, where that can be guessed.
+    /// The remedy, if it can be guessed.
     pub help: Option<String>,
-    /// The key itself is wrong rather than its value.
+    /// The key itself is at fault, not its value.
     pub at_key: bool,
-    /// Another key that has part in it; where the file does not set `path`, this one is to blame.
+    /// Another key involved; it is blamed if the file does not set `path`.
     pub related: Option<String>,
 }
 
@@ -57,7 +57,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// Path of a key in the table at `parent`; quoted where TOML would want quotes.
+/// Path of a key in the table at `parent`, quoted if TOML requires it.
 pub(super) fn key_path(parent: &str, key: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let dot = if parent.is_empty() { "" } else { "." };
@@ -73,7 +73,7 @@ pub(super) fn element_path(parent: &str, index: usize) -> String {
     format!("{parent}[{index}]")
 }
 
-/// The candidate that was probably meant, if any comes near.
+/// The candidate probably meant, if one is similar.
 pub(super) fn nearest<'a>(
     written: &str,
     candidates: impl IntoIterator<Item = &'a str>,
@@ -94,7 +94,8 @@ pub(super) fn nearest<'a>(
         .map(|(.., candidate)| candidate)
 }
 
-/// Least number of letters to insert, delete, replace or swap with their neighbour.
+/// Smallest number of letters to insert, delete, replace or swap with a neighbour (optimal string
+/// alignment distance).
 fn edit_distance(a: &[char], b: &[char]) -> usize {
     let mut table = vec![vec![0; b.len() + 1]; a.len() + 1];
     for i in 0..=a.len() {
@@ -115,7 +116,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
     table[a.len()][b.len()]
 }
 
-/// The text in quotes, cut off where it gets long.
+/// The text in quotes, shortened if it is long.
 pub(super) fn quoted(text: &str) -> String {
     const MOST: usize = 40;
     if text.chars().count() <= MOST {

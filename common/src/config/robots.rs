@@ -1,4 +1,4 @@
-//! The robots: teams, bodies, the patches on their tops and who wears which colours.
+//! Robot configuration: teams, bodies, the patches on their tops, and each robot's colours.
 
 use super::{Config, Pair};
 use crate::messages::{MAX_PATCHES, MAX_ROBOTS, Team};
@@ -20,11 +20,11 @@ pub struct TeamsConfig {
 #[serde(deny_unknown_fields)]
 #[schemars(extend("type" = ["object", "string"]))]
 pub struct TeamConfig {
-    /// Colour of its patches; left out, it is the preset's.
+    /// Colour of its patches; the default is the preset's.
     #[serde(default)]
     #[schemars(length(min = 1))]
     pub color: String,
-    /// Height of its robots' tops above the floor, where it is not `robots.height_mm`.
+    /// Height of its robots' tops above the floor, if it differs from `robots.height_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1000), extend("examples" = [150]))]
     pub height_mm: Option<f64>,
@@ -51,13 +51,13 @@ impl From<&str> for TeamConfig {
     }
 }
 
-/// What a patch is for.
+/// Role of a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PatchRole {
-    /// Carries the team's colour.
+    /// Has the team's colour.
     Team,
-    /// Carries an identification colour.
+    /// Has an identification colour.
     Identification,
 }
 
@@ -67,13 +67,13 @@ pub enum PatchRole {
 pub struct PatchConfig {
     /// "team" or "identification".
     pub role: PatchRole,
-    /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch lies on top
-    /// of those listed before it.
+    /// Corners in the robot's frame: origin at the centre, x forward, y left. A patch covers those
+    /// listed before it.
     #[schemars(length(min = 3, max = 64), inner(inner(range(min = -1000, max = 1000))))]
     pub outline_mm: Vec<Pair>,
 }
 
-/// Which identification colours a robot wears.
+/// Identification colours of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IdentityConfig {
@@ -85,21 +85,22 @@ pub struct IdentityConfig {
     /// One colour for each identification patch, in the order of the patches.
     #[schemars(length(max = 5))]
     pub colors: Vec<String>,
-    /// Its own patches, where they are not `robots.patches`: robots may be told apart by shapes.
+    /// Patches of this robot, if they differ from `robots.patches`: robots may be distinguished by
+    /// shapes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = MAX_PATCHES), extend("examples" = [[
         {"role": "team", "outline_mm": [[35, 35], [2, 35], [2, -35], [35, -35]]},
         {"role": "identification", "outline_mm": [[-2, 35], [-35, 35], [-35, -35], [-2, -35]]},
     ]]))]
     pub patches: Option<Vec<PatchConfig>>,
-    /// Height of its top above the floor, where it is not that of its team.
+    /// Height of its top above the floor, if it differs from its team's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1000), extend("examples" = [140]))]
     pub height_mm: Option<f64>,
 }
 
 impl IdentityConfig {
-    /// A robot with the patches and the height of all.
+    /// A robot with the common patches and height.
     pub fn new(team: Team, id: u32, colors: Vec<String>) -> Self {
         Self { team, id, colors, patches: None, height_mm: None }
     }
@@ -112,7 +113,7 @@ pub enum RobotShape {
     /// A square.
     #[default]
     Square,
-    /// A disc, whose front may be cut off straight.
+    /// A disc, with an optional straight front.
     Round,
 }
 
@@ -125,23 +126,23 @@ pub struct RobotsConfig {
     /// Side of a square robot, diameter of a round one.
     #[schemars(range(min = 10, max = 500))]
     pub size_mm: f64,
-    /// Distance from the centre to the front of a round robot whose front is flat; left out, or as large
-    /// as the radius: round all around.
+    /// Distance from the centre to the front, for a round robot with a flat front. Default, and if as
+    /// large as the radius: fully round.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 250), extend("examples" = [75]))]
     pub front_mm: Option<f64>,
-    /// Height of their tops above the floor; teams and robots may have heights of their own.
+    /// Height of the robots' tops above the floor; teams and robots may have heights of their own.
     #[schemars(range(min = 0, max = 1000))]
     pub height_mm: f64,
     /// Distance along the axle between the centres of the drive wheels (b in eq. 7).
     #[schemars(range(min = 1, max = 500))]
     pub wheel_base_mm: f64,
-    /// The patches: exactly one team patch, and any number of identification patches up to five.
+    /// The patches: exactly one team patch, and up to five identification patches.
     #[schemars(length(min = 1, max = MAX_PATCHES))]
     pub patches: Vec<PatchConfig>,
-    /// Report robots of which only the team's colour can be told, without number and heading:
-    /// opponents whose patches nobody knows, robots that have lost a patch. They are in `detections`,
-    /// and followed in `world`, in a list of their own.
+    /// Report robots of which only the team's colour is recognised, without number and heading:
+    /// opponents whose patches are not configured, robots that have lost a patch. They appear in
+    /// `detections`, and are followed in `world`, in a list of their own.
     pub report_unknown: bool,
     /// The robots that may be on the pitch.
     #[schemars(length(max = MAX_ROBOTS))]
@@ -149,18 +150,18 @@ pub struct RobotsConfig {
 }
 
 impl AsRef<[PatchConfig]> for RobotsConfig {
-    /// The patches of robots that have none of their own.
+    /// The patches of robots without patches of their own.
     fn as_ref(&self) -> &[PatchConfig] {
         &self.patches
     }
 }
 
-/// What a robot's top shows and how high it is.
+/// A robot's top: patches and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Top<'a> {
-    /// The patches, those on top last.
+    /// The patches, bottom first.
     pub patches: &'a [PatchConfig],
-    /// Above the floor.
+    /// Height above the floor.
     pub height_mm: f64,
 }
 
@@ -181,7 +182,7 @@ impl Config {
         Top { patches: &robots.patches, height_mm }
     }
 
-    /// The top of a robot by the numbers that messages carry; its own may not be known.
+    /// The top of a robot given by the numbers in messages; its id may be unknown.
     pub fn top(&self, team: u32, id: Option<u32>) -> Top<'_> {
         let is_it =
             |identity: &&IdentityConfig| (identity.team as u32, Some(identity.id)) == (team, id);
@@ -192,7 +193,7 @@ impl Config {
         }
     }
 
-    /// Height of the tallest robot there may be.
+    /// Height of the tallest possible robot.
     pub fn tallest_robot_mm(&self) -> f64 {
         let listed = self.robots.identities.iter().map(|identity| self.top_of(identity));
         let teams = Team::ALL.map(|team| self.top_of_team(team));

@@ -1,7 +1,7 @@
-//! The JSON schema of the configuration, and what follows from it alone: unknown and missing keys,
-//! wrong types, values and list lengths out of bounds.
+//! The JSON schema of the configuration, and the checks that follow from it alone: unknown and missing
+//! keys, wrong types, values and list lengths out of bounds.
 //!
-//! The schema comes from the structures in `mod.rs`, so a new key with its bounds is checked
+//! The schema is generated from the structures in `mod.rs`, so a new key with its bounds is checked
 //! without a line here.
 
 use super::Config;
@@ -22,7 +22,7 @@ impl Schema {
         Self { root }
     }
 
-    /// Everything in `value` that the schema does not allow.
+    /// All violations of the schema in `value`.
     pub(super) fn problems(&self, value: &toml::Value) -> Vec<Problem> {
         let mut problems = Vec::new();
         self.check(self.root(), value, "", &mut problems);
@@ -34,7 +34,7 @@ impl Schema {
         Node { schema: self, property: &self.root, target: &self.root }
     }
 
-    /// The schema as a document for editors and people.
+    /// The schema as a document.
     pub(super) fn document(&self) -> &Json {
         &self.root
     }
@@ -69,7 +69,7 @@ impl Schema {
                 }
             }
             ("boolean", toml::Value::Boolean(_)) => {}
-            // A value of any simple type.
+            // A key that accepts any simple type.
             ("", toml::Value::Float(number)) if number.is_finite() => {}
             ("", toml::Value::Boolean(_) | toml::Value::Integer(_) | toml::Value::String(_)) => {}
             (kind, value) => problems.push(wrong_kind(kind, value, path)),
@@ -96,7 +96,7 @@ impl Schema {
         for (key, property) in node.properties() {
             match table.get(key) {
                 Some(value) => self.check(property, value, &key_path(path, key), problems),
-                // A misspelt key has been reported; that it is also missing helps nobody.
+                // A misspelt key has been reported; reporting it as missing too would not help.
                 None if node.requires(key) && !meant_by_unknown.contains(&key) => {
                     problems.push(Problem::new(path, format!("the key `{key}` is missing")));
                 }
@@ -105,7 +105,7 @@ impl Schema {
         }
     }
 
-    /// The complaint, and the key that was probably meant.
+    /// The problem, and the key that was probably meant.
     fn unknown_key<'a>(
         &'a self,
         node: Node<'a>,
@@ -129,13 +129,13 @@ impl Schema {
     }
 }
 
-/// A place in the schema: a property with the type it refers to.
+/// A position in the schema: a property with the type it refers to.
 #[derive(Clone, Copy)]
 pub(super) struct Node<'a> {
     schema: &'a Schema,
-    /// Where it is used: its description here, its default.
+    /// The property: its description and default here.
     property: &'a Json,
-    /// Its type, references followed.
+    /// Its type, with references resolved.
     target: &'a Json,
 }
 
@@ -149,21 +149,21 @@ impl<'a> Node<'a> {
         Self { schema, property, target }
     }
 
-    /// "object", "array", "number", "integer", "string" or "boolean"; empty when unknown. The first of
-    /// several: the others are short forms that [`super::load`] writes out.
+    /// "object", "array", "number", "integer", "string" or "boolean"; empty when unknown. If several
+    /// are allowed, the first: the others are short forms that [`super::load`] expands.
     pub(super) fn kind(self) -> &'a str {
         let kind = self.target.get("type");
         let first = kind.and_then(Json::as_array).and_then(|kinds| kinds.first());
         first.or(kind).and_then(Json::as_str).unwrap_or("")
     }
 
-    /// What the key is for.
+    /// Description of the key.
     pub(super) fn description(self) -> &'a str {
         let own = self.property.get("description").or_else(|| self.target.get("description"));
         own.and_then(Json::as_str).unwrap_or("")
     }
 
-    /// A possible value of a key that may be absent.
+    /// Example value of an optional key.
     pub(super) fn example(self) -> Option<&'a Json> {
         self.property.get("examples")?.get(0)
     }
@@ -182,13 +182,13 @@ impl<'a> Node<'a> {
         Some(Node::at(self.schema, property))
     }
 
-    /// What the values are of a table whose keys may be anything.
+    /// Schema of the values in a table with free keys.
     pub(super) fn values(self) -> Option<Node<'a>> {
         let values = self.target.get("additionalProperties").filter(|values| values.is_object())?;
         Some(Node::at(self.schema, values))
     }
 
-    /// The elements of an array.
+    /// Schema of an array's elements.
     pub(super) fn element(self) -> Option<Node<'a>> {
         Some(Node::at(self.schema, self.target.get("items")?))
     }
@@ -303,11 +303,11 @@ fn kind_of(value: &toml::Value) -> String {
     }
 }
 
-/// Puts right what comes from the structures in another shape than a person would write.
+/// Simplifies parts of the generated schema that a person would write differently.
 fn tidy(schema: &mut Json) {
     match schema {
         Json::Object(object) => {
-            // TOML has no null: an optional key is absent.
+            // TOML has no null; an optional key is absent.
             if let Some(kind) = object.get_mut("type") {
                 let named = kind.as_array_mut().and_then(|kinds| {
                     kinds.retain(|kind| kind != "null");
@@ -318,7 +318,7 @@ fn tidy(schema: &mut Json) {
                 }
             }
             object.retain(|key, value| !(key == "default" && value.is_null()));
-            // The line breaks are those of the source.
+            // Line breaks from the source are removed.
             if let Some(Json::String(text)) = object.get_mut("description") {
                 *text = text.split_whitespace().collect::<Vec<_>>().join(" ");
             }
@@ -333,7 +333,7 @@ fn tidy(schema: &mut Json) {
 mod tests {
     use super::*;
 
-    /// Walks over every type in the schema.
+    /// Collects every numeric type in the schema.
     fn numbers<'a>(schema: &'a Json, path: &str, found: &mut Vec<(String, &'a Json)>) {
         match schema {
             Json::Object(object) => {

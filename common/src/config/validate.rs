@@ -1,5 +1,4 @@
-//! What the schema cannot say: references between keys, contradictions, layouts that cannot be told
-//! apart.
+//! Checks beyond the schema: references between keys, contradictions, and robots that look alike.
 
 mod geometry;
 mod robots;
@@ -10,7 +9,7 @@ use super::{ColorConfig, Config, Pair, TeamsAccess};
 use crate::messages::Team;
 
 impl Config {
-    /// Everything that makes this configuration impossible to play with; empty for a usable one.
+    /// All problems that make this configuration unusable; empty for a usable one.
     pub fn problems(&self) -> Vec<Problem> {
         let mut problems = self.out_of_bounds();
         self.check_field(&mut problems);
@@ -20,11 +19,12 @@ impl Config {
         self.check_robots(&mut problems);
         self.check_identities(&mut problems);
         self.check_rest(&mut problems);
-        // The geometry of absurd sizes would only repeat that they are absurd.
+        // With absurd sizes a check of the geometry would only repeat the problem.
         if none_in(&problems, &["field", "camera", "geometry", "robots.height_mm"]) {
             geometry::check(self, &mut problems);
         }
-        // What is seen of a robot takes an area to measure, so it must be a sane one.
+        // Measuring visible areas takes time proportional to the robot's area, so its size must be
+        // sane.
         let is_of_patches = |problem: &Problem| problem.path.contains("patches");
         if none_in(&problems, &["robots.size_mm"]) && !problems.iter().any(is_of_patches) {
             self.check_layout(&mut problems);
@@ -32,7 +32,7 @@ impl Config {
         problems
     }
 
-    /// What is possible but hardly meant.
+    /// Settings that are possible but probably not intended.
     pub fn warnings(&self) -> Vec<Problem> {
         let mut warnings = Vec::new();
         self.warn_of_hidden_colors(&mut warnings);
@@ -51,9 +51,9 @@ impl Config {
         warnings
     }
 
-    /// What the schema forbids.
+    /// Violations of the schema.
     fn out_of_bounds(&self) -> Vec<Problem> {
-        // TOML's integers end where i64 does; a larger seed could not even be looked at.
+        // TOML's integers end at i64::MAX; a larger seed could not be checked at all.
         let mut written = self.clone();
         written.synthetic.seed = self.synthetic.seed.min(i64::MAX as u64);
         let mut problems = match toml::Value::try_from(&written) {
@@ -117,7 +117,7 @@ impl Config {
         }
     }
 
-    /// The colours of teams, ball and robots exist and differ where they must.
+    /// Colours of teams, ball and robots must exist, and differ where required.
     fn check_roles(&self, problems: &mut Vec<Problem>) {
         for team in Team::ALL {
             let path = format!("teams.{}", team.name());
@@ -184,8 +184,8 @@ fn check_order(path: String, [low, high]: Pair) -> Option<Problem> {
     (low > high).then(|| Problem::new(path, message).help(format!("write [{high}, {low}]")))
 }
 
-/// Whether a pixel in `color`'s box always goes to the `earlier` colour. Boxes in YUV are not looked
-/// at: a colour may be for cameras of one kind only.
+/// Whether the `earlier` colour takes every pixel in `color`'s box. YUV boxes are ignored: a colour may
+/// be meant for one kind of camera only.
 fn hides(earlier: &ColorConfig, color: &ColorConfig) -> bool {
     let holds = |outer: [u8; 2], inner: [u8; 2]| outer[0] <= inner[0] && inner[1] <= outer[1];
     let is_of_yuv = earlier.yuv_box().is_some() || color.yuv_box().is_some();
@@ -197,7 +197,7 @@ fn hides(earlier: &ColorConfig, color: &ColorConfig) -> bool {
         && holds(earlier.blue, color.blue)
 }
 
-/// Whether nothing is wrong at these keys and below.
+/// Whether there is no problem at these keys and below.
 fn none_in(problems: &[Problem], keys: &[&str]) -> bool {
     !problems.iter().any(|problem| {
         keys.iter().any(|&key| {
@@ -214,7 +214,7 @@ mod tests {
     use super::super::Preset;
     use super::*;
 
-    /// What is wrong with the default configuration after a change: paths and messages.
+    /// Problems of the default configuration after a change: paths and messages.
     pub(super) fn problems_after(change: impl FnOnce(&mut Config)) -> Vec<(String, String)> {
         let mut config = Config::default();
         change(&mut config);
@@ -222,7 +222,7 @@ mod tests {
         problems.map(|problem| (problem.path.clone(), problem.to_string())).collect()
     }
 
-    /// The change makes exactly one problem, at `path`, whose text holds `part`.
+    /// Asserts that the change causes exactly one problem, at `path`, with `part` in its text.
     #[track_caller]
     pub(super) fn refused(path: &str, part: &str, change: impl FnOnce(&mut Config)) {
         let problems = problems_after(change);

@@ -1,4 +1,4 @@
-//! The other end, for programs in Rust: the shape of [`Consumer`](crate::consumer::Consumer).
+//! Client of the gateway, for programs in Rust; used like [`Consumer`](crate::consumer::Consumer).
 
 use super::{Greeting, commands_type_name};
 use crate::consumer::{Event, Order};
@@ -14,35 +14,35 @@ use rustix::net::{
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often a group that is not there yet is looked for.
+/// Interval between checks for a group that does not exist yet.
 const LOOK: Duration = Duration::from_millis(100);
-/// How long the greeting may take.
+/// Longest wait for the greeting.
 const GREETING_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Why a client cannot go on.
+/// Reason why a client cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// Not for this user.
+    /// This user may not connect.
     #[error(
         "{0}: no right to connect; the user of this program must be in the group that the \
          configuration names in access.group (and have logged in again since)"
     )]
     Denied(PathBuf),
-    /// There is something else at the other end.
+    /// The socket belongs to another program.
     #[error("{0}: this is no gateway of a Touchline group: {1}")]
     Stranger(PathBuf, String),
-    /// Another version at the other end.
+    /// The group has another version.
     #[error("{0}: the group's messages are of another version than this program's: {1:?}")]
     Version(PathBuf, Box<Greeting>),
-    /// The gateway does not want this client.
+    /// The gateway refused this client.
     #[error("{0}: refused: {1}")]
     Refused(PathBuf, String),
-    /// The operating system.
+    /// The operating system reported an error.
     #[error("{0}: {1}")]
     System(PathBuf, std::io::Error),
 }
 
-/// Reads `world` and sends `commands`, whenever the group is there.
+/// Reads `world` and sends `commands` whenever the group exists.
 pub struct Client {
     path: PathBuf,
     connection: Option<OwnedFd>,
@@ -52,8 +52,8 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client of the gateway with this socket, which `touchline status` shows. Nothing is connected
-    /// yet.
+    /// Creates a client of the gateway with this socket, which `touchline status` shows. It does not
+    /// connect yet.
     pub fn new(path: &Path) -> Self {
         Self {
             path: path.into(),
@@ -64,7 +64,7 @@ impl Client {
         }
     }
 
-    /// The next thing that happens; `None` when nothing does in time.
+    /// Waits for the next event; `None` after `timeout`.
     pub fn next(
         &mut self,
         timeout: Duration,
@@ -90,7 +90,7 @@ impl Client {
             match received.map(|(bytes, _)| bytes) {
                 Ok(bytes) if bytes == size_of::<WorldFrame>() => {
                     let (seq, t_ns) = (world.frame.seq, world.frame.t_capture_ns);
-                    // A gateway that was started again may repeat what the last one has given.
+                    // A restarted gateway may repeat messages.
                     if let Some(event) = self.order.announce(seq, t_ns, world, &mut self.pending) {
                         return Ok(Some(event));
                     }
@@ -111,8 +111,8 @@ impl Client {
         }
     }
 
-    /// Sends commands; `false` when there is nobody to take them, or the gateway does not take more
-    /// just now. Clients are connected by [`next`](Self::next).
+    /// Sends commands; `false` if there is no connection, or the gateway does not accept more at the
+    /// moment. [`next`](Self::next) connects the client.
     pub fn send(&mut self, commands: &Commands) -> bool {
         let Some(connection) = &self.connection else { return false };
         let flags = SendFlags::DONTWAIT | SendFlags::NOSIGNAL;
@@ -127,7 +127,7 @@ impl Client {
         self.drives = false;
     }
 
-    /// Whether the gateway is there now.
+    /// Tries to connect; `false` if the gateway is not there.
     fn connect(&mut self) -> Result<bool, ClientError> {
         let system = |error: Errno| ClientError::System(self.path.clone(), error.into());
         let address = SocketAddrUnix::new(&self.path).map_err(system)?;
@@ -143,7 +143,7 @@ impl Client {
         wait(&socket, PollFlags::IN, GREETING_PATIENCE);
         let mut buffer = [0; 4096];
         let bytes = match recv(&socket, &mut buffer[..], RecvFlags::DONTWAIT) {
-            // It went away meanwhile, or is too busy to greet.
+            // The gateway closed the connection, or is too busy to greet.
             Ok((0, _)) | Err(_) => return Ok(false),
             Ok((bytes, _)) => &buffer[..bytes],
         };
@@ -160,10 +160,10 @@ impl Client {
     }
 }
 
-/// Waits until something can be done with a socket, or long enough.
+/// Waits until the socket is ready or the time is over.
 fn wait(socket: &OwnedFd, what: PollFlags, patience: Duration) {
     let patience =
         Timespec { tv_sec: patience.as_secs() as _, tv_nsec: patience.subsec_nanos().into() };
-    // Whatever it returns for: the caller looks for itself.
+    // The result does not matter, since the caller tries the socket.
     let _ = poll(&mut [PollFd::new(socket, what)], Some(&patience));
 }

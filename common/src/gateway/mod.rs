@@ -1,20 +1,20 @@
-//! What programs of other users say to a group, and it to them, over a socket.
+//! The gateway's protocol: how programs of other users read poses and send commands.
 //!
-//! Shared memory is for the owner of a group alone. Where the configuration names a group of users
-//! (`access.group`), the process `gateway` offers them a Unix socket that keeps messages apart
-//! (`SOCK_SEQPACKET`):
+//! Shared memory is accessible to the owner of a group only. If the configuration names a group of
+//! users (`access.group`), the process `gateway` offers them a Unix socket that preserves message
+//! boundaries (`SOCK_SEQPACKET`):
 //!
-//! 1. The gateway greets with a [`Greeting`], JSON text in one message.
-//! 2. Then every `world` follows, one message each: the very bytes of a
+//! 1. The gateway sends a [`Greeting`], JSON text in one message.
+//! 2. Every `world` follows, one message each: the bytes of a
 //!    [`WorldFrame`](crate::messages::WorldFrame).
-//! 3. A client that wants to drive robots first sends the type name of its commands
-//!    (`commands.type` of the greeting) as a message, and from then on the bytes of
-//!    [`Commands`], one message each.
+//! 3. A client that wants to drive robots first sends the type name of its commands (`commands.type` in
+//!    the greeting) as a message, and from then on the bytes of [`Commands`], one message each.
 //!
-//! For a client that reads slowly [`KEPT`] messages are kept besides those in the socket, and then the
-//! oldest is lost, to it alone. One whose first message is not that name is cut off; commands
-//! that cannot be, or for a team that the user may not command, are dropped and counted. More than some hundred
-//! messages a second are not taken from a user's programs together: they have to wait.
+//! For a client that reads slowly, [`KEPT`] messages are kept besides those in the socket; then it, and
+//! no other client, loses the oldest. A client whose first message is not that type name is
+//! disconnected. Impossible commands, and commands for a team that the user may not command, are
+//! dropped and counted. A few hundred messages a second are accepted from all programs of a user
+//! together; further messages wait.
 
 mod client;
 
@@ -24,11 +24,11 @@ use crate::messages::{Commands, MAX_COMMANDS, Team, are_possible_speeds};
 use crate::topics;
 use serde::{Deserialize, Serialize};
 
-/// Version of all this; the messages have their own.
+/// Version of the protocol; the messages have their own versions.
 pub const PROTOCOL: u32 = 1;
 /// Messages kept for each client.
 pub const KEPT: usize = 64;
-/// Longest message a client may send; longer than any it can have reason to send.
+/// Longest message accepted from a client; longer than any valid one.
 pub const MOST_BYTES: usize = 1024;
 
 const _: () = assert!(size_of::<Commands>() <= MOST_BYTES);
@@ -40,11 +40,11 @@ pub struct Greeting {
     pub touchline_gateway: u32,
     /// Name of the group.
     pub instance: String,
-    /// What it will send.
+    /// The messages the gateway sends.
     pub world: Layout,
-    /// What it takes.
+    /// The messages the gateway accepts.
     pub commands: Layout,
-    /// Why it will do neither, and close; there are too many clients, say.
+    /// Reason why the gateway refuses the client and closes, for example too many clients.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
@@ -60,7 +60,7 @@ pub struct Layout {
 }
 
 impl Greeting {
-    /// Of a group of this program's version.
+    /// The greeting of a group with this program's version.
     pub fn new(instance: &str) -> Self {
         let world = topics::WORLD.type_names().element;
         Self {
@@ -78,7 +78,7 @@ impl Greeting {
         }
     }
 
-    /// Whether this program understands what will come, and the gateway what this program sends.
+    /// Whether this program and the gateway understand each other's messages.
     pub fn fits(&self) -> bool {
         let own = Self::new(&self.instance);
         (self.touchline_gateway, &self.world, &self.commands)
@@ -86,29 +86,29 @@ impl Greeting {
     }
 }
 
-/// What a client that wants to drive robots says first.
+/// The first message of a client that wants to drive robots.
 pub fn commands_type_name() -> &'static str {
     topics::COMMANDS.type_names().element
 }
 
-/// Why a client's message is no commands.
+/// Reason why a client's message is not a valid command.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CommandsFault {
-    /// Another size.
+    /// Wrong size.
     #[error("{0} bytes instead of {bytes}", bytes = size_of::<Commands>())]
     Size(usize),
-    /// More robots than there is room for.
+    /// More robots than the message has room for.
     #[error("commands for {0} robots; at most {MAX_COMMANDS}")]
     Count(u32),
-    /// There is no such team.
+    /// Unknown team.
     #[error("team {0}")]
     Team(u32),
-    /// Speeds that no wheels have.
+    /// Impossible wheel speeds.
     #[error("wheel speeds of {0} and {1} mm/s")]
     Speeds(f64, f64),
 }
 
-/// The commands in a client's message. Nothing behind the count is left of what it sent.
+/// The commands in a client's message. Stale bytes beyond the count are cleared.
 pub fn parse_commands(bytes: &[u8]) -> Result<Commands, CommandsFault> {
     use crate::messages::ClearStale;
     if bytes.len() != size_of::<Commands>() {

@@ -1,11 +1,11 @@
-//! Whether camera, calibration points and field go together.
+//! Checks that camera, calibration points and field are consistent.
 
 use super::super::Config;
 use super::super::problem::Problem;
 use crate::calibration::{likely_unit, outline};
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 
-/// What makes the geometry unusable.
+/// Problems that make the geometry unusable.
 pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
     let lens_height = config.geometry.camera_mm[2];
     let tallest = config.tallest_robot_mm().max(config.ball.diameter_mm);
@@ -62,7 +62,7 @@ pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
 const MILLIMETRES: &str = "lengths are in millimetres";
 const SWAPPED: &str = "are two of them swapped in the picture?";
 
-/// What is possible, but looks like points measured in another picture.
+/// Warns of geometries that are possible but look like points measured in another picture.
 pub(super) fn warn(config: &Config, warnings: &mut Vec<Problem>) {
     let Ok(model) = model(config) else { return };
     let view = View { config, model };
@@ -129,11 +129,12 @@ struct View<'a> {
     model: CameraModel,
 }
 
-/// Pixels of some cameras are oblong, and the place of the lens is often a guess; a field named one step round looks
-/// stretched by the square of the ratio of its sides, 1.33 or more.
+/// Largest plausible ratio of a pixel's sides. Some cameras have oblong pixels, and the lens position
+/// is often a guess. A field with corners named one step round looks stretched by the square of its
+/// aspect ratio, 1.33 or more.
 const MAX_STRETCH: f64 = 1.2;
 
-/// The field and the picture are looked at on a grid of so many steps each way.
+/// Steps of the sampling grid along each side of field and picture.
 const STEPS: i32 = 20;
 
 impl View<'_> {
@@ -169,7 +170,7 @@ impl View<'_> {
         }))
     }
 
-    /// A point at the edge of the field that is seen where the lens' polynomial no longer counts.
+    /// A point at the edge of the field that lies beyond the range of the lens polynomial.
     fn beyond_the_lens(&self) -> Option<[f64; 2]> {
         outline(&self.config.field).find(|&[x, y]| {
             let point = FieldPoint::new(x, y);
@@ -177,8 +178,8 @@ impl View<'_> {
         })
     }
 
-    /// Length and width of a pixel on the floor in the middle of what is seen of the field, if they differ by more than
-    /// a camera makes them that looks from where the lens is.
+    /// Length and width of a pixel on the floor in the middle of the visible field, if they differ by
+    /// more than a camera at the lens position explains.
     fn stretched_pixel(&self) -> Option<[f64; 2]> {
         let (mut sum, mut count) = ([0.0; 2], 0.0);
         for point in self.field_grid().filter(|&point| self.in_picture(self.image(point))) {
@@ -198,7 +199,7 @@ impl View<'_> {
         let (right, down) = (step(1.0, 0.0), step(0.0, 1.0));
         let area = (right[0] * down[1] - right[1] * down[0]).abs();
         let squares = [right, down].iter().flatten().map(|part| part * part).sum::<f64>();
-        // Singular values a ≥ b: a² + b² is the sum of squares, a·b the area.
+        // For singular values a ≥ b: a² + b² is the sum of squares, a·b the area.
         let [sum, difference] = [2.0, -2.0].map(|sign| (squares + sign * area).max(0.0).sqrt());
         let [long, short] = [(sum + difference) / 2.0, (sum - difference) / 2.0];
         let [x, y, height] = self.config.geometry.camera_mm;
@@ -207,8 +208,8 @@ impl View<'_> {
         (long > MAX_STRETCH * foreshortening * short).then_some([long, short])
     }
 
-    /// Sense in which the picture turns when the field turns counter-clockwise around a point: a
-    /// camera above the floor gives −1, as image rows run down; +1 is a mirror's picture.
+    /// Rotation sense in the picture of a counter-clockwise turn on the field: −1 for a camera above
+    /// the floor, since image rows run down; +1 in a mirrored picture.
     fn sense_at(&self, point: FieldPoint) -> f64 {
         let step = 1.0;
         let here = self.image(point);
@@ -219,14 +220,14 @@ impl View<'_> {
         determinant.signum()
     }
 
-    /// Calibration points and what the camera sees of the field.
+    /// Calibration points and visible field points.
     fn seen_points(&self) -> impl Iterator<Item = FieldPoint> {
         let points = self.config.geometry.points.iter();
         let marked = points.map(|pair| FieldPoint::new(pair.field_mm[0], pair.field_mm[1]));
         marked.chain(self.field_grid().filter(|&point| self.in_picture(self.image(point))))
     }
 
-    /// The horizon runs between points that are seen.
+    /// Whether the horizon passes between visible points.
     fn turns_inside_out(&self) -> bool {
         let senses = || self.seen_points().map(|point| self.sense_at(point));
         senses().any(|sense| sense > 0.0) && senses().any(|sense| sense < 0.0)
@@ -301,7 +302,7 @@ mod tests {
 
     #[test]
     fn swapped_points_are_found_out() {
-        // Any two of four corners swapped make a bow tie, or a triangle with a point inside.
+        // Any two of four corners swapped give a bow tie, or a triangle with a point inside.
         for first in 0..4 {
             for second in 0..first {
                 let problems = problems(|config| {
@@ -311,7 +312,7 @@ mod tests {
                     (points[first].image_px, points[second].image_px) =
                         (points[second].image_px, points[first].image_px);
                 });
-                // Opposite corners swapped are a mirror's picture, which is only warned of.
+                // Swapped opposite corners give a mirrored picture, which only causes a warning.
                 let opposite = first - second == 2;
                 assert_eq!(problems.is_empty(), opposite, "{first} {second}: {problems:#?}");
                 for problem in problems {
@@ -327,12 +328,12 @@ mod tests {
         refused("geometry.distortion", "its picture ends before", |config| {
             config.geometry.distortion.k1 = -0.4
         });
-        // Mild, but the optical centre is so far off that the opposite corner folds.
+        // Mild distortion, but the optical centre is so far off that the opposite corner folds.
         refused("geometry.distortion", "its picture ends before", |config| {
             config.geometry.distortion.k1 = -0.15;
             config.geometry.distortion.center_px = [0.0, 0.0];
         });
-        // The points lie inside, the pitch does not.
+        // The points lie inside the valid range, the pitch does not.
         refused("geometry.distortion", "before it reaches", |config| {
             config.geometry.distortion.k1 = -0.35;
             for pair in &mut config.geometry.points {

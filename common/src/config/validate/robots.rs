@@ -1,4 +1,4 @@
-//! The robots: patches that show, identities that can be told apart.
+//! Checks of robots: patches must be visible, and identities distinguishable.
 
 use super::super::problem::Problem;
 use super::super::{Config, IdentityConfig, Pair, PatchConfig, PatchRole};
@@ -27,7 +27,7 @@ impl Config {
                 format!("exactly one patch must have the role \"team\", {team_patches} have it");
             problems.push(Problem::new(path, message));
         }
-        // Tops may overhang, but coordinates twice as far out are measured from a corner.
+        // Patches may overhang, but coordinates much larger than that are measured from a corner.
         let size_mm = self.robots.size_mm;
         let reach = 0.75 * size_mm;
         for (index, patch) in patches.iter().enumerate() {
@@ -66,7 +66,8 @@ impl Config {
         }
     }
 
-    /// Every patch shows, and every robot looks different from every other, however it is turned.
+    /// Every patch must be visible, and every robot must look different from every other at any
+    /// rotation.
     pub(super) fn check_layout(&self, problems: &mut Vec<Problem>) {
         let common = Layout::new(&self.robots);
         check_visible(&common, "robots.patches", problems);
@@ -121,7 +122,7 @@ impl Config {
 
     pub(super) fn warn_of_shared_colors(&self, warnings: &mut Vec<Problem>) {
         for (index, identity) in self.robots.identities.iter().enumerate() {
-            // Robots told apart by shapes may well have the team's colour in several of them.
+            // Robots distinguished by shapes may well have several patches in the team's colour.
             if identity.patches.is_some() {
                 continue;
             }
@@ -155,7 +156,7 @@ fn identification_patches(patches: &[PatchConfig]) -> usize {
 
 fn check_visible(layout: &Layout, path: &str, problems: &mut Vec<Problem>) {
     for (index, patch) in layout.patches.iter().enumerate() {
-        // A hundredth of what the smallest useful patch has.
+        // A hundredth of the smallest useful patch.
         if patch.area_mm2 < 1.0 {
             let message = "nothing of this patch shows: it has no area, or others cover it";
             problems.push(Problem::new(format!("{path}[{index}].outline_mm"), message));
@@ -163,8 +164,8 @@ fn check_visible(layout: &Layout, path: &str, problems: &mut Vec<Problem>) {
     }
 }
 
-/// A robot's top as the tracker compares it: the coloured centroids, seen from the team patch, and the
-/// patches' sizes.
+/// A robot's top as the tracker compares it: coloured centroids relative to the team patch, and patch
+/// sizes.
 struct Top<'a> {
     team_mm2: f64,
     dots: Vec<Dot<'a>>,
@@ -178,11 +179,11 @@ struct Dot<'a> {
     color: &'a str,
 }
 
-/// Centroids closer than this are taken for the same.
+/// Centroids closer than this count as equal.
 const SAME_PLACE_MM: f64 = 2.0;
-/// Patches whose areas differ by a smaller factor are taken for the same.
+/// Patches whose areas differ by a smaller factor count as equal.
 const SAME_AREA: f64 = 1.25;
-/// A smaller turn is none.
+/// Smaller rotations count as none.
 const MIN_TURN_DEG: f64 = 5.0;
 
 impl<'a> Top<'a> {
@@ -203,22 +204,22 @@ impl<'a> Top<'a> {
         Self { team_mm2: team.map_or(0.0, |patch| patch.area_mm2), dots }
     }
 
-    /// By how many degrees, at least `min_deg`, this top must be turned to look like `other`.
+    /// The angle, at least `min_deg` degrees, by which this top must be turned to look like `other`.
     fn turned_onto(&self, other: &Top, min_deg: f64) -> Option<f64> {
         if self.dots.len() != other.dots.len() || !is_same_area(self.team_mm2, other.team_mm2) {
             return None;
         }
-        // The dot furthest out fixes the turn best.
+        // The farthest dot determines the angle best.
         let furthest = |dots: &[Dot<'a>]| {
             let radius = |dot: &Dot| f64::hypot(dot.place[0], dot.place[1]);
             dots.iter().copied().max_by(|a, b| radius(a).total_cmp(&radius(b)))
         };
         let Some(Dot { place: [x, y], .. }) = furthest(&self.dots) else {
-            // Nothing but the team patch: all look alike, and no turn shows.
+            // Only a team patch: all robots look alike, and no rotation is visible.
             return (min_deg == 0.0).then_some(0.0);
         };
         let angle = |[x, y]: Pair| y.atan2(x).to_degrees();
-        // All in the middle of the team patch: any turn looks the same.
+        // All dots are in the middle of the team patch: any rotation looks the same.
         let turns: Vec<f64> = if x.hypot(y) < SAME_PLACE_MM {
             vec![min_deg]
         } else {
