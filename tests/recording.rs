@@ -323,6 +323,6 @@ fn what_is_no_recording_is_refused_in_words() {
         let args: Vec<&str> = command.iter().copied().chain([file.to_str().unwrap()]).collect();
         let output = output_of(&scratch, &args);
         assert!(!output.status.success(), "{output:?}");
-        assert!(String::from_utf8_lossy(&output.stderr).contains("no MCAP file"), "{output:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("not an MCAP file"), "{output:?}");
     }
 }

@@ -1,5 +1,4 @@
-//! Messages of a dead process and of its successor reach a late reader in the order of their numbers;
-//! and who finds all places taken waits for one.
+//! Tests of message order across a hand-over, and of waiting for a free slot on a full topic.
 
 use std::path::PathBuf;
 use touchline_common::bus::{Bus, Publisher};
@@ -7,7 +6,7 @@ use touchline_common::instance::Instance;
 use touchline_common::messages::{Run, RunsHeader};
 use touchline_common::topics;
 
-/// An instance of its own that leaves nothing behind.
+/// A separate instance that leaves nothing behind.
 struct Place {
     base: PathBuf,
     instance: Instance,
@@ -48,7 +47,7 @@ fn a_late_reader_gets_them_by_number_whoever_has_connected_first() {
         for seq in 0..20 {
             publish(&mut old, seq);
         }
-        // A killed process does not take its messages back, so the old writer stays where it is.
+        // A killed process does not withdraw its messages, so the old writer stays.
         for seq in 20..40 {
             publish(&mut new, seq);
         }
@@ -113,7 +112,7 @@ fn only_those_on_the_roster_are_believed_and_the_others_counted() {
     reader.admit(met.sender);
     publish(&mut foreign, 70);
     assert_eq!(seqs(), [70]);
-    // On an open topic everybody is heard.
+    // On an open topic every program is accepted.
     let commands = reader.subscriber(&topics::COMMANDS).unwrap();
     let mut strategy = stranger.publisher(&topics::COMMANDS, 1).unwrap();
     strategy.loan(1).unwrap().send().unwrap();
@@ -138,7 +137,7 @@ fn a_place_that_is_taken_is_waited_for() {
     std::thread::sleep(std::time::Duration::from_millis(50));
     drop(readers.pop());
     late.join().unwrap().unwrap();
-    // Where none gets free, that is said in the end.
+    // If no slot becomes free, the error says so.
     readers.push(subscribe().unwrap());
     let error = subscribe().err().unwrap().to_string();
     assert!(error.contains("truth") && error.contains("all places are taken"), "{error}");

@@ -1,10 +1,10 @@
-//! A file as bytes at places, read through a window. It has the length it had when it was opened.
+//! Random access to the bytes of a file through a window. The length is that at opening time.
 
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
 
-/// Read at once, at least.
+/// Smallest read.
 const WINDOW_BYTES: usize = 64 << 10;
 
 /// The bytes of a file.
@@ -12,7 +12,7 @@ pub(crate) struct Bytes {
     file: File,
     length: u64,
     window: Vec<u8>,
-    /// Place of the window in the file.
+    /// File offset of the window.
     from: u64,
 }
 
@@ -26,7 +26,7 @@ impl Bytes {
         self.length
     }
 
-    /// Up to so many bytes at a place; fewer only at the end of the file.
+    /// Up to `most` bytes at an offset; fewer only at the end of the file.
     pub fn at(&mut self, place: u64, most: usize) -> io::Result<&[u8]> {
         let there = self.length.saturating_sub(place);
         let count = most.min(usize::try_from(there).unwrap_or(usize::MAX));

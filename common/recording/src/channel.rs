@@ -1,4 +1,4 @@
-//! The channels of a recording: what may be in one, how it is written, and how it is described.
+//! The channel table: what a recording may contain, and how each message is encoded and described.
 
 use crate::image;
 use crate::scene::{PoseInFrame, PosesInFrame, SceneUpdate};
@@ -11,10 +11,10 @@ use common::topics;
 use schemars::{JsonSchema, schema_for};
 use serde::Serialize;
 
-/// One channel of a recording; those of topics have the topic's name.
+/// One channel of a recording; channels of topics have the topic's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Channel {
-    /// [`Setup`], JSON: always the first message.
+    /// [`Setup`], JSON; always the first message.
     Setup,
     /// Frames as `foxglove.RawImage`.
     Frames,
@@ -38,7 +38,7 @@ pub enum Channel {
     Ball,
 }
 
-/// How messages of a channel are written, in MCAP's words.
+/// Encoding of a channel's messages, in MCAP's terms.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Description {
     /// Encoding of messages.
@@ -51,19 +51,19 @@ pub struct Description {
     pub schema: Vec<u8>,
 }
 
-/// The encoding of messages that are written as they lie in memory, and of the schemas that say how
-/// that is (see [`MemorySchema`]).
+/// Name of the encoding of messages written in their memory layout, and of the schemas that describe
+/// this layout (see [`MemorySchema`]).
 pub const MEMORY: &str = "touchline-memory";
 
-/// The schema of messages that are written as they lie in memory, as JSON: little-endian, without
-/// padding; what is missing at the end is zero.
+/// Schema of messages written in their memory layout, as JSON. Messages are little-endian and without
+/// padding; bytes missing at the end are zero.
 #[derive(Debug, Serialize)]
 struct MemorySchema {
     /// Versioned type name of the element.
     type_name: String,
-    /// Structure that a message begins with.
+    /// Structure at the beginning of a message.
     message: String,
-    /// Structure of the elements that follow it, as many as there are.
+    /// Structure of the elements after it, up to the end of the message.
     #[serde(skip_serializing_if = "Option::is_none")]
     then: Option<String>,
     /// All structures.
@@ -86,7 +86,7 @@ impl Channel {
         Self::Ball,
     ];
 
-    /// Its name in the file.
+    /// Name in the file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Setup => "setup",
@@ -103,17 +103,17 @@ impl Channel {
         }
     }
 
-    /// The channel of that name.
+    /// The channel with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
     }
 
-    /// Whether it is there for viewers alone and made from `world`.
+    /// Whether the channel is derived from `world`, for viewers only.
     pub fn is_derived(self) -> bool {
         matches!(self, Self::Scene | Self::Robots | Self::Ball)
     }
 
-    /// How its messages are written.
+    /// Encoding and schema of its messages.
     pub fn description(self) -> Description {
         match self {
             Self::Setup => json::<Setup>("touchline.Setup"),

@@ -1,51 +1,51 @@
-//! What is wrong with a recording: where, how much, and how long a part of the match it concerns.
+//! Damage in a recording: position, size, and the part of the match that it affects.
 
 use serde::Serialize;
 use std::fmt;
 
-/// Damaged parts that are listed one by one; further ones are only added up.
+/// Damaged parts listed individually; further ones are only counted.
 const MOST_PARTS: usize = 100;
 
-/// What is wrong with a part of a file.
+/// Kind of damage in a part of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// The check sum says that these messages are not what was recorded.
+    /// The checksum shows that these messages are not what was recorded.
     Checksum,
-    /// No record can be made out.
+    /// The bytes contain no recognisable record.
     Unreadable,
-    /// The chunk is compressed in a way that this program does not read.
+    /// The chunk has a compression that this program cannot read.
     Compression,
-    /// The records of a chunk contradict each other, though its check sum is right.
+    /// The records of a chunk are inconsistent, although its checksum is right.
     Records,
     /// Messages of a channel that no readable part of the file describes.
     UnknownChannel,
-    /// The messages are there; what is wrong is a length, a time or a mark around them.
+    /// The messages are intact, but a length, a time or a mark around them is wrong.
     Framing,
-    /// The messages are there; viewers miss their index.
+    /// The messages are intact, but viewers lack their index.
     Index,
-    /// The file ends in the middle of a chunk.
+    /// The file ends inside a chunk.
     CutOff,
     /// A damaged part that an earlier recovery has fenced off.
     FencedOff,
 }
 
 impl Fault {
-    /// Whether messages are missing because of it.
+    /// Whether messages are lost with it.
     pub fn has_lost_messages(self) -> bool {
         !matches!(self, Self::Framing | Self::Index)
     }
 
     fn text(self) -> &'static str {
         match self {
-            Self::Checksum => "are not what was recorded (wrong check sum)",
-            Self::Unreadable => "are no records",
-            Self::Compression => "are compressed in a way that this program cannot read",
+            Self::Checksum => "are not what was recorded (wrong checksum)",
+            Self::Unreadable => "are not valid records",
+            Self::Compression => "are compressed with a method that this program cannot read",
             Self::Records => "contradict themselves",
-            Self::UnknownChannel => "are of channels that are not described",
-            Self::Framing => "have a wrong length or mark; their messages are all there",
-            Self::Index => "of the index are wrong; messages are all there",
-            Self::CutOff => "at the end are a chunk that was not completed",
+            Self::UnknownChannel => "are of channels that nothing describes",
+            Self::Framing => "have a wrong length or mark; no messages are lost",
+            Self::Index => "of the index are wrong; no messages are lost",
+            Self::CutOff => "at the end are an incomplete chunk",
             Self::FencedOff => "are damaged and fenced off by `touchline recover`",
         }
     }
@@ -54,22 +54,22 @@ impl Fault {
 /// A damaged part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Damage {
-    /// What is wrong with it.
+    /// Kind of damage.
     pub fault: Fault,
-    /// Where it begins in the file.
+    /// File offset of its beginning.
     pub at_byte: u64,
-    /// How long it is.
+    /// Its length.
     pub bytes: u64,
     /// Time of the newest message before it.
     pub after_ns: Option<u64>,
-    /// Time of the first message behind it.
+    /// Time of the first message after it.
     pub until_ns: Option<u64>,
     /// Time of the first message of the recording.
     pub begin_ns: Option<u64>,
 }
 
 impl Damage {
-    /// So many seconds of the recording it concerns, if messages frame it on both sides.
+    /// Duration of the affected part of the recording, if there are messages before and after it.
     pub fn seconds(&self) -> Option<f64> {
         match (self.after_ns, self.until_ns) {
             (Some(after), Some(until)) if self.fault.has_lost_messages() => {
@@ -95,35 +95,35 @@ impl fmt::Display for Damage {
                 second(after),
                 second(until.max(after))
             ),
-            (Some(after), None, _) => write!(f, "; what came after {:.2} s", second(after)),
-            (None, Some(_), _) => write!(f, "; what came before the first message"),
+            (Some(after), None, _) => write!(f, "; everything after {:.2} s", second(after)),
+            (None, Some(_), _) => write!(f, "; everything before the first message"),
             _ => Ok(()),
         }
     }
 }
 
-/// All that is wrong with a recording, in the order of the file.
+/// All damage in a recording, in file order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Damages {
-    /// The first of them.
+    /// The first damaged parts.
     pub parts: Vec<Damage>,
-    /// How many there are.
+    /// Number of damaged parts.
     pub count: u64,
-    /// How many bytes they have together.
+    /// Total size of the damaged parts.
     pub bytes: u64,
-    /// Whether the file has a proper end.
+    /// Whether the file is finished.
     pub is_finished: bool,
     #[serde(skip)]
     begin_ns: Option<u64>,
     #[serde(skip)]
     newest_ns: Option<u64>,
-    /// Parts from here on have no message behind them yet.
+    /// Index of the first part without a message after it so far.
     #[serde(skip)]
     open_from: usize,
 }
 
 impl Damages {
-    /// Whether nothing is wrong, or ever was.
+    /// Whether there is no damage, past damage included.
     pub fn is_empty(&self) -> bool {
         self.count == 0 && self.is_finished
     }
@@ -135,12 +135,12 @@ impl Damages {
             || self.parts.iter().any(|part| part.fault != Fault::FencedOff)
     }
 
-    /// Seconds of the recording that are missing in the listed parts, as far as can be told.
+    /// Seconds lost in the listed parts, as far as known.
     pub fn seconds(&self) -> f64 {
         self.parts.iter().filter_map(Damage::seconds).fold(0.0, |sum, seconds| sum + seconds)
     }
 
-    /// Notes a damaged part. What continues the part before it is added to that.
+    /// Records a damaged part, and merges it with an adjacent part of the same kind.
     pub(crate) fn add(&mut self, fault: Fault, at_byte: u64, bytes: u64) {
         let is_noted =
             |part: &Damage| part.at_byte == at_byte && part.fault == fault && part.bytes == bytes;
@@ -163,7 +163,7 @@ impl Damages {
         }
     }
 
-    /// Notes the time of a message that was read.
+    /// Records the time of a message that was read.
     pub(crate) fn heard(&mut self, t_ns: u64) {
         self.begin_ns = Some(self.begin_ns.map_or(t_ns, |begin_ns| begin_ns.min(t_ns)));
         self.newest_ns = Some(self.newest_ns.map_or(t_ns, |newest_ns| newest_ns.max(t_ns)));

@@ -1,27 +1,27 @@
-//! Frames as `foxglove.RawImage`, a protobuf message: viewers show them, and nothing is lost.
+//! Frames as `foxglove.RawImage`, a protobuf message that viewers can show, without loss.
 //!
-//! Protobuf is a list of fields, each a key (number and wire type) and a value; readers pass over
-//! numbers they do not know. So our own header travels in a field of its own. The message is small
-//! and fixed, which does not earn a protobuf library: written here, checked by the official one in
+//! Protobuf is a list of fields, each a key (number and wire type) and a value; readers skip unknown
+//! numbers, so our header travels in a field of its own. The message is small and fixed and needs no
+//! protobuf library: it is encoded here, and checked with the official library in
 //! `scripts/python/check_recording.py`.
 
 use common::messages::{BayerOrder, FrameHeader, PixelFormat};
 
-/// A frame out of a recording.
+/// A frame from a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
-    /// As it was published.
+    /// The header as published.
     pub header: FrameHeader,
-    /// The payload as it was published.
+    /// The payload as published.
     pub pixels: &'a [u8],
 }
 
-/// Name of the schema that viewers know.
+/// Name of the schema, known to viewers.
 pub const SCHEMA_NAME: &str = "foxglove.RawImage";
 /// Frame of reference for viewers.
 const FRAME_ID: &str = "camera";
 
-/// Field numbers: those of the well-known schema, and ours far beyond them.
+/// Field numbers of the Foxglove schema, and our own far beyond them.
 const TIMESTAMP: u32 = 1;
 const WIDTH: u32 = 2;
 const HEIGHT: u32 = 3;
@@ -37,8 +37,8 @@ const FIXED64: u32 = 1;
 const BYTES: u32 = 2;
 const FIXED32: u32 = 5;
 
-/// The name viewers have for the meaning of a frame's bytes. Formats that they do not know are shown
-/// as grey as is possible; what is recorded is exact all the same.
+/// The viewers' name for a frame's pixel format. Formats unknown to them are shown in grey; the
+/// recorded bytes are exact in any case.
 fn encoding(header: &FrameHeader) -> &'static str {
     let order = BayerOrder::from_number(header.bayer_order);
     match PixelFormat::from_number(header.pixel_format) {
@@ -53,12 +53,12 @@ fn encoding(header: &FrameHeader) -> &'static str {
         Some(PixelFormat::Rgb24) => "rgb8",
         Some(PixelFormat::Yuyv) => "yuyv",
         Some(PixelFormat::Uyvy) => "uyvy",
-        // The plane of luma comes first.
+        // The luma plane comes first.
         Some(PixelFormat::Nv12 | PixelFormat::I420) | None => "mono8",
     }
 }
 
-/// Writes a frame to `out`, in the place of what was there.
+/// Encodes a frame into `out`, replacing its content.
 pub fn encode_frame(header: &FrameHeader, pixels: &[u8], out: &mut Vec<u8>) {
     out.clear();
     out.reserve(pixels.len() + 160);
@@ -75,7 +75,7 @@ pub fn encode_frame(header: &FrameHeader, pixels: &[u8], out: &mut Vec<u8>) {
     put_bytes(out, DATA, pixels);
 }
 
-/// The frame in a message; `None` when header or pixels are missing, or it is no protobuf message.
+/// Decodes a frame; `None` if header or pixels are missing, or the bytes are not a protobuf message.
 pub fn decode_frame(mut data: &[u8]) -> Option<Frame<'_>> {
     let (mut header, mut pixels) = (None, None);
     while !data.is_empty() {
@@ -104,7 +104,7 @@ pub fn decode_frame(mut data: &[u8]) -> Option<Frame<'_>> {
     Some(Frame { header: header?, pixels: pixels? })
 }
 
-/// The schema: a `google.protobuf.FileDescriptorSet` of the two files it takes.
+/// The schema: a `google.protobuf.FileDescriptorSet` of the two files needed.
 pub fn schema() -> Vec<u8> {
     // Types and labels of descriptor.proto.
     const STRING: u64 = 9;
@@ -159,7 +159,7 @@ fn file(
         let mut field = Vec::new();
         put_bytes(&mut field, 1, name.as_bytes());
         put_number(&mut field, 3, u64::from(*number));
-        // Optional, as everything is in proto3.
+        // Optional, like every proto3 field.
         put_number(&mut field, 4, 1);
         put_number(&mut field, 5, *kind);
         if let Some(type_name) = type_name {

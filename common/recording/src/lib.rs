@@ -1,19 +1,19 @@
-//! Recordings: MCAP files that hold what went over the topics of a group, exactly, together with
-//! what common viewers need to draw it.
+//! Recordings: MCAP files with the exact messages of a group's topics, and scenes for common viewers.
 //!
-//! * [`Channel`] is the table of what a recording may hold and how each message is written.
-//! * [`Writer`] writes one file, in small chunks, so that little is lost with a process or the power.
-//! * [`Reader`] reads one, finished or not, in the order in which things happened.
-//! * [`recover`](recover::recover) makes a proper file of one that was never finished.
+//! * [`Channel`] is the table of a recording's contents and their encodings.
+//! * [`Writer`] writes a file in small chunks, so that little is lost if the process or the power
+//!   fails.
+//! * [`Reader`] reads a file, finished or not, in the order in which the messages were sent.
+//! * [`recover`](recover::recover) makes an unfinished or damaged file a proper recording.
 //!
-//! Frames are written as `foxglove.RawImage` (protobuf) with our own header in a further field, which
-//! viewers pass over. Our other messages are written as they lie in memory, described by their schema
+//! Frames are written as `foxglove.RawImage` (protobuf) with our own header in an additional field,
+//! which viewers skip. Our other messages are written in their memory layout, described by their schema
 //! ([`common::messages::structure`]), with one rule: **bytes missing at the end of a message are
-//! zeros**, and so are list elements behind their count; a detections message, made for 32,768 runs,
-//! takes a few kilobytes. The scene for viewers (`foxglove.SceneUpdate`, JSON) is derived from
+//! zeros**, and so are list elements beyond their count. A detections message with room for 32,768 runs
+//! thus takes a few kilobytes. The scene for viewers (`foxglove.SceneUpdate`, JSON) is derived from
 //! `world` and never read back.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process must survive the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod bytes;
@@ -41,7 +41,7 @@ pub use writer::Writer;
 
 use std::path::PathBuf;
 
-/// What went wrong with a recording.
+/// Errors of reading and writing recordings.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The file could not be opened, read or written.
@@ -49,9 +49,9 @@ pub enum RecordingError {
     Io {
         /// The recording.
         path: PathBuf,
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
-        /// What the system said.
+        /// The system's answer.
         source: std::io::Error,
     },
     /// The file is not a recording, or is damaged.
@@ -59,7 +59,7 @@ pub enum RecordingError {
     Format {
         /// The recording.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
 }

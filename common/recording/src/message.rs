@@ -1,9 +1,9 @@
-//! Our own messages as bytes: as they lie in memory, without the zeros at the end.
+//! Encoding of our own messages: their memory layout without trailing zeros.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Writes a message to `out`, in the place of what was there. List elements behind their count
-/// should have been cleared ([`common::messages::ClearStale`]).
+/// Encodes a message into `out`, replacing its content. Stale list elements should have been cleared
+/// ([`common::messages::ClearStale`]).
 pub fn encode_message<T: Pod>(message: &T, out: &mut Vec<u8>) {
     let bytes = bytemuck::bytes_of(message);
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
@@ -11,21 +11,21 @@ pub fn encode_message<T: Pod>(message: &T, out: &mut Vec<u8>) {
     out.extend_from_slice(&bytes[..end]);
 }
 
-/// The message; `None` when there are more bytes than it can have.
+/// Decodes a message; `None` if there are more bytes than it can have.
 pub fn decode_message<T: Pod + Zeroable>(data: &[u8]) -> Option<Box<T>> {
     let mut message = bytemuck::allocation::zeroed_box::<T>();
     bytemuck::bytes_of_mut(&mut *message).get_mut(..data.len())?.copy_from_slice(data);
     Some(message)
 }
 
-/// Writes a header and the elements behind it to `out`, in the place of what was there.
+/// Encodes a header and the elements after it into `out`, replacing its content.
 pub fn encode_list<H: Pod, E: Pod>(header: &H, elements: &[E], out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(bytemuck::bytes_of(header));
     out.extend_from_slice(bytemuck::cast_slice(elements));
 }
 
-/// The header and the elements; `None` when there is no complete header, or part of an element.
+/// Decodes a header and the elements; `None` if the header or the last element is incomplete.
 pub fn decode_list<H: Pod, E: Pod>(data: &[u8]) -> Option<(H, Vec<E>)> {
     let (header, elements) = data.split_at_checked(size_of::<H>())?;
     if !elements.len().is_multiple_of(size_of::<E>()) {

@@ -10,39 +10,39 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// The recorder empties one topic after the other, so the file is out of order, but never by more.
+/// Largest disorder of messages in a file; the recorder empties one topic after the other.
 const DISORDER_NS: u64 = 500_000_000;
-/// Messages read ahead of their time may take so much memory, and twice the size of the file; of a file of
-/// ours half a second takes less.
+/// Memory for messages read ahead, besides twice the size of the file. Half a second of our own
+/// recordings takes less.
 const AHEAD_BYTES: u64 = 24 << 20;
-/// And never more than this.
+/// Upper limit of that memory for any file.
 const MOST_AHEAD_BYTES: u64 = 2 << 30;
-/// What a message read ahead takes besides its data.
+/// Memory for a message read ahead besides its data.
 const ENTRY_BYTES: usize = 112;
 
 /// One message of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// Its channel.
+    /// The message's channel.
     pub channel: Channel,
-    /// When it was sent, nanoseconds since 1970.
+    /// Time of sending, nanoseconds since 1970.
     pub t_sent_ns: u64,
-    /// As written by the `encode_*` functions.
+    /// Encoded data, as written by the `encode_*` functions.
     pub data: Cow<'static, [u8]>,
 }
 
-/// Gives the messages of a recording in the order in which they were sent. It reads the file from
-/// the front and holds little of it at a time, so it needs no index, and reads what there is of a
-/// recording that was never finished. Damaged parts are left out and told by [`damages`](Self::damages).
+/// Reads the messages of a recording in the order in which they were sent. It reads the file
+/// sequentially and holds little of it at a time, so it needs no index, and can read an unfinished
+/// recording. Damaged parts are skipped and reported by [`damages`](Self::damages).
 pub struct Reader {
     path: PathBuf,
     scanner: Scanner,
-    /// `None` stands for channels of other programs.
+    /// `None` for channels of other programs.
     channels: HashMap<u16, Option<Channel>>,
-    /// What is read at the moment, and how far.
+    /// The piece read at the moment, and the position in its records.
     piece: Option<Piece>,
     walked: usize,
-    /// Read ahead: earliest first; those of the same time as in the file.
+    /// Messages read ahead: earliest first, and in file order for equal times.
     ahead: BinaryHeap<Reverse<Queued>>,
     ahead_bytes: usize,
     most_ahead_bytes: usize,
@@ -98,12 +98,12 @@ impl Reader {
         })
     }
 
-    /// What is wrong with the recording, as far as it was read; all of it once everything was read.
+    /// Damage found so far; complete once everything has been read.
     pub fn damages(&self) -> &Damages {
         &self.damages
     }
 
-    /// Takes in the next message, or finds that there is none.
+    /// Reads the next record or, at the end of a piece, the next piece.
     fn read_ahead(&mut self) -> std::io::Result<()> {
         let records = self.scanner.records();
         let mut cursor = Cursor(&records[self.walked..]);
@@ -128,7 +128,7 @@ impl Reader {
                         let entry = Entry { channel, t_sent_ns: header.log_ns, data };
                         self.ahead.push(Reverse(Queued { number: self.count, entry }));
                     }
-                    // Channels of other programs are theirs.
+                    // Channels of other programs are skipped.
                     Some(None) => {}
                     None => self.damages.add(Fault::UnknownChannel, piece.at, piece.length),
                 }
@@ -169,7 +169,7 @@ impl Reader {
             Kind::Chunk { .. } | Kind::Loose | Kind::MessageIndex | Kind::Other => {}
         }
         if !matches!(piece.kind, Kind::Chunk { .. } | Kind::Loose) {
-            // What is left in the buffer is no message.
+            // The buffer holds no messages.
             self.walked = self.scanner.records().len();
         }
         Ok(())
@@ -204,11 +204,11 @@ impl Iterator for Reader {
     }
 }
 
-/// Begins to read a file that must be a recording.
+/// Opens a file that must be a recording.
 pub(crate) fn open(path: &Path, file: std::fs::File) -> Result<Scanner, RecordingError> {
     let io = |source| RecordingError::Io { path: path.into(), action: "read", source };
     Scanner::new(file).map_err(io)?.ok_or_else(|| RecordingError::Format {
         path: path.into(),
-        problem: "not a recording: it is no MCAP file".into(),
+        problem: "not a recording: it is not an MCAP file".into(),
     })
 }

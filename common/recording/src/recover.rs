@@ -1,16 +1,17 @@
-//! Making a proper recording of one that was never finished (its recorder was killed, the disk was full,
-//! the power failed) or was damaged later.
+//! Recovery: makes a proper recording of one that was never finished (its recorder was killed, the disk
+//! was full, the power failed) or was damaged later.
 //!
-//! Such a file is mended where it lies, without a copy, so that it also works on a full disk:
+//! The scanner (`scan.rs`) splits the file into good pieces and damaged parts, from which a plan of
+//! repairs is made. The file is then repaired in place, so that a recovery also works on a full disk:
 //!
-//! * Damaged bytes become a private record, which all readers skip: nine bytes are written over their
-//!   beginning, the rest stays as it is.
-//! * Wrong lengths and times around good messages are put right.
-//! * What was cut off at the end is removed, and the summary is written behind the last good record.
+//! * A damaged part becomes a private record, which all readers skip: its first nine bytes are
+//!   overwritten with a record head, the rest stays as it is.
+//! * Wrong lengths and times around good messages are corrected.
+//! * An incomplete chunk at the end is cut off, and the summary is written after the last good record.
 //!
-//! Each of these steps leaves a file that can be read and recovered, so a recovery that is itself
-//! interrupted loses nothing. [`recover_to`] leaves the file alone and writes what is good in it to another
-//! one, without the damaged bytes.
+//! Each step leaves a file that can be read and recovered, so an interrupted recovery loses nothing.
+//! [`recover_to`] leaves the file unchanged and writes its good pieces to another file, without the
+//! damaged bytes. The file format is MCAP (mcap.dev/spec).
 
 use crate::RecordingError;
 use crate::damage::{Damages, Fault};
@@ -29,36 +30,36 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// Length of a new header where there is room, and the least of any.
+/// Length of a new header if there is room, and the shortest possible one.
 const HEADER_BYTES: u64 = 64;
 const LEAST_HEADER_BYTES: u64 = HEAD_BYTES + 8;
 
-/// What a recovery has found and done.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Recovery {
-    /// Nothing is wrong with the recording, and nothing was done.
+    /// The recording is intact; nothing was done.
     NotNeeded,
-    /// Somebody is writing it right now; nothing was done.
+    /// Another process is writing it; nothing was done.
     BeingWritten,
     /// It is a proper recording now.
     Recovered {
         /// Messages in it.
         messages: u64,
-        /// What was wrong with it.
+        /// The damage found.
         damages: Damages,
     },
 }
 
-/// Tells how many bytes of how many were looked at.
+/// Progress: called with the number of bytes checked and the size of the file.
 pub type Tell<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// Whether a recording has an end, as far as can be told at a glance. Says nothing about what is in it.
+/// Whether a recording has a valid summary. Its content is not checked.
 pub fn is_finished(path: &Path) -> Result<bool, RecordingError> {
     let io = |source| RecordingError::Io { path: path.into(), action: "open", source };
     Ok(open(path, input::open(path).map_err(io)?)?.has_summary())
 }
 
-/// Recovers a recording in its place.
+/// Recovers a recording in place.
 pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
     let file = input::open_to_change(path).map_err(io("open"))?;
@@ -74,15 +75,14 @@ pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
     Ok(Recovery::Recovered { messages: plan.summary.messages(), damages: plan.damages })
 }
 
-/// Writes what is good in a recording to a file, which must be empty. One with which nothing is wrong is
-/// copied.
+/// Writes the good pieces of a recording to an empty file. An intact recording is copied.
 pub fn recover_to(path: &Path, to: &File, tell: Tell) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
     let file = input::open(path).map_err(io("open"))?;
     if !lock(&file).map_err(io("lock"))? {
         return Ok(Recovery::BeingWritten);
     }
-    // Nobody shall take the copy for something that was left behind.
+    // The lock keeps other processes from taking the copy for an abandoned recording.
     lock(to).map_err(io("lock the copy of"))?;
     let handle = file.try_clone().map_err(io("open"))?;
     let mut plan = Plan::make(open(path, file)?, tell).map_err(io("read"))?;
@@ -90,7 +90,7 @@ pub fn recover_to(path: &Path, to: &File, tell: Tell) -> Result<Recovery, Record
     Ok(Recovery::Recovered { messages: plan.summary.messages(), damages: plan.damages })
 }
 
-/// `false` when somebody else has locked it.
+/// `false` if another process has locked it.
 fn lock(file: &File) -> io::Result<bool> {
     match flock(file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) => Ok(true),
@@ -99,22 +99,23 @@ fn lock(file: &File) -> io::Result<bool> {
     }
 }
 
-/// What is to be done with a file.
+/// Planned repairs of a file.
 #[derive(Debug, Default)]
 struct Plan {
     damages: Damages,
     summary: Summary,
-    /// What is to be written over good records, and where.
+    /// Bytes to write over good records: offset and content.
     patches: Vec<(u64, Vec<u8>)>,
-    /// Parts that cannot be used: beginning and length.
+    /// Unusable parts: offset and length.
     fences: Vec<(u64, u64)>,
-    /// Where the mark that ends the data belongs.
+    /// Offset of the mark that ends the data.
     data_end: u64,
-    /// The messages of the last chunk, as their indexes should have them.
+    /// Messages of the last chunk: channel, and time and offset of each, as the message indexes should
+    /// have them.
     expected: BTreeMap<u16, Vec<(u64, u64)>>,
-    /// Whether the piece before was a chunk or belongs to one.
+    /// Whether the previous piece was a chunk or belongs to one.
     is_in_chunk: bool,
-    /// There is no room for the record that a file begins with.
+    /// There is no room for the header record at the beginning.
     lacks_header: bool,
     /// The last piece that was good, and is not fenced off.
     before: Option<Piece>,
@@ -161,9 +162,9 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Compares the chunks that are there with those of the summary that is there.
+    /// Compares the chunks found with those in the summary.
     fn check_summary(&mut self, scanner: &mut Scanner) -> io::Result<()> {
-        // Where something else is wrong, the summary is written anew in any case.
+        // If there is other damage, the summary is rewritten anyway.
         if !scanner.has_summary() || self.damages.is_recoverable() {
             return Ok(());
         }
@@ -205,8 +206,8 @@ impl Plan {
         self.fence(piece);
     }
 
-    /// Makes a part, and what is fenced off right before it, one record that is skipped. A part that is too
-    /// short for the head of a record is joined to the record before it.
+    /// Makes a damaged part, together with a fenced-off part right before it, one record that readers
+    /// skip. A part too short for a record head is joined to the record before it.
     fn fence(&mut self, piece: Piece) {
         let Piece { at, length, .. } = piece;
         let end = at + length;
@@ -231,7 +232,7 @@ impl Plan {
             Some(Piece { at, kind: Kind::Damaged(Fault::FencedOff), .. }) => {
                 self.fences.push((at, end - at));
             }
-            // Behind the compressed bytes of a chunk there may be others.
+            // A chunk may have extra bytes after its compressed data.
             Some(Piece { at, kind: Kind::Chunk { .. }, .. }) => {
                 let head = Head { opcode: op::CHUNK, length: end - at - HEAD_BYTES };
                 self.patches.push((at, head.encode().to_vec()));
@@ -292,7 +293,7 @@ impl Plan {
         self.summary.chunks.push(ChunkPlace { at, length, header, indexes, indexes_end });
     }
 
-    /// Shortens a window that is longer than the content.
+    /// Reduces a window that is longer than the content.
     fn mend_window(
         &mut self,
         piece: Piece,
@@ -335,7 +336,7 @@ impl Plan {
         entries.sort_unstable();
         expected.sort_unstable();
         if entries != expected {
-            // Those behind it are left out of the summary, as they will be when the fence is seen.
+            // Later indexes are left out of the summary too, as they will be when the fence is read.
             self.fence_off(piece, Fault::Index);
         } else if let Some(chunk) = self.summary.chunks.last_mut() {
             chunk.indexes.insert(channel_id, piece.at);
@@ -359,13 +360,13 @@ impl Plan {
                 self.damages.add(fault, piece.at, piece.length);
                 self.data_end = piece.at;
             }
-            // The mark itself: it is written anew.
+            // The end mark itself; it is rewritten.
             Fault::Framing if is_last => {
                 self.damages.add(fault, piece.at, piece.length);
                 self.data_end = piece.at;
             }
             _ if piece.at == MAGIC.len() as u64 => {
-                // Every file begins with a header; what is left of the damage is fenced off behind it.
+                // Every file begins with a header; the rest of the damaged part is fenced off after it.
                 self.damages.add(fault, piece.at, piece.length);
                 if piece.length < LEAST_HEADER_BYTES {
                     self.lacks_header = true;
@@ -388,7 +389,7 @@ impl Plan {
         }
     }
 
-    /// Mends the file itself.
+    /// Repairs the file in place.
     fn carry_out(&self, file: &File) -> io::Result<()> {
         if self.lacks_header || self.fences.iter().any(|&(_, length)| length < HEAD_BYTES) {
             let problem = "a damaged part is too short to be mended in place; use --output";
@@ -401,15 +402,15 @@ impl Plan {
             let head = Head { opcode: op::FENCED_OFF, length: length.saturating_sub(HEAD_BYTES) };
             file.write_all_at(&head.encode(), at)?;
         }
-        // What is good reaches the disk before what says that it is all.
+        // The good data must reach the disk before the summary that declares it complete.
         file.sync_data()?;
         file.set_len(self.data_end)?;
         let end = self.summary.encode(self.data_end);
         if let Err(error) = file.write_all_at(&end, self.data_end) {
-            // Half a summary is of no use, and may be what has filled the disk.
+            // Half a summary is useless, and may be what filled the disk.
             let _ = file.set_len(self.data_end);
             let problem = format!(
-                "{error}; its messages are all there, but the index takes {} kB more on the disk",
+                "{error}; no message is lost, but the index takes {} kB more on the disk",
                 end.len().div_ceil(1000)
             );
             return Err(io::Error::new(error.kind(), problem));
@@ -417,7 +418,7 @@ impl Plan {
         file.sync_all()
     }
 
-    /// Writes what is good to another file.
+    /// Writes the good pieces to another file.
     fn copy(&mut self, mut from: &File, mut to: &File) -> io::Result<()> {
         let mut place = 0;
         let header = if self.lacks_header { header_record(HEADER_BYTES) } else { Vec::new() };
@@ -448,16 +449,16 @@ impl Plan {
     }
 }
 
-/// Where something is when the parts before it are left out.
+/// Offset of a position after the parts before it have been left out.
 fn moved(left_out: &[(u64, u64)], place: u64) -> u64 {
     let before = left_out.iter().take_while(|(at, _)| *at < place);
     place - before.map(|(_, length)| length).sum::<u64>()
 }
 
-/// The record that a file begins with, of a given length.
+/// The header record of a file, of a given length.
 fn header_record(length: u64) -> Vec<u8> {
     let name = concat!("touchline ", env!("CARGO_PKG_VERSION"), ", recovered");
-    // Head, and the lengths of both texts.
+    // Record head, and the lengths of both texts.
     let room = (length as usize).saturating_sub(HEAD_BYTES as usize + 8);
     let text: String = name.chars().chain(std::iter::repeat(' ')).take(room).collect();
     let mut body = Encoder::default();

@@ -1,14 +1,16 @@
-//! The one way in which recordings are read: from the front, piece by piece, believing nothing.
+//! The scanner, through which all recordings are read: sequentially, piece by piece, without trusting
+//! any length.
 //!
-//! * A length counts only as far as the file has bytes, and memory is taken for what is there, not for what
-//!   is claimed. A chunk that claims to be large when unpacked is unpacked in small steps first, to see
-//!   whether that is true.
-//! * Messages come out of chunks whose check sum is right.
-//! * A chunk has its length twice. If one of them is wrong, the other is tried, and the check sum decides.
-//! * Where no record can be made out, the next one is looked for byte by byte; what lies between is
-//!   reported as damaged. All of that takes time in proportion to the file.
-//! * The summary at the end counts only if its check sum is right. It then says where the messages end and
-//!   which channels there are, even if the chunk that said so is damaged.
+//! * A length counts only as far as the file has bytes, and memory is allocated for existing data, not
+//!   for claimed data. A chunk that claims to be large is first decompressed in small steps to check
+//!   that.
+//! * Messages are taken only from chunks with the right checksum.
+//! * A chunk has its length twice. If one is wrong, the other is tried, and the checksum decides.
+//! * Where no record can be recognised, the next one is searched byte by byte, and the bytes up to it
+//!   are reported as damaged. The time is proportional to the size of the file, since failed
+//!   decompression has a budget.
+//! * The summary at the end counts only if its checksum is right. It then gives the end of the messages
+//!   and the channels, even if the chunk that describes them is damaged.
 
 use crate::bytes::Bytes;
 use crate::damage::Fault;
@@ -19,19 +21,19 @@ use crate::wire::{
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Chunks up to this size are unpacked at once.
+/// Chunks up to this size are decompressed at once.
 const DIRECT_BYTES: u64 = 16 << 20;
-/// No chunk is larger than this: the largest frame of the largest camera, and then some.
+/// Largest chunk accepted: more than the largest frame of the largest camera.
 const MOST_CHUNK_BYTES: u64 = 1 << 30;
-/// Largest window (log2) of a large chunk's compression.
+/// Largest window (log2) in the compression of a large chunk.
 const WINDOW_LOG: u32 = 24;
-/// Other readers refuse longer windows.
+/// Largest window that other readers accept.
 const MOST_WINDOW_BYTES: u64 = 1 << 27;
-/// Bytes that hold the window of a zstd frame.
+/// Bytes at the beginning of a zstd frame that contain its window.
 pub(crate) const ZSTD_PEEK_BYTES: usize = 8;
-/// Schemas and channels of a summary, all together.
+/// Largest total size of the schemas and channels in a summary.
 const MOST_DESCRIPTION_BYTES: usize = 16 << 20;
-/// The first record is no longer than this; it says which library has written the file.
+/// Largest size of the first record, which names the library that wrote the file.
 pub(crate) const MOST_HEADER_BYTES: u64 = 128;
 /// Length of the record that ends the data.
 const DATA_END_BYTES: u64 = HEAD_BYTES + 4;
@@ -44,21 +46,21 @@ pub(crate) struct Piece {
     pub kind: Kind,
 }
 
-/// What a piece is.
+/// Kind of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// A chunk, its records unpacked in [`Scanner::records`]. `is_framed` tells whether everything around
-    /// them is right too.
+    /// A chunk, with its decompressed records in [`Scanner::records`]. `is_framed`: everything around
+    /// the records is right too.
     Chunk { header: ChunkHeader, is_framed: bool },
-    /// A schema, channel or message outside of chunks; it is in [`Scanner::records`].
+    /// A schema, channel or message outside of chunks, in [`Scanner::records`].
     Loose,
-    /// The index of a chunk's messages of one channel; it is in [`Scanner::records`].
+    /// The index of a chunk's messages of one channel, in [`Scanner::records`].
     MessageIndex,
-    /// Something without messages.
+    /// A record without messages.
     Other,
-    /// Something that cannot be used.
+    /// An unusable part.
     Damaged(Fault),
-    /// The end of the data: here its mark stands, or would.
+    /// The end of the data: the position of its mark, present or not.
     End { is_marked: bool },
 }
 
@@ -75,17 +77,17 @@ pub(crate) struct Scanner {
     unpacker: zstd::bulk::Decompressor<'static>,
     records: Vec<u8>,
     place: u64,
-    /// Where the data ends at the latest.
+    /// Upper bound of the end of the data.
     limit: u64,
     summary: Option<Summary>,
-    /// Bytes unpacked in vain that are still allowed.
+    /// Remaining budget of bytes decompressed in vain.
     patience: u64,
     has_chunks: bool,
     is_over: bool,
 }
 
 impl Scanner {
-    /// Begins to read; `None` if the file does not begin like a recording.
+    /// Starts reading; `None` if the file does not begin like a recording.
     pub fn new(file: File) -> io::Result<Option<Self>> {
         let mut bytes = Bytes::new(file)?;
         let length = bytes.length();
@@ -111,7 +113,7 @@ impl Scanner {
         self.bytes.length()
     }
 
-    /// Where the data ends at the latest.
+    /// Upper bound of the end of the data.
     pub fn limit(&self) -> u64 {
         self.limit
     }
@@ -121,17 +123,17 @@ impl Scanner {
         &mut self.bytes
     }
 
-    /// Whether the file ends with a summary that can be trusted.
+    /// Whether the file ends with a valid summary.
     pub fn has_summary(&self) -> bool {
         self.summary.is_some()
     }
 
-    /// The records of the piece given last.
+    /// The records of the last piece.
     pub fn records(&self) -> &[u8] {
         &self.records
     }
 
-    /// Schemas and channels, as the summary describes them.
+    /// Schemas and channels from the summary.
     pub fn descriptions(&mut self) -> io::Result<Vec<(u8, Vec<u8>)>> {
         let (mut room, mut found) = (MOST_DESCRIPTION_BYTES, Vec::new());
         self.read_summary(&[op::SCHEMA, op::CHANNEL], |opcode, body| {
@@ -143,7 +145,7 @@ impl Scanner {
         Ok(found)
     }
 
-    /// The records of these kinds in the summary: operation codes and bodies.
+    /// Calls `take` with operation code and body of each record of these kinds in the summary.
     pub fn read_summary(
         &mut self,
         kinds: &[u8],
@@ -186,7 +188,7 @@ impl Scanner {
         Ok(Some(piece))
     }
 
-    /// What is wrong with bytes between which no record can be made out.
+    /// Fault of a range of bytes without a recognisable record.
     fn fault_of(&mut self, at: u64, next: u64) -> io::Result<Fault> {
         let is_at_end = next == self.limit && self.summary.is_none();
         let head = Head::parse(self.bytes.at(at, HEAD_BYTES as usize)?);
@@ -195,7 +197,8 @@ impl Scanner {
         });
         Ok(match () {
             () if is_at_end && goes_beyond => Fault::CutOff,
-            // No message comes before the header's end, or between the last one and the summary.
+            // No message precedes the end of the header, or lies between the last chunk and the
+            // summary.
             () if at == MAGIC.len() as u64 && next - at <= MOST_HEADER_BYTES => Fault::Framing,
             () if self.summary.is_some() && next == self.limit && next - at == DATA_END_BYTES => {
                 Fault::Framing
@@ -233,8 +236,8 @@ impl Scanner {
                 let is_right = body.prefixed().is_some() && body.prefixed().is_some();
                 piece(Kind::Other).filter(|_| is_right && body.0.is_empty())
             }
-            // Nothing says that a message outside of a chunk is as it was recorded, so in a file with
-            // chunks it is taken for damage.
+            // A message outside of a chunk has no checksum, so in a file with chunks it counts as
+            // damage.
             op::MESSAGE if self.has_chunks => self.damaged_index_at(at, length, is_followed)?,
             op::SCHEMA | op::CHANNEL | op::MESSAGE if is_followed => {
                 let makes_sense = match (head.opcode, self.load(at, length)?) {
@@ -262,7 +265,7 @@ impl Scanner {
         })
     }
 
-    /// The index of a chunk under a wrong name: no message is lost with it.
+    /// A message index under a wrong operation code; no message is lost with it.
     fn damaged_index_at(
         &mut self,
         at: u64,
@@ -274,7 +277,7 @@ impl Scanner {
         Ok(is_index.then_some(Piece { at, length, kind }))
     }
 
-    /// Puts a whole record into `records`, and returns its body.
+    /// Loads a whole record into `records`, and returns its body.
     fn load(&mut self, at: u64, length: u64) -> io::Result<&[u8]> {
         let record = self.bytes.at(at, length as usize)?;
         self.records.clear();
@@ -282,7 +285,7 @@ impl Scanner {
         Ok(&self.records[HEAD_BYTES as usize..])
     }
 
-    /// Whether a record can begin here, or the data end.
+    /// Whether a record or the end of the data may be at this offset.
     fn is_plausible_at(&mut self, at: u64) -> io::Result<bool> {
         if at == self.limit {
             return Ok(true);
@@ -292,8 +295,8 @@ impl Scanner {
         Ok(head.is_some_and(|head| head.is_plausible(rest)))
     }
 
-    /// The chunk that begins here, if it is one, good or damaged. A wrong operation code or one wrong
-    /// length is made up for by what else the head says.
+    /// The chunk at this offset, good or damaged, if there is one. A wrong operation code or one wrong
+    /// length is corrected from the rest of the head.
     fn chunk_at(
         &mut self,
         at: u64,
@@ -319,7 +322,7 @@ impl Scanner {
                 if packed > most || !self.unpack(data_at, packed, packing, &header)? {
                     continue;
                 }
-                // Bytes behind the compressed ones are allowed.
+                // Extra bytes after the compressed data are allowed.
                 let mut length = data_at + packed - at;
                 let frame = self.bytes.at(data_at, (packed as usize).min(ZSTD_PEEK_BYTES))?;
                 let is_far = packing == Packing::Zstd
@@ -341,7 +344,7 @@ impl Scanner {
         Ok(None)
     }
 
-    /// Unpacks a chunk's records; `false` when they are not what they claim to be.
+    /// Decompresses a chunk's records; `false` if they are not what the header claims.
     fn unpack(
         &mut self,
         at: u64,
@@ -350,7 +353,7 @@ impl Scanner {
         header: &ChunkHeader,
     ) -> io::Result<bool> {
         let unpacked = header.unpacked_bytes;
-        // Nothing grows by more when it is compressed.
+        // Compression enlarges data by less than this.
         let most_packed = unpacked.saturating_add(unpacked / 64 + 4096);
         if unpacked > MOST_CHUNK_BYTES || packed > most_packed || self.patience == 0 {
             return Ok(false);
@@ -382,8 +385,7 @@ impl Scanner {
         Ok(is_right)
     }
 
-    /// The next place from which on a record can be made out without what comes before; the end if there
-    /// is none.
+    /// Offset of the next record that can be recognised without context; the end if there is none.
     fn find(&mut self, from: u64) -> io::Result<u64> {
         const STEP: usize = 32 << 10;
         let mut at = from;
@@ -410,8 +412,8 @@ impl Scanner {
     }
 }
 
-/// Whether bytes, of which so many are left, look like the beginning of a chunk, of a part that was fenced
-/// off, or of the end of the data.
+/// Whether these bytes, with `rest` bytes left, look like the beginning of a chunk, a fenced-off part,
+/// or the end of the data.
 fn is_beginning(bytes: &[u8], rest: u64) -> bool {
     let Some(&opcode) = bytes.first() else { return false };
     if !matches!(opcode, op::CHUNK | op::FENCED_OFF | op::DATA_END) {
@@ -431,7 +433,7 @@ fn is_beginning(bytes: &[u8], rest: u64) -> bool {
     }
 }
 
-/// Empties a buffer that then has room for so much, and not for far more.
+/// Empties a buffer and gives it at least this capacity, but not far more.
 fn make_room(buffer: &mut Vec<u8>, bytes: usize) {
     buffer.clear();
     if buffer.capacity() as u64 > DIRECT_BYTES.max(bytes as u64) {
@@ -444,7 +446,7 @@ fn has_crc(header: &ChunkHeader, records: &[u8]) -> bool {
     header.crc == 0 || crc32fast::hash(records) == header.crc
 }
 
-/// Whether compressed bytes become exactly so many. Takes little memory, however many that are.
+/// Whether compressed bytes expand to exactly this many. Takes little memory at any size.
 fn is_as_long(packed: &[u8], unpacked: u64) -> bool {
     let Ok(mut decoder) = zstd::stream::read::Decoder::with_buffer(packed) else { return false };
     if decoder.window_log_max(WINDOW_LOG).is_err() {
@@ -454,7 +456,7 @@ fn is_as_long(packed: &[u8], unpacked: u64) -> bool {
     counted.is_ok_and(|count| count == unpacked)
 }
 
-/// The summary at the end of a file, if there is one and its check sum is right.
+/// The summary at the end of a file, if there is one with a right checksum.
 fn summary(bytes: &mut Bytes) -> io::Result<Option<Summary>> {
     let least = MAGIC.len() as u64 + DATA_END_BYTES;
     let ending = HEAD_BYTES + FOOTER_BYTES + MAGIC.len() as u64;
@@ -475,13 +477,13 @@ fn summary(bytes: &mut Bytes) -> io::Result<Option<Summary>> {
         let data_end = Head { opcode: op::DATA_END, length: DATA_END_BYTES - HEAD_BYTES };
         Head::parse(bytes.at(start - DATA_END_BYTES, HEAD_BYTES as usize)?) == Some(data_end)
     } else {
-        // It covers the footer but for the check sum itself.
+        // The checksum covers the footer except for itself.
         crc == crc_of(bytes, start, footer + HEAD_BYTES + FOOTER_BYTES - 4)?
     };
     Ok(is_right.then_some(Summary { start, footer }))
 }
 
-/// The check sum of a part of a file.
+/// The checksum of a range of a file.
 pub(crate) fn crc_of(bytes: &mut Bytes, from: u64, to: u64) -> io::Result<u32> {
     const STEP: u64 = 64 << 10;
     let mut hasher = crc32fast::Hasher::new();

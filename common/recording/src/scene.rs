@@ -1,15 +1,15 @@
-//! What viewers draw: `world` in Foxglove's well-known schemas, lengths in metres.
+//! The scene for viewers: `world` in Foxglove's schemas, lengths in metres.
 //!
-//! Only those parts of the schemas are here that are used; viewers take what is missing for empty.
+//! Only the used parts of the schemas are defined here; viewers treat missing parts as empty.
 
 use common::config::FieldConfig;
 use common::messages::{RobotState, Team, TrackStatus, UnknownRobotState, WorldFrame};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// The frame of reference: the field, see [`common`].
+/// Frame of reference: the field, see [`common`].
 const FRAME_ID: &str = "field";
-/// Height of robots, only for the looks.
+/// Height at which robots are drawn.
 const ROBOT_HEIGHT_M: f64 = 0.05;
 
 /// Seconds and nanoseconds.
@@ -153,18 +153,18 @@ pub struct Text {
 
 const WHITE: Color = Color { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
 const ORANGE: Color = Color { r: 1.0, g: 0.5, b: 0.0, a: 1.0 };
-/// Line type: the last point is joined with the first.
+/// Line type: closed line.
 const LINE_LOOP: u8 = 1;
 /// Line type: each pair of points is a line.
 const LINE_LIST: u8 = 2;
-/// How long a robot or ball stays drawn when nothing more is heard of it.
+/// Time after which a robot or ball disappears if it is not updated.
 const LIFETIME: Time = Time { sec: 0, nsec: 500_000_000 };
 
 fn time(ns: u64) -> Time {
     Time { sec: ns / 1_000_000_000, nsec: (ns % 1_000_000_000) as u32 }
 }
 
-/// A place on the field, `z_m` above it. Viewers stumble over what is not a number.
+/// A position on the field, `z_m` above it. Viewers do not accept NaN, so it is replaced.
 fn pose(x_mm: f64, y_mm: f64, z_m: f64, heading: f64) -> Pose {
     let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
     let (sin, cos) = (finite(heading) / 2.0).sin_cos();
@@ -190,7 +190,7 @@ fn name(robot: &RobotState) -> String {
     format!("{} {}", team(robot.team), robot.robot_id)
 }
 
-/// A number behind a question mark is that of a track, and no robot's.
+/// The number after a question mark is that of a track, not of a robot.
 fn name_of_unknown(robot: &UnknownRobotState) -> String {
     format!("{} ?{}", team(robot.team), robot.track_id)
 }
@@ -207,7 +207,7 @@ fn json<T: Serialize>(message: &T) -> Vec<u8> {
     serde_json::to_vec(message).unwrap_or_default()
 }
 
-/// The lines of the pitch, once at the start: a `foxglove.SceneUpdate`.
+/// The lines of the pitch, drawn once at the start: a `foxglove.SceneUpdate`.
 pub fn field_scene(field: &FieldConfig, t_wall_ns: u64) -> Vec<u8> {
     let point = |x_mm: f64, y_mm: f64| Vector3 { x: x_mm / 1000.0, y: y_mm / 1000.0, z: 0.0 };
     let line = |kind, points| Line {

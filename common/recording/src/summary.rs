@@ -1,31 +1,31 @@
-//! The end of a recording: the mark behind the data, and the summary in which viewers find chunks,
-//! channels and counts. [`mcap`] writes one for what it has written itself; this one is for files that are
-//! there already.
+//! The end of a recording: the mark after the data, and the summary, which gives viewers chunks,
+//! channels and counts. [`mcap`] writes the summary of a file it has written itself; this module writes
+//! it for existing files.
 
 use crate::wire::{ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, op};
 use std::collections::BTreeMap;
 
-/// Where a chunk and the indexes of its messages are.
+/// Offsets of a chunk and of the indexes of its messages.
 #[derive(Debug, Clone)]
 pub(crate) struct ChunkPlace {
     pub at: u64,
     pub length: u64,
     pub header: ChunkHeader,
-    /// Where the index of each channel is.
+    /// Offset of the message index of each channel.
     pub indexes: BTreeMap<u16, u64>,
-    /// Where the last of them ends.
+    /// End of the last index.
     pub indexes_end: u64,
 }
 
-/// What a summary says.
+/// Content of a summary.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Summary {
-    /// Bodies of the schemas' records.
+    /// Bodies of the schema records.
     pub schemas: BTreeMap<u16, Vec<u8>>,
-    /// Bodies of the channels' records.
+    /// Bodies of the channel records.
     pub channels: BTreeMap<u16, Vec<u8>>,
     pub chunks: Vec<ChunkPlace>,
-    /// Messages of each channel.
+    /// Number of messages per channel.
     pub counts: BTreeMap<u16, u64>,
     /// Times of the earliest and the latest message.
     pub times_ns: Option<(u64, u64)>,
@@ -40,12 +40,12 @@ impl Summary {
         self.times_ns = Some(widened(self.times_ns, log_ns));
     }
 
-    /// Messages of all channels.
+    /// Number of messages in all channels.
     pub fn messages(&self) -> u64 {
         self.counts.values().sum()
     }
 
-    /// All that comes behind the data, which ends at this place.
+    /// Everything after the data, which ends at this offset.
     pub fn encode(&self, data_end: u64) -> Vec<u8> {
         let mut end = Encoder::default();
         end.record(op::DATA_END, &0u32.to_le_bytes());
@@ -94,7 +94,7 @@ impl Summary {
     }
 }
 
-/// A span of times that holds this one too.
+/// The time span extended to include this time.
 pub(crate) fn widened(times_ns: Option<(u64, u64)>, t_ns: u64) -> (u64, u64) {
     let (first_ns, last_ns) = times_ns.unwrap_or((t_ns, t_ns));
     (first_ns.min(t_ns), last_ns.max(t_ns))

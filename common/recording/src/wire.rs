@@ -1,11 +1,11 @@
-//! The records of an MCAP file as bytes. Every length is checked against the bytes that are there before
-//! it is used; nothing is allocated by what a length claims.
+//! The records of an MCAP file as bytes. Every length is checked against the available bytes before
+//! use; no allocation depends on a claimed length.
 
 use std::collections::BTreeMap;
 
-/// What a file begins and ends with.
+/// First and last bytes of a file.
 pub(crate) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
-/// Operation code and length, in front of every record.
+/// Operation code and length before every record.
 pub(crate) const HEAD_BYTES: u64 = 9;
 /// Bytes of a chunk's header without the name of its compression.
 const CHUNK_HEADER_BYTES: u64 = 40;
@@ -13,7 +13,7 @@ const CHUNK_HEADER_BYTES: u64 = 40;
 const MESSAGE_HEADER_BYTES: usize = 22;
 /// Bytes of a footer's body.
 pub(crate) const FOOTER_BYTES: u64 = 20;
-/// The longest name of a compression that is taken for one.
+/// Longest accepted name of a compression.
 const MOST_NAME_BYTES: u64 = 16;
 /// Bytes that hold a chunk's head and header.
 pub(crate) const CHUNK_PEEK_BYTES: u64 = HEAD_BYTES + CHUNK_HEADER_BYTES + MOST_NAME_BYTES;
@@ -35,12 +35,12 @@ pub(crate) mod op {
     pub const DATA_END: u8 = 0x0F;
     /// Private records begin here; other programs skip them.
     pub const FIRST_PRIVATE: u8 = 0x80;
-    /// Damaged bytes that a recovery has fenced off. In all bits different from a chunk's code, so that
-    /// no flipped bit turns one into the other.
+    /// Damaged bytes that a recovery has fenced off. Its bits are the complement of a chunk's code, so
+    /// that no flipped bit turns one into the other.
     pub const FENCED_OFF: u8 = !CHUNK;
 }
 
-/// Takes values off the front of bytes; `None` when there are too few.
+/// Reads values from the front of bytes; `None` if there are too few.
 pub(crate) struct Cursor<'a>(pub &'a [u8]);
 
 impl<'a> Cursor<'a> {
@@ -70,7 +70,7 @@ impl<'a> Cursor<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// A text or list with its length in front.
+    /// A text or list preceded by its length.
     pub fn prefixed(&mut self) -> Option<&'a [u8]> {
         let length = self.u32()?;
         self.bytes(length as usize)
@@ -80,7 +80,7 @@ impl<'a> Cursor<'a> {
         std::str::from_utf8(self.prefixed()?).ok()
     }
 
-    /// A record with its head in front: operation code and body.
+    /// A record preceded by its head: operation code and body.
     pub fn record(&mut self) -> Option<(u8, &'a [u8])> {
         let mut ahead = Cursor(self.0);
         let (opcode, length) = (ahead.u8()?, ahead.u64()?);
@@ -94,7 +94,7 @@ impl<'a> Cursor<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Head {
     pub opcode: u8,
-    /// Bytes of the body, as the file claims.
+    /// Length of the body claimed by the file.
     pub length: u64,
 }
 
@@ -104,7 +104,7 @@ impl Head {
         Some(Self { opcode: cursor.u8()?, length: cursor.u64()? })
     }
 
-    /// Whether a record can begin so, if this many bytes follow its head.
+    /// Whether a record can begin like this, with this many bytes after its head.
     pub fn is_plausible(self, rest: u64) -> bool {
         let is_known = (op::HEADER..=op::DATA_END).contains(&self.opcode);
         (is_known || self.opcode >= op::FIRST_PRIVATE) && self.length <= rest
@@ -118,7 +118,7 @@ impl Head {
     }
 }
 
-/// How the records of a chunk are compressed.
+/// Compression of a chunk's records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Packing {
     Plain,
@@ -140,12 +140,12 @@ pub(crate) struct ChunkHeader {
     pub start_ns: u64,
     pub end_ns: u64,
     pub unpacked_bytes: u64,
-    /// Of the unpacked records; 0 if there is none.
+    /// CRC-32 of the decompressed records; 0 if there is none.
     pub crc: u32,
-    /// `None` for one that we cannot read.
+    /// `None` for an unknown compression.
     pub packing: Option<Packing>,
     pub packed_bytes: u64,
-    /// Bytes of the header itself.
+    /// Length of the header itself.
     pub length: u64,
 }
 
@@ -166,19 +166,20 @@ impl ChunkHeader {
     }
 }
 
-/// Where the byte is that says how far a zstd frame refers back, and how far that is. It is not needed to
-/// unpack a frame at once, but a reader that unpacks it in steps takes that much memory, or refuses to.
+/// Offset of the byte with a zstd frame's window, and the size of that window. It is not needed to
+/// decompress a frame at once, but a reader that decompresses in steps allocates that much memory, or
+/// refuses to.
 pub(crate) fn zstd_window(frame: &[u8]) -> Option<(usize, u64)> {
     const DESCRIPTOR: usize = 4;
     const WINDOW: usize = 5;
     let (descriptor, window) = (*frame.get(DESCRIPTOR)?, *frame.get(WINDOW)?);
-    // A frame of a single segment has none.
+    // A single-segment frame has no window byte.
     let has_window = descriptor & 0x20 == 0;
     let base = 1u64 << (10 + (window >> 3));
     has_window.then_some((WINDOW, base + base / 8 * u64::from(window & 7)))
 }
 
-/// The shortest window of a zstd frame that is as long as its content, as it is written.
+/// Encoded size of the shortest window that is as long as the content.
 pub(crate) fn zstd_window_for(unpacked_bytes: u64) -> u8 {
     let log = unpacked_bytes.max(1 << 10).next_power_of_two().trailing_zeros();
     ((log - 10) << 3) as u8
@@ -200,7 +201,7 @@ pub(crate) fn message(body: &[u8]) -> Option<(MessageHeader, &[u8])> {
     Some((MessageHeader { channel_id, log_ns: cursor.u64()? }, data))
 }
 
-/// Number and topic of a channel; `None` when the record does not make sense as a whole.
+/// Id and topic of a channel; `None` if the record is malformed.
 pub(crate) fn channel(body: &[u8]) -> Option<(u16, &str)> {
     let mut cursor = Cursor(body);
     let (id, _schema) = (cursor.u16()?, cursor.u16()?);
@@ -212,7 +213,7 @@ pub(crate) fn channel(body: &[u8]) -> Option<(u16, &str)> {
     cursor.0.is_empty().then_some((id, topic))
 }
 
-/// Number of a schema; `None` when the record does not make sense as a whole.
+/// Id of a schema; `None` if the record is malformed.
 pub(crate) fn schema(body: &[u8]) -> Option<u16> {
     let mut cursor = Cursor(body);
     let id = cursor.u16()?;
@@ -221,8 +222,8 @@ pub(crate) fn schema(body: &[u8]) -> Option<u16> {
     (id != 0 && cursor.0.is_empty()).then_some(id)
 }
 
-/// Channel and entries (log time, place in the chunk) of a message index; `None` when its lengths do not
-/// fit together.
+/// Channel and entries (log time, offset in the chunk) of a message index; `None` if its lengths are
+/// inconsistent.
 pub(crate) fn message_index(body: &[u8]) -> Option<(u16, Vec<(u64, u64)>)> {
     let mut cursor = Cursor(body);
     let channel_id = cursor.u16()?;
@@ -237,7 +238,7 @@ pub(crate) fn message_index(body: &[u8]) -> Option<(u16, Vec<(u64, u64)>)> {
     Some((channel_id, entries.collect()))
 }
 
-/// Place of a chunk, and of the indexes of its messages, as a summary has them.
+/// Offsets of a chunk and its message indexes, from a summary.
 pub(crate) fn chunk_index(body: &[u8]) -> Option<(u64, BTreeMap<u16, u64>)> {
     let mut cursor = Cursor(body);
     let (_start_ns, _end_ns) = (cursor.u64()?, cursor.u64()?);
@@ -247,7 +248,7 @@ pub(crate) fn chunk_index(body: &[u8]) -> Option<(u64, BTreeMap<u16, u64>)> {
     Some((at, indexes))
 }
 
-/// Writes values one behind the other.
+/// Writes consecutive values.
 #[derive(Debug, Default)]
 pub(crate) struct Encoder(pub Vec<u8>);
 
@@ -273,7 +274,7 @@ impl Encoder {
         self
     }
 
-    /// A map of numbers, its length in bytes in front.
+    /// A map of numbers, preceded by its length in bytes.
     pub fn map(&mut self, entries: impl ExactSizeIterator<Item = (u16, u64)>) -> &mut Self {
         self.u32(entries.len() as u32 * 10);
         for (key, value) in entries {

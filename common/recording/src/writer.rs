@@ -9,16 +9,16 @@ use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// The fastest level: 800 MB/s on camera noise, half its size; the default level stalls for 80 ms.
+/// The fastest level: 800 MB/s on camera noise, at half its size. The default level stalls for 80 ms.
 const LEVEL: u32 = 1;
-/// A chunk never holds more than this, before compression; normally the clock ends it.
+/// Largest chunk before compression; normally a chunk ends by time.
 const CHUNK_BYTES: u64 = 4 << 20;
 
 /// Writes one file. Messages are collected in a chunk, which is compressed and written as a whole by
-/// [`flush`](Self::flush): what was flushed survives the death of the process.
+/// [`flush`](Self::flush): flushed messages survive the death of the process.
 ///
-/// After an error the file is cut off behind the last complete chunk and closed: it can be read, and
-/// [`recover`](crate::recover::recover) makes a proper recording of it.
+/// After an error the file is cut off after the last complete chunk and closed. It can be read, and
+/// [`recover`](crate::recover::recover) makes it a proper recording.
 #[derive(Debug)]
 pub struct Writer {
     path: PathBuf,
@@ -42,7 +42,7 @@ impl std::fmt::Debug for Open {
     }
 }
 
-/// How recordings of this program are written.
+/// Options of this program's recordings.
 pub(crate) fn options() -> WriteOptions {
     WriteOptions::new()
         .library(concat!("touchline ", env!("CARGO_PKG_VERSION")))
@@ -50,16 +50,16 @@ pub(crate) fn options() -> WriteOptions {
         .compression_level(LEVEL)
         .compression_threads(0)
         .chunk_size(Some(CHUNK_BYTES))
-        // Chunks are put together in memory and written at once, so that the file nearly always ends
-        // behind a complete one.
+        // Chunks are assembled in memory and written at once, so that the file nearly always ends after
+        // a complete one.
         .disable_seeking(true)
-        // Chunks have their own check sums.
+        // Chunks have their own checksums.
         .calculate_data_section_crc(false)
 }
 
 impl Writer {
-    /// Begins a recording with these channels. An existing file is never touched. While it is
-    /// written the file is locked (flock), so that nobody takes it for one that was left behind.
+    /// Starts a recording with these channels. An existing file is never touched. The file stays locked
+    /// (flock) while it is written, so that no process takes it for an abandoned one.
     pub fn create(path: &Path, channels: &[Channel]) -> Result<Self, RecordingError> {
         let io = |source| RecordingError::Io { path: path.into(), action: "create", source };
         let file =
@@ -104,8 +104,8 @@ impl Writer {
         self.open.as_ref().is_some_and(|open| open.is_pending)
     }
 
-    /// Adds a message. Times are nanoseconds since 1970: when it was sent, and when what it is about
-    /// happened. Messages of a channel that was not asked for are left out.
+    /// Adds a message. Times are nanoseconds since 1970: of its sending, and of the event it describes.
+    /// Messages of a channel that was not requested are ignored.
     pub fn write(
         &mut self,
         channel: Channel,
@@ -128,8 +128,8 @@ impl Writer {
         })
     }
 
-    /// Puts everything into the file. It is then in the hands of the system, and safe from the death
-    /// of the process; for safety from a loss of power see [`sync_handle`](Self::sync_handle).
+    /// Writes everything to the file. It is then with the operating system and survives the death of
+    /// the process; for power failures see [`sync_handle`](Self::sync_handle).
     pub fn flush(&mut self) -> Result<(), RecordingError> {
         self.attempt("write", |open| {
             open.is_pending = false;
@@ -138,13 +138,13 @@ impl Writer {
         self.measure()
     }
 
-    /// A handle for whoever brings the file to the disk (`sync_data`) now and then, on another
-    /// thread, since that may take long. `None` after an error.
+    /// A handle for regular `sync_data` calls on another thread, since these may take long. `None`
+    /// after an error.
     pub fn sync_handle(&self) -> Option<File> {
         self.open.as_ref()?.file.try_clone().ok()
     }
 
-    /// Completes the file and brings it to the disk; returns its size.
+    /// Completes the file and syncs it to the disk; returns its size.
     pub fn finish(mut self) -> Result<u64, RecordingError> {
         self.attempt("complete", |open| {
             open.mcap.finish()?;
@@ -170,7 +170,7 @@ impl Writer {
         act: impl FnOnce(&mut Open) -> Result<(), McapError>,
     ) -> Result<(), RecordingError> {
         let Some(open) = &mut self.open else {
-            let source = std::io::Error::other("an earlier error has ended it");
+            let source = std::io::Error::other("the recording ended with an earlier error");
             return Err(RecordingError::Io { path: self.path.clone(), action, source });
         };
         act(open).map_err(|error| {
@@ -179,11 +179,11 @@ impl Writer {
         })
     }
 
-    /// Cuts off what the last attempt has left behind.
+    /// Cuts off what the failed attempt has written.
     fn abandon(&mut self) {
         let Some(open) = self.open.take() else { return };
         let mut file = open.mcap.into_inner();
-        // Nothing more can be done if even this fails; a reader stops at the incomplete chunk.
+        // If even this fails, a reader stops at the incomplete chunk.
         let _ = file.set_len(self.bytes);
         let _ = file.seek(SeekFrom::End(0)).and_then(|_| file.flush());
     }

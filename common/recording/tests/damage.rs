@@ -1,8 +1,8 @@
-//! Damaged recordings: whatever happens to the bytes of one, reading it takes little memory, gives nothing
-//! that was not recorded, and a recovery makes a proper recording of it.
+//! Tests of damaged recordings: whatever happens to the bytes, reading takes little memory and yields
+//! nothing that was not recorded, and a recovery makes a proper recording.
 //!
-//! `TOUCHLINE_MUTATIONS=1000000 cargo test --release -p touchline-recording --test damage` tries a million
-//! damaged files instead of some hundreds; `TOUCHLINE_SEED` gives others.
+//! `TOUCHLINE_MUTATIONS=1000000 cargo test --release -p touchline-recording --test damage` tests a
+//! million damaged files instead of some hundreds; `TOUCHLINE_SEED` selects others.
 
 mod memory;
 
@@ -13,14 +13,14 @@ use std::path::{Path, PathBuf};
 use touchline_recording::recover::{Recovery, recover, recover_to};
 use touchline_recording::{Channel, Damages, Fault, Reader, Setup, Writer};
 
-/// Damaged files that are tried by default.
+/// Damaged files tested by default.
 const MUTATIONS: u64 = 600;
 /// Memory that reading and recovering may take, besides three times the size of the file.
 const MEMORY: u64 = 64 << 20;
 
 type Message = (Channel, u64, Vec<u8>);
 
-/// A folder that goes with the test.
+/// A folder that is removed at the end of the test.
 struct Scratch(PathBuf);
 
 impl Scratch {
@@ -66,7 +66,7 @@ const BEGIN_NS: u64 = 1_700_000_000_000_000_000;
 const CHUNKS: u64 = 24;
 const IN_CHUNK: u64 = 6;
 
-/// A recording of about a second: one in which a chunk is mostly noise, like frames of a camera.
+/// A recording of about a second. One chunk is mostly noise, like camera frames.
 fn sample(scratch: &Scratch, is_finished: bool) -> Vec<u8> {
     let path = scratch.0.join("sample.mcap");
     let _ = std::fs::remove_file(&path);
@@ -96,7 +96,7 @@ fn sample(scratch: &Scratch, is_finished: bool) -> Vec<u8> {
         writer.finish().unwrap();
         std::fs::read(&path).unwrap()
     } else {
-        // As it lies there when the process is killed.
+        // The file as left by a killed process.
         std::fs::read(&path).unwrap()
     };
     std::fs::remove_file(&path).unwrap();
@@ -117,7 +117,7 @@ fn recovered(path: &Path) -> Recovery {
     recover(path, &mut |_, _| ()).unwrap()
 }
 
-/// A file is what any other program takes for a proper recording.
+/// Asserts that another program would accept the file as a proper recording.
 fn assert_proper(path: &Path, messages: usize) {
     let bytes = std::fs::read(path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
@@ -160,7 +160,7 @@ fn an_unfinished_recording_is_completed_in_place() {
     let (before, damages) = read(&path);
     assert_eq!((damages.count, damages.is_finished), (0, false));
     assert!(matches!(recovered(&path), Recovery::Recovered { .. }));
-    // What was there stays where it was.
+    // Existing bytes stay in place.
     assert!(std::fs::read(&path).unwrap().starts_with(&bytes));
     let (after, damages) = read(&path);
     assert!(after == before && damages.is_empty(), "{damages:?}");
@@ -202,7 +202,7 @@ fn damage_is_told_with_its_place_and_time() {
     let scratch = Scratch::new("told");
     let bytes = sample(&scratch, true);
     let mut damaged = bytes.clone();
-    // In the middle of a chunk that is about in the middle of the file.
+    // In a chunk about in the middle of the file.
     let zstd = [0x28, 0xB5, 0x2F, 0xFD];
     let chunks: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == zstd).collect();
     // The first chunk has the channels, the second one the first messages.
@@ -220,11 +220,11 @@ fn damage_is_told_with_its_place_and_time() {
 
     let Recovery::Recovered { damages: told, .. } = recovered(&path) else { panic!() };
     assert_eq!(told, damages);
-    // It stays known that something was there.
+    // The recovered file still records the damage.
     let (_, damages) = read(&path);
     assert_eq!(damages.parts[0].fault, Fault::FencedOff);
     assert!(!damages.is_recoverable() && !damages.is_empty());
-    // The bytes are still there, but for the beginning of the part and the index.
+    // The bytes are still there, except for the beginning of the part and the index.
     let mended = std::fs::read(&path).unwrap();
     assert_eq!(
         mended[chunks[number]..chunks[number + 1]],
@@ -261,7 +261,7 @@ fn a_length_around_the_largest_number_goes_nowhere() {
     let zstd = [0x28, 0xB5, 0x2F, 0xFD];
     let chunk = (8000..bytes.len()).find(|&at| bytes[at..].starts_with(&zstd)).unwrap() - 53;
     assert_eq!(bytes[chunk], 6);
-    // Some of these lead back to an earlier record, if they are added to the place without a check.
+    // Some of these lead back to an earlier record if they are added to the offset unchecked.
     for below in (0..chunk as u64).chain([u64::MAX / 2, u64::MAX - 5]) {
         let mut damaged = bytes.clone();
         damaged[chunk + 1..chunk + 9].copy_from_slice(&(u64::MAX - below).to_le_bytes());
@@ -272,7 +272,7 @@ fn a_length_around_the_largest_number_goes_nowhere() {
     }
 }
 
-/// Values that lengths have when something goes wrong.
+/// Typical corrupt lengths.
 const LENGTHS: [u64; 10] = [
     0,
     1,
@@ -286,7 +286,7 @@ const LENGTHS: [u64; 10] = [
     u64::MAX,
 ];
 
-/// What disks, memory and people do to files.
+/// Typical corruption of files by disks, memory and people.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     for _ in 0..1 + random.below(3) {
         let at = random.below(bytes.len());
@@ -316,8 +316,8 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
-/// A file whose check sums are right and whose chunks hold anything, as only somebody can write it who
-/// means harm: lengths of records in a chunk are wrong, and it grows when it is unpacked.
+/// A file with right checksums and arbitrary content, as only an attacker would write it: record
+/// lengths in a chunk are wrong, and it grows when decompressed.
 fn hostile(random: &mut Random) -> Vec<u8> {
     let mut records = Vec::new();
     let mut record = |opcode: u8, length: u64, body: &[u8]| {
@@ -389,7 +389,7 @@ fn damaged_files_take_little_memory_and_give_nothing_wrong() {
         let mut messages = Vec::new();
         let memory = most_bytes_in(|| {
             let Ok(mut reader) = Reader::open(&path) else { return };
-            // Without keeping what was read: that is not the reader's doing.
+            // Read messages are not kept, since their memory would not be the reader's.
             for entry in reader.by_ref() {
                 let entry = entry.unwrap();
                 if !is_hostile {
@@ -409,7 +409,7 @@ fn damaged_files_take_little_memory_and_give_nothing_wrong() {
                 unreadable += u64::from(outcome.is_err());
                 return;
             }
-            // There was no room for a mark; that is said, and a copy has it.
+            // There was no room for a mark; the error says so, and a copy has it.
             let to = scratch.0.join("copy.mcap");
             let _ = std::fs::remove_file(&to);
             let file = File::options().read(true).write(true).create_new(true).open(&to).unwrap();

@@ -1,9 +1,9 @@
-//! An allocator that knows how much memory a thread has at most. What zstd takes by itself does not count.
+//! An allocator that measures the peak memory of a thread. Memory allocated inside zstd does not count.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-/// The system's allocator, measuring.
+/// The system's allocator with measurement.
 struct Measuring;
 
 thread_local! {
@@ -16,27 +16,27 @@ fn add(bytes: i64) {
     MOST.set(MOST.get().max(NOW.get()));
 }
 
-// SAFETY: all work is the system allocator's; measuring touches nothing but two numbers of the thread's
-// own, which need no allocation and no destructor.
+// SAFETY: all work is done by the system allocator; measuring only touches two thread-local numbers,
+// which need no allocation and no destructor.
 #[allow(unsafe_code)] // the trait is unsafe
 unsafe impl GlobalAlloc for Measuring {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         add(layout.size() as i64);
-        // SAFETY: as promised to us.
+        // SAFETY: the caller's guarantee.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, place: *mut u8, layout: Layout) {
         add(-(layout.size() as i64));
-        // SAFETY: as promised to us.
+        // SAFETY: the caller's guarantee.
         unsafe { System.dealloc(place, layout) }
     }
 
     unsafe fn realloc(&self, place: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // Both may be there for a moment.
+        // Both blocks may exist for a moment.
         add(size as i64);
         add(-(layout.size() as i64));
-        // SAFETY: as promised to us.
+        // SAFETY: the caller's guarantee.
         unsafe { System.realloc(place, layout, size) }
     }
 }
@@ -44,7 +44,7 @@ unsafe impl GlobalAlloc for Measuring {
 #[global_allocator]
 static ALLOCATOR: Measuring = Measuring;
 
-/// The most memory that `work` has at a time, besides what the thread had before.
+/// Peak memory of `work`, besides what the thread had before.
 pub fn most_bytes_in(work: impl FnOnce()) -> u64 {
     let before = NOW.get();
     MOST.set(before);
