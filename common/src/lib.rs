@@ -1,5 +1,5 @@
-//! What two or more Touchline processes share: the messages and the topics they travel on, the
-//! geometry between image and field, the configuration, and the frame every process runs in.
+//! Code shared by two or more Touchline processes: messages and topics, geometry between image and
+//! field, configuration, and the frame every process runs in.
 //!
 //! Dependencies point one way: stages depend on this crate and never on each other, so a message
 //! is the only thing one stage can know about another.
@@ -12,7 +12,7 @@
 //!   radians, counter-clockwise from x.
 //! * **robot**: millimetres; origin at the centre of the robot's top, x forward, y to the left.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process must survive the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod body;

@@ -185,7 +185,7 @@ pub const HEALTH: Topic<Heartbeat> =
 pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
 /// State of the grabber's real camera.
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
-/// What the supervisor noticed and did. Late readers get the last events too.
+/// Observations and actions of the supervisor. Late readers get the last events too.
 pub const EVENTS: Topic<GroupEvent> =
     Topic { history: 16, ..topic("events", "monitor", "loggers", 64) };
 /// The report of the running group, as JSON text.

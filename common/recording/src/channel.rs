@@ -18,17 +18,17 @@ pub enum Channel {
     Setup,
     /// Frames as `foxglove.RawImage`.
     Frames,
-    /// As on the topic: the header, then the valid runs.
+    /// Same as the topic: the header, then the valid runs.
     Runs,
-    /// As on the topic.
+    /// Same as the topic.
     Detections,
-    /// As on the topic.
+    /// Same as the topic.
     World,
-    /// As on the topic.
+    /// Same as the topic.
     Commands,
-    /// As on the topic.
+    /// Same as the topic.
     Truth,
-    /// As on the topic.
+    /// Same as the topic.
     Health,
     /// The pitch, robots and ball of `world` as `foxglove.SceneUpdate`, for viewers.
     Scene,

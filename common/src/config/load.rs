@@ -1,7 +1,7 @@
-//! From a file to a checked configuration, or to a complaint that shows the line.
+//! Reads a file into a checked configuration, or into diagnostics that show the faulty lines.
 //!
-//! The preset's configuration is the base; the file's keys replace its values one by one, lists as
-//! a whole. All that is wrong is reported at once.
+//! The preset's configuration is the base; the file's keys replace its values one by one, lists as a
+//! whole. All problems are reported at once.
 
 use super::complaint::{Complaint, Complaints, Place};
 use super::problem::{Problem, element_path, key_path};
@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
-/// Why there is no configuration. The text is for people: it shows each faulty line.
+/// Reason why there is no configuration. The text shows each faulty line.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
@@ -21,10 +21,10 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The system's answer.
         source: std::io::Error,
     },
-    /// The file was read and is wrong.
+    /// The file was read, but its content is invalid.
     #[error("{0}")]
     Invalid(Complaints),
 }
@@ -35,14 +35,14 @@ impl Config {
         Self::parse(&read(path)?, &path.display().to_string())
     }
 
-    /// Checks the text of a configuration; `origin` is its name in complaints.
+    /// Parses and checks the text of a configuration; `origin` is its name in diagnostics.
     pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
         let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
         document.config().map_err(ConfigError::Invalid)
     }
 }
 
-/// As [`Config::load`], and tells what is possible but hardly meant.
+/// Like [`Config::load`], and also returns warnings about settings that are probably not intended.
 pub fn check_file(path: &Path) -> Result<(Config, Complaints), ConfigError> {
     check(&read(path)?, &path.display().to_string())
 }
@@ -52,7 +52,7 @@ fn read(path: &Path) -> Result<String, ConfigError> {
         .map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
-/// As [`Config::parse`], and tells what is possible but hardly meant.
+/// Like [`Config::parse`], and also returns warnings about settings that are probably not intended.
 pub fn check(text: &str, origin: &str) -> Result<(Config, Complaints), ConfigError> {
     let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
     let config = document.config().map_err(ConfigError::Invalid)?;
@@ -60,7 +60,7 @@ pub fn check(text: &str, origin: &str) -> Result<(Config, Complaints), ConfigErr
     Ok((config, warnings))
 }
 
-/// A parsed text that still knows where everything is.
+/// A parsed text with the positions of its keys.
 struct Document<'a> {
     text: &'a str,
     origin: &'a str,
@@ -70,7 +70,7 @@ struct Document<'a> {
 
 impl<'a> Document<'a> {
     fn parse(text: &'a str, origin: &'a str) -> Result<Self, Complaints> {
-        // Not every text comes from a file of its own: recordings have one in them.
+        // Not every text is a file of its own: recordings contain one.
         input::check(text.len() as u64, input::CONFIG).map_err(|error| Complaints {
             list: vec![Complaint {
                 origin: origin.to_string(),
@@ -92,7 +92,8 @@ impl<'a> Document<'a> {
     }
 
     fn config(&self) -> Result<Config, Complaints> {
-        // What concerns the text alone: it may keep the rest from making a configuration at all.
+        // Violations of the schema first: they may prevent the rest from becoming a configuration at
+        // all.
         let mut problems = Schema::new().problems(&toml::Value::Table(self.values.clone()));
         match self.merged() {
             Ok(config) => {
@@ -120,14 +121,14 @@ impl<'a> Document<'a> {
         };
         let mut base = preset.config();
         if self.values.contains_key("colors") {
-            // The preset's pitch is seen as that which the preset's colours are made for.
+            // The preset's pitch colour belongs to the preset's colours.
             base.light.pitch_rgb = None;
         }
         let mut values = self.values.clone();
         values.get_mut("colors").into_iter().for_each(complete_colors);
         let geometry = values.remove("geometry");
         let mut config = merge(&base, values)?;
-        // The preset's camera sees the preset's field: another field or picture needs another.
+        // The preset's camera fits the preset's field and picture size only.
         if (&config.field, config.camera.width, config.camera.height)
             != (&base.field, base.camera.width, base.camera.height)
         {
@@ -142,14 +143,14 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// Finds the places of problems, and sorts by them.
+    /// Finds the positions of problems, and sorts by them.
     fn complaints(&self, problems: Vec<Problem>) -> Complaints {
         let mut list: Vec<(usize, Complaint)> = Vec::new();
         let mut more_of_preset = Vec::<(String, usize)>::new();
         for mut problem in problems {
             let mut found = self.find(&problem.path, problem.at_key);
             if !found.exact {
-                // One line about a list of the preset, not one for each of its elements.
+                // One diagnostic for a list of the preset, not one for each of its elements.
                 let list_path = problem.path.split('[').next().unwrap_or_default().to_string();
                 if let Some((_, more)) = more_of_preset.iter_mut().find(|(p, _)| *p == list_path) {
                     *more += 1;
@@ -185,7 +186,7 @@ impl<'a> Document<'a> {
         Complaints { list: list.into_iter().map(|(_, complaint)| complaint).collect() }
     }
 
-    /// Where a key or its value is, or else the nearest table around it.
+    /// Position of a key or of its value, or else of the nearest enclosing table.
     fn find(&self, path: &str, at_key: bool) -> Found {
         let mut found = Found { span: None, exact: path.is_empty() };
         found.search_table(&self.spans, "", path, at_key);
@@ -195,7 +196,7 @@ impl<'a> Document<'a> {
 
 struct Found {
     span: Option<Range<usize>>,
-    /// The very key, not only a table around it.
+    /// Exactly this key, not only an enclosing table.
     exact: bool,
 }
 
@@ -230,7 +231,7 @@ impl Found {
     }
 }
 
-/// Writes `teams.yellow = "orange"` as `teams.yellow = { color = "orange" }`.
+/// Expands `teams.yellow = "orange"` to `teams.yellow = { color = "orange" }`.
 fn write_out_short_forms(values: &mut toml::Table) {
     let Some(toml::Value::Table(teams)) = values.get_mut("teams") else { return };
     for (_, team) in teams.iter_mut().filter(|(_, team)| team.is_str()) {
@@ -239,13 +240,12 @@ fn write_out_short_forms(values: &mut toml::Table) {
     }
 }
 
-/// Whether `path` is that of the target or of something around it.
+/// Whether `path` is the target or encloses it.
 fn leads_to(path: &str, target: &str) -> bool {
     target.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
 }
 
-/// Gives colours of which only the looks are known a box around them. Whatever is wrong with the list
-/// is complained of elsewhere.
+/// Adds a box to colours with nothing but `looks`. Other faults of the list are reported elsewhere.
 fn complete_colors(colors: &mut toml::Value) {
     let tables = colors.as_array_mut().into_iter().flatten().filter_map(toml::Value::as_table_mut);
     for color in tables {
@@ -300,7 +300,7 @@ mod tests {
         }
     }
 
-    /// The first lines of the complaints.
+    /// The first lines of the diagnostics.
     fn headlines(text: &str) -> Vec<String> {
         let message = message(text);
         let lines = message.lines().filter(|line| line.starts_with("match.toml"));
@@ -340,7 +340,7 @@ mod tests {
             (colors[1].red, colors[1].green, colors[1].blue),
             ([105, 255], [0, 39], [0, 25])
         );
-        // With any other bound, what is left out is not bounded.
+        // With any other bound given, missing ones stay unbounded.
         let bounded = all.replacen("looks", "hue_deg = [350, 20]\nlooks", 1);
         assert_eq!(parse(&bounded).colors[0].red, [0, 255]);
         let missing = headlines("[[colors]]\nname = \"red\"\n");
@@ -446,7 +446,7 @@ mod tests {
             headlines(text),
             [
                 "match.toml:6:1: robots.identities[1]: the key `id` is missing",
-                // That `colors` is missing needs no complaint of its own.
+                // The missing `colors` is not reported separately.
                 "match.toml:8:1: robots.identities[1].colour: there is no such key",
             ]
         );
@@ -475,7 +475,7 @@ mod tests {
         let lines: Vec<&str> = message.lines().collect();
         assert!(lines[0].starts_with("match.toml:1:1: teams.yellow: there is no colour"));
         assert!(lines[2].contains("teams.yellow is not in the file"), "{message}");
-        // Ten robots wear colours that are gone: one complaint.
+        // Ten robots wear colours that no longer exist: one diagnostic.
         let robots: Vec<_> = lines.iter().filter(|line| line.contains("identities[")).collect();
         assert_eq!(robots.len(), 1, "{message}");
         assert!(robots[0].ends_with("(and 9 more in robots.identities)"), "{message}");
@@ -521,7 +521,7 @@ mod tests {
         assert_eq!(parse("[light]\nbrightness = 1").light.pitch_rgb, preset.light.pitch_rgb);
         let text = commented_toml(&preset);
         assert_eq!(parse(&text), preset);
-        // Colours of one's own are set for a pitch that nobody knows, unless it is given.
+        // Colours of one's own are set for an unknown pitch, unless it is given.
         let is_pitch = |line: &&str| line.starts_with("pitch_rgb");
         let without: Vec<&str> = text.lines().filter(|line| !is_pitch(line)).collect();
         let config = parse(&without.join("\n"));
@@ -535,12 +535,12 @@ mod tests {
         let field = FieldConfig { length_mm: 2000.0, ..FieldConfig::default() };
         assert_eq!(config.geometry, GeometryConfig::above(&field, &config.camera, 2200.0));
         assert_eq!(config.warnings(), []);
-        // What is given stays.
+        // Given values stay.
         let config =
             parse("[camera]\nwidth = 1280\nheight = 960\n[geometry]\ncamera_mm = [1, 2, 3000]");
         assert_eq!(config.geometry.camera_mm, [1.0, 2.0, 3000.0]);
         assert_eq!(config.geometry.distortion.center_px, [639.5, 479.5]);
-        // Other changes leave the preset's camera alone.
+        // Other changes leave the preset's camera as it is.
         assert_eq!(parse("[camera]\nfps = 200").geometry, Config::default().geometry);
     }
 
@@ -550,7 +550,7 @@ mod tests {
         assert!(error.contains("/nowhere/match.toml"), "{error}");
     }
 
-    /// Whether it is accepted does not matter, as long as there is an answer.
+    /// Whether the text is accepted does not matter, as long as there is an answer.
     fn survives(text: &str) {
         match check(text, "any") {
             Ok((config, warnings)) => {

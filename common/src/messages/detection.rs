@@ -113,7 +113,7 @@ impl From<u32> for RobotId {
     }
 }
 
-/// Described in messages as what it is there: a `u32`.
+/// Described in messages as a plain `u32`.
 impl JsonSchema for RobotId {
     fn inline_schema() -> bool {
         true

@@ -3,7 +3,7 @@
 use std::fmt;
 
 /// Meaning of a raw frame's bytes. Names and memory layouts are those of V4L2 and GenICam, so that a
-/// camera driver only passes on what it gets.
+/// camera driver passes its pictures on unchanged.
 ///
 /// Rows are [`FrameHeader::stride`](super::FrameHeader::stride) bytes apart; bytes after a row's pixels
 /// are padding. Chroma shared by two or four pixels counts for each of them; with an odd width or

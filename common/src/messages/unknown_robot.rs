@@ -69,7 +69,7 @@ pub struct UnknownRobotHypothesis {
 pub struct UnknownRobotMemory {
     /// A [`Team`](super::Team) number.
     pub team: u32,
-    /// As in [`UnknownRobotState`]; 0 for a candidate that has not been seen often enough.
+    /// The `track_id` of [`UnknownRobotState`]; 0 for a candidate that has not been seen often enough.
     pub track_id: u32,
     /// A [`TrackStatus`](super::TrackStatus) number.
     pub status: u32,

@@ -143,7 +143,7 @@ pub struct RobotMemory {
     pub t_seen_ns: u64,
     /// Capture time of the newest measurement outside the gate.
     pub t_gated_ns: u64,
-    /// That measurement: x_mm, y_mm, orientation.
+    /// The newest measurement outside the gate: x_mm, y_mm, orientation.
     pub gated_pose: [f64; 3],
     /// Number of consecutive measurements outside the gate, up to that one, that agree with one
     /// another.
@@ -207,7 +207,7 @@ pub struct BallMemory {
     pub t_seen_ns: u64,
     /// Capture time of the newest measurement outside the gate.
     pub t_gated_ns: u64,
-    /// That measurement: x_mm, y_mm.
+    /// The newest measurement outside the gate: x_mm, y_mm.
     pub gated_position: [f64; 2],
     /// Number of consecutive measurements outside the gate, up to that one, that agree with one
     /// another.
