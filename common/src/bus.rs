@@ -98,7 +98,7 @@ fn check_memory(topic: &'static str) -> Result<(), BusError> {
 }
 
 /// Allocates the memory that the messages of an ordinary match will need.
-fn fill_in<E: Message, H: Header>(
+fn populate<E: Message, H: Header>(
     port: &IpcPublisher<ipc::Service, [E], H>,
     topic: &Topic<E, H>,
     capacity: usize,
@@ -108,13 +108,13 @@ fn fill_in<E: Message, H: Header>(
     let begin = std::ptr::from_ref(first.header()).cast::<u8>();
     let memory = topic.memory(capacity);
     let (distance, bytes) = (memory.message_bytes, memory.ordinary_message_bytes);
-    let is_filled_in = if bytes == distance {
-        memory::fill_in(begin, (memory.usual_places * distance) as usize)
+    let is_populated = if bytes == distance {
+        memory::populate(begin, (memory.usual_slots * distance) as usize)
     } else {
-        let mut places = (0..memory.usual_places).map(|place| (place * distance) as usize);
-        places.all(|offset| memory::fill_in(begin.wrapping_add(offset), bytes as usize))
+        let mut places = (0..memory.usual_slots).map(|place| (place * distance) as usize);
+        places.all(|offset| memory::populate(begin.wrapping_add(offset), bytes as usize))
     };
-    if is_filled_in {
+    if is_populated {
         return Ok(());
     }
     let free = memory::free_bytes().unwrap_or(0);
@@ -138,7 +138,7 @@ fn refused<E: Debug>(
 
 /// Retries while all slots are taken: the supervisor clears the slots of dead processes several times a
 /// second.
-fn when_there_is_a_place<T>(
+fn retry_while_full<T>(
     patience: Duration,
     mut connect: impl FnMut() -> Result<T, BusError>,
 ) -> Result<T, BusError> {
@@ -146,7 +146,7 @@ fn when_there_is_a_place<T>(
     loop {
         match connect() {
             Err(BusError::Full { .. }) if begun.elapsed() < patience => {
-                std::thread::sleep(PLACE_RETRY);
+                std::thread::sleep(FULL_RETRY);
             }
             outcome => return outcome,
         }
@@ -154,8 +154,8 @@ fn when_there_is_a_place<T>(
 }
 
 /// Time for which a full topic is retried.
-const PLACE_PATIENCE: Duration = Duration::from_secs(2);
-const PLACE_RETRY: Duration = Duration::from_millis(20);
+const FULL_TIMEOUT: Duration = Duration::from_secs(2);
+const FULL_RETRY: Duration = Duration::from_millis(20);
 
 /// A process's membership in an instance.
 pub struct Bus {
@@ -167,7 +167,7 @@ pub struct Bus {
 }
 
 /// Keeps the topic's service alive until dropped.
-pub struct Kept<E: Message, H: Header> {
+pub struct KeptTopic<E: Message, H: Header> {
     _service: PublishSubscribeFactory<ipc::Service, [E], H>,
 }
 
@@ -201,7 +201,7 @@ impl Bus {
             .map_err(failed("node", "join the instance"))?;
         let roster = Roster::open(instance).map_err(failed("node", "map the roster"))?;
         let roster = Rc::new(roster);
-        Ok(Self { node, namespace, roster, patience: PLACE_PATIENCE })
+        Ok(Self { node, namespace, roster, patience: FULL_TIMEOUT })
     }
 
     /// The group's names in shared memory.
@@ -239,7 +239,7 @@ impl Bus {
         let is_full = |error: &PublisherCreateError| {
             *error == PublisherCreateError::ExceedsMaxSupportedPublishers
         };
-        let port = when_there_is_a_place(self.patience, || {
+        let port = retry_while_full(self.patience, || {
             self.open(topic)?
                 .publisher_builder()
                 .initial_max_slice_len(capacity)
@@ -249,7 +249,7 @@ impl Bus {
                 .create()
                 .map_err(refused(topic.name, action, is_full))
         })?;
-        fill_in(&port, topic, capacity)?;
+        populate(&port, topic, capacity)?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
         Ok(Publisher::new(port, published, notifier, topic.name))
@@ -291,7 +291,7 @@ impl Bus {
         let is_full = |error: &SubscriberCreateError| {
             *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
         };
-        let (port, borrowed) = when_there_is_a_place(self.patience, || {
+        let (port, borrowed) = retry_while_full(self.patience, || {
             let service = self.open(topic)?;
             // An existing topic may have been made with less; then less is available.
             let made = service.static_config();
@@ -318,8 +318,11 @@ impl Bus {
 
     /// Keeps a topic's service alive without writing or reading. A service ends with its last process,
     /// and a process killed while it creates the service again can leave one that no process can open.
-    pub fn keep<E: Message, H: Header>(&self, topic: &Topic<E, H>) -> Result<Kept<E, H>, BusError> {
-        when_there_is_a_place(self.patience, || Ok(Kept { _service: self.open(topic)? }))
+    pub fn keep<E: Message, H: Header>(
+        &self,
+        topic: &Topic<E, H>,
+    ) -> Result<KeptTopic<E, H>, BusError> {
+        retry_while_full(self.patience, || Ok(KeptTopic { _service: self.open(topic)? }))
     }
 
     /// How many processes are connected to a topic, spares included.

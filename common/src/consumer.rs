@@ -143,7 +143,7 @@ pub fn is_there(instance: &Instance) -> bool {
 
 /// Position of a message relative to the messages before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum Position {
     /// It follows the last one, is the first, or the topic is not numbered.
     Next,
     /// Numbers before it were skipped.
@@ -154,7 +154,7 @@ pub enum Place {
     /// It or a later one was delivered already.
     Repeated,
     /// Numbers have started again, which happens only when another group starts.
-    Anew,
+    Restarted,
 }
 
 /// Follows the message numbers of a topic.
@@ -166,21 +166,21 @@ pub struct Order {
 impl Order {
     /// Finds the position of a message from its number and the capture time of its frame (0 on topics
     /// without numbers), and remembers it as the last one unless it is a repetition.
-    pub fn place(&mut self, seq: u64, t_capture_ns: u64) -> Place {
+    pub fn position(&mut self, seq: u64, t_capture_ns: u64) -> Position {
         if t_capture_ns == 0 {
-            return Place::Next;
+            return Position::Next;
         }
-        let place = match self.last {
-            None => Place::Next,
+        let position = match self.last {
+            None => Position::Next,
             Some((last, _)) if seq > last => match seq - last - 1 {
-                0 => Place::Next,
-                missed => Place::After { missed },
+                0 => Position::Next,
+                missed => Position::After { missed },
             },
-            Some((_, last_ns)) if t_capture_ns > last_ns => Place::Anew,
-            Some(_) => return Place::Repeated,
+            Some((_, last_ns)) if t_capture_ns > last_ns => Position::Restarted,
+            Some(_) => return Position::Repeated,
         };
         self.last = Some((seq, t_capture_ns));
-        place
+        position
     }
 
     /// The event for a message; `None` for a repetition. If another event comes first, the message is
@@ -192,11 +192,11 @@ impl Order {
         message: M,
         pending: &mut Option<M>,
     ) -> Option<Event<M>> {
-        let event = match self.place(seq, t_capture_ns) {
-            Place::Repeated => return None,
-            Place::Next => return Some(Event::Message(message)),
-            Place::After { missed } => Event::Missed(missed),
-            Place::Anew => Event::Restarted,
+        let event = match self.position(seq, t_capture_ns) {
+            Position::Repeated => return None,
+            Position::Next => return Some(Event::Message(message)),
+            Position::After { missed } => Event::Missed(missed),
+            Position::Restarted => Event::Restarted,
         };
         *pending = Some(message);
         Some(event)
@@ -210,13 +210,13 @@ mod tests {
     #[test]
     fn gaps_repetitions_and_new_groups_are_told_apart() {
         let mut order = Order::default();
-        assert_eq!(order.place(100, 1000), Place::Next, "the first may have any number");
-        assert_eq!(order.place(101, 1010), Place::Next);
-        assert_eq!(order.place(101, 1010), Place::Repeated);
-        assert_eq!(order.place(104, 1040), Place::After { missed: 2 });
-        assert_eq!(order.place(102, 1020), Place::Repeated, "too late");
-        assert_eq!(order.place(0, 9000), Place::Anew);
-        assert_eq!(order.place(1, 9010), Place::Next);
-        assert_eq!(order.place(0, 0), Place::Next, "no numbers");
+        assert_eq!(order.position(100, 1000), Position::Next, "the first may have any number");
+        assert_eq!(order.position(101, 1010), Position::Next);
+        assert_eq!(order.position(101, 1010), Position::Repeated);
+        assert_eq!(order.position(104, 1040), Position::After { missed: 2 });
+        assert_eq!(order.position(102, 1020), Position::Repeated, "too late");
+        assert_eq!(order.position(0, 9000), Position::Restarted);
+        assert_eq!(order.position(1, 9010), Position::Next);
+        assert_eq!(order.position(0, 0), Position::Next, "no numbers");
     }
 }

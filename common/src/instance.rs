@@ -7,7 +7,7 @@ pub mod namespace;
 pub use namespace::{ForeignFile, Namespace};
 
 use crate::memory::PlaceError;
-use crate::private::{self, Others, PrivacyError, Problem};
+use crate::private::{self, OthersMay, PrivacyError, Problem};
 use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -309,10 +309,10 @@ fn remove_if_made(path: &Path) {
 /// Checks that two directories, the second inside the first, are this user's alone as far as they
 /// exist, and that no other user can replace them.
 fn check_places([base, directory]: [&Path; 2]) -> Result<(), InstanceError> {
-    private::check_way(base)?;
+    private::check_ancestors(base)?;
     // In a directory like /tmp other users can add entries, but not remove ours.
-    private::check_directory(base, Others::Add)?;
-    Ok(private::check_directory(directory, Others::Read)?)
+    private::check_directory(base, OthersMay::Add)?;
+    Ok(private::check_directory(directory, OthersMay::Read)?)
 }
 
 /// Whether everything in a directory, except directories for other users, is closed to others by its

@@ -31,7 +31,7 @@ pub(crate) struct Lens {
     /// Largest radius at which the polynomial is used.
     limit: f64,
     /// Value of the polynomial at the limit.
-    limit_seen: f64,
+    limit_value: f64,
     /// Slope of the tangent beyond the limit.
     limit_slope: f64,
 }
@@ -63,7 +63,7 @@ impl Lens {
             scale_px,
             k,
             limit,
-            limit_seen: bent(&k, limit),
+            limit_value: distorted(&k, limit),
             limit_slope: slope(&k, limit).max(MIN_SLOPE),
         }
     }
@@ -75,7 +75,7 @@ impl Lens {
 
     /// Whether the polynomial is used for a pixel.
     pub fn reaches_pixel(&self, pixel: Vector2<f64>) -> bool {
-        (pixel - self.center).norm() <= self.limit_seen * self.scale_px
+        (pixel - self.center).norm() <= self.limit_value * self.scale_px
     }
 
     /// The pixel at which a ray is seen. A ray is a point of the ideal picture, in pixels, times a
@@ -89,7 +89,7 @@ impl Lens {
                 if r <= self.limit {
                     self.center + offset * even(&self.k, r * r)
                 } else {
-                    self.center + offset * (self.seen(r) / r)
+                    self.center + offset * (self.distort(r) / r)
                 }
             }
             DistortionModel::Fisheye => {
@@ -100,7 +100,7 @@ impl Lens {
                     return self.center + offset / ray.z;
                 }
                 let angle = across.atan2(along);
-                self.center + offset * (self.seen(angle) * self.scale_px / across)
+                self.center + offset * (self.distort(angle) * self.scale_px / across)
             }
         }
     }
@@ -114,7 +114,7 @@ impl Lens {
         for (seen, pixel) in seen.iter_mut().zip(&pixels) {
             *seen = (pixel - self.center).norm() / self.scale_px;
         }
-        let radii = self.unseen(seen);
+        let radii = self.undistort(seen);
         let mut rays = [Vector3::zeros(); N];
         for (index, ray) in rays.iter_mut().enumerate() {
             let (pixel, radius, seen) = (pixels[index], radii[index], seen[index]);
@@ -145,16 +145,16 @@ impl Lens {
     }
 
     /// Distorted radius: the polynomial, or its tangent beyond the limit.
-    fn seen(&self, radius: f64) -> f64 {
+    fn distort(&self, radius: f64) -> f64 {
         if radius <= self.limit {
-            bent(&self.k, radius)
+            distorted(&self.k, radius)
         } else {
-            self.limit_seen + self.limit_slope * (radius - self.limit)
+            self.limit_value + self.limit_slope * (radius - self.limit)
         }
     }
 
-    /// Inverse of [`seen`](Self::seen).
-    fn unseen<const N: usize>(&self, seen: [f64; N]) -> [f64; N] {
+    /// Inverse of [`distort`](Self::distort).
+    fn undistort<const N: usize>(&self, seen: [f64; N]) -> [f64; N] {
         let mut radius = seen.map(|seen| seen.min(self.limit));
         // Bracket of the solution. If a step is not at most half as long as the one before, or leaves
         // the bracket, the bracket is bisected instead: Newton's method alone can oscillate for ever.
@@ -162,8 +162,8 @@ impl Lens {
         let mut last_step = [self.limit; N];
         let mut is_moving = [true; N];
         for index in 0..N {
-            if seen[index] >= self.limit_seen {
-                radius[index] = self.limit + (seen[index] - self.limit_seen) / self.limit_slope;
+            if seen[index] >= self.limit_value {
+                radius[index] = self.limit + (seen[index] - self.limit_value) / self.limit_slope;
                 is_moving[index] = false;
             }
         }
@@ -173,7 +173,7 @@ impl Lens {
             }
             for index in 0..N {
                 let r = radius[index];
-                let error = bent(&self.k, r) - seen[index];
+                let error = distorted(&self.k, r) - seen[index];
                 let step = error / slope(&self.k, r);
                 let is_beyond = error > 0.0;
                 let low = if is_beyond { least[index] } else { r };
@@ -210,7 +210,7 @@ fn limit(k: &[f64; 4], farthest: f64) -> f64 {
 }
 
 /// The polynomial: x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸).
-fn bent(k: &[f64; 4], x: f64) -> f64 {
+fn distorted(k: &[f64; 4], x: f64) -> f64 {
     x * even(k, x * x)
 }
 
@@ -274,7 +274,7 @@ mod tests {
         #[test]
         fn nothing_is_folded_over(distortion in any_lens(), a in 0.0..3.0f64, b in 0.0..3.0f64) {
             let lens = Lens::new(&distortion, PICTURE);
-            prop_assert_eq!(a < b, lens.seen(a) < lens.seen(b));
+            prop_assert_eq!(a < b, lens.distort(a) < lens.distort(b));
         }
     }
 

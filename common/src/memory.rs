@@ -32,7 +32,7 @@ pub struct TopicMemory {
     pub places: u64,
     /// Slots in use while readers keep up or sleep: history and full buffers hold the same newest
     /// messages.
-    pub usual_places: u64,
+    pub usual_slots: u64,
     /// Bytes of an ordinary message.
     pub ordinary_message_bytes: u64,
     /// Writers at the same time: the stage's process and its spare.
@@ -47,7 +47,7 @@ impl TopicMemory {
 
     /// Bytes in use while readers keep up, whatever the pictures.
     pub fn usual_bytes(&self) -> u64 {
-        self.usual_places * self.message_bytes
+        self.usual_slots * self.message_bytes
     }
 }
 
@@ -63,7 +63,7 @@ impl<E: Message, H: Header> Topic<E, H> {
             topic: self.name,
             message_bytes,
             places: (in_readers_hands + self.history + self.loaned) as u64,
-            usual_places: usual as u64,
+            usual_slots: usual as u64,
             ordinary_message_bytes: message_bytes.min(self.ordinary_bytes as u64),
             writers: 1,
         }
@@ -119,7 +119,7 @@ impl GroupMemory {
     /// Minimum for a match: ordinary pictures, and readers that keep up.
     pub fn least_bytes(&self) -> u64 {
         let of =
-            |topic: &TopicMemory| topic.usual_places * topic.ordinary_message_bytes * topic.writers;
+            |topic: &TopicMemory| topic.usual_slots * topic.ordinary_message_bytes * topic.writers;
         self.topics.iter().map(of).sum::<u64>() + BOOKKEEPING_BYTES
     }
 
@@ -127,7 +127,7 @@ impl GroupMemory {
     /// all others create for a new reader. Those others would die if memory were missing.
     pub fn start_bytes(&self, topic: &str) -> u64 {
         let own = self.topics.iter().filter(|memory| memory.topic == topic);
-        own.map(|memory| memory.usual_places * memory.ordinary_message_bytes).sum::<u64>()
+        own.map(|memory| memory.usual_slots * memory.ordinary_message_bytes).sum::<u64>()
             + STARTING_BYTES
     }
 
@@ -207,7 +207,7 @@ pub fn check_room_for_readers() -> Result<(), u64> {
 /// of a SIGBUS; `false` if there is no memory. Kernels before 5.14 cannot do that, which is not an
 /// error.
 #[allow(unsafe_code)]
-pub(crate) fn fill_in(begin: *const u8, bytes: usize) -> bool {
+pub(crate) fn populate(begin: *const u8, bytes: usize) -> bool {
     let page = rustix::param::page_size();
     let offset = begin.addr() % page;
     let begin = begin.wrapping_sub(offset).cast_mut().cast();
@@ -301,11 +301,11 @@ mod tests {
     #[test]
     fn memory_that_is_not_there_is_no_reason_to_die() {
         assert!(
-            !fill_in(std::ptr::without_provenance(1 << 20), 1 << 20),
+            !populate(std::ptr::without_provenance(1 << 20), 1 << 20),
             "nothing is mapped there"
         );
         let bytes = vec![0_u8; 100_000];
-        assert!(fill_in(bytes.as_ptr(), bytes.len()));
+        assert!(populate(bytes.as_ptr(), bytes.len()));
     }
 
     #[test]
@@ -321,7 +321,7 @@ mod tests {
         assert!(memory.ample_bytes() > memory.least_bytes());
         let colour = GroupMemory::with_frames_of(&Config::default(), 3 * 640 * 480);
         let more = colour.least_bytes() - memory.least_bytes();
-        assert!(more >= 2 * 640 * 480 * frames.usual_places, "{more}");
+        assert!(more >= 2 * 640 * 480 * frames.usual_slots, "{more}");
 
         let mut large = Config::default();
         (large.camera.width, large.camera.height) = (2448, 2048);

@@ -77,7 +77,7 @@ fn advice(path: &Path, directory: &Path, problem: &Problem) -> String {
 
 /// Access that other users may have to a directory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Others {
+pub enum OthersMay {
     /// They may not write.
     Read,
     /// They may add entries of their own, as in `/tmp`.
@@ -85,7 +85,7 @@ pub enum Others {
 }
 
 /// Checks that a directory belongs to this user and gives other users no more access than this.
-pub fn check_directory(path: &Path, others: Others) -> Result<(), PrivacyError> {
+pub fn check_directory(path: &Path, others: OthersMay) -> Result<(), PrivacyError> {
     let exposed =
         |problem| Err(PrivacyError::Exposed { path: path.into(), problem, directory: path.into() });
     let Some(data) = look_at(path)? else { return Ok(()) };
@@ -99,7 +99,7 @@ pub fn check_directory(path: &Path, others: Others) -> Result<(), PrivacyError> 
 
 /// Checks that only root and this user can replace a directory: all directories above it belong to one
 /// of them, and other users can at most add entries. Missing directories are not checked.
-pub fn check_way(directory: &Path) -> Result<(), PrivacyError> {
+pub fn check_ancestors(directory: &Path) -> Result<(), PrivacyError> {
     let Some(parent) = directory.parent() else { return Ok(()) };
     check_above(parent, directory)?;
     // Links on the path lead to other places, which must pass the same check.
@@ -117,7 +117,7 @@ fn check_above(parent: &Path, directory: &Path) -> Result<(), PrivacyError> {
         let Some(data) = look_at(path)? else { return Ok(()) };
         let problem = if ![0, root, own_uid()].contains(&data.uid()) {
             Problem::Foreign(data.uid())
-        } else if data.is_dir() && can_be_exchanged(&data, Others::Add) {
+        } else if data.is_dir() && can_be_exchanged(&data, OthersMay::Add) {
             Problem::Writable
         } else {
             continue;
@@ -147,11 +147,11 @@ fn problem_of(data: &fs::Metadata) -> Option<Problem> {
     }
 }
 
-fn can_be_exchanged(data: &fs::Metadata, others: Others) -> bool {
+fn can_be_exchanged(data: &fs::Metadata, others: OthersMay) -> bool {
     const STICKY: u32 = 0o1000;
     let is_sticky = data.mode() & STICKY != 0;
     let is_writable = data.mode() & 0o022 != 0 && !is_for_own_group(data);
-    is_writable && !(is_sticky && others == Others::Add)
+    is_writable && !(is_sticky && others == OthersMay::Add)
 }
 
 /// Whether only this user and the user's own group may write: many systems give every user a group with
@@ -168,14 +168,14 @@ fn own_uid() -> u32 {
 /// Creates a directory accessible to this user alone, and missing ones above it, and checks it and the
 /// path to it.
 pub fn create_directory(path: &Path) -> Result<(), PrivacyError> {
-    check_way(path)?;
+    check_ancestors(path)?;
     let made = DirBuilder::new().recursive(true).mode(0o700).create(path);
     match made {
         // If something other than a directory exists there, the check has the better error.
         Err(source) if fs::symlink_metadata(path).is_err() => {
             Err(PrivacyError::Io { path: path.into(), source })
         }
-        _ => check_directory(path, Others::Read),
+        _ => check_directory(path, OthersMay::Read),
     }
 }
 
@@ -277,14 +277,14 @@ mod tests {
 
         let link = scratch.0.join("link");
         symlink(&inner, &link).unwrap();
-        let refusal = check_way(&link.join("b")).unwrap_err().to_string();
+        let refusal = check_ancestors(&link.join("b")).unwrap_err().to_string();
         assert!(refusal.starts_with(&format!("{} can", open.display())), "links: {refusal}");
 
         // Like /tmp.
         fs::set_permissions(&open, Permissions::from_mode(0o1777)).unwrap();
         create_directory(&deep).unwrap();
         assert_eq!(fs::metadata(&deep).unwrap().mode() & 0o777, 0o700);
-        check_way(&link.join("b")).unwrap();
+        check_ancestors(&link.join("b")).unwrap();
     }
 
     #[test]
@@ -323,8 +323,8 @@ mod tests {
             std::os::unix::fs::chown(path, Some(NOBODY), Some(NOBODY)).unwrap();
         }
         for refusal in [
-            check_directory(&theirs, Others::Add).unwrap_err().to_string(),
-            check_way(&inner).unwrap_err().to_string(),
+            check_directory(&theirs, OthersMay::Add).unwrap_err().to_string(),
+            check_ancestors(&inner).unwrap_err().to_string(),
             open_file(&file).unwrap_err().to_string(),
             read_file(&file).unwrap_err().to_string(),
         ] {

@@ -6,7 +6,7 @@
 //! supervisor is gone keeps working for the configured time, so that a match outlives a crash of the
 //! supervisor, and then ends, so that nothing is left running for ever.
 
-use crate::bus::{Bus, BusError, Kept, Publisher};
+use crate::bus::{Bus, BusError, KeptTopic, Publisher};
 use crate::clock::monotonic_ns;
 use crate::config::{Config, WakeUpStrategy};
 use crate::instance::{Instance, InstanceError};
@@ -33,7 +33,7 @@ pub const HEARTBEAT: Duration = Duration::from_millis(100);
 const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 /// Longest sleep between two calls of [`Process::keep_running`], which sends heartbeats and sees
 /// requests to end.
-pub const LOOK_AROUND: Duration = Duration::from_millis(50);
+pub const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
 /// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it receives
 /// that frame.
@@ -81,7 +81,7 @@ pub struct Process {
     instance: Instance,
     /// Topics known otherwise only to the supervisor, which may be killed and started again at any
     /// time.
-    _kept: (Kept<u8, StatusHeader>, Kept<GroupEvent, ()>),
+    _kept: (KeptTopic<u8, StatusHeader>, KeptTopic<GroupEvent, ()>),
     page: StagePage,
     health: Publisher<Heartbeat, ()>,
     kind: ProcessKind,
@@ -205,7 +205,7 @@ impl Process {
     }
 
     /// Sends the heartbeat when it is due, and returns whether to continue. To be called at least every
-    /// [`LOOK_AROUND`] and once per message.
+    /// [`LONGEST_WAIT`] and once per message.
     pub fn keep_running(&mut self) -> Result<bool, ProcessError> {
         let now = monotonic_ns();
         if self.stop.load(Ordering::Relaxed) {
@@ -217,7 +217,7 @@ impl Process {
             panic!("asked to panic by SIGUSR2");
         }
         if self.is_at_work {
-            self.page.look_around(now);
+            self.page.check_in(now);
         }
         // A drop is progress without an output, so it is reported without delay.
         let since_beat = Duration::from_nanos(now.saturating_sub(self.beat_ns));

@@ -23,7 +23,7 @@ const SPINNING_STAGES: usize = 3;
 pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
     // By default the system may lengthen a sleep by 50 µs to save energy. Cannot fail.
     let _ = set_current_timer_slack(NonZeroU64::new(1));
-    let mut complaints: Vec<String> =
+    let mut unavailable: Vec<String> =
         [restrict_to(config.cpus.of(kind), kind), set_priority(config.realtime_priority)]
             .into_iter()
             .flatten()
@@ -32,31 +32,31 @@ pub fn set_up(config: &SchedulingConfig, kind: ProcessKind) -> Vec<String> {
         match keep_awake(Path::new(LATENCY_DEVICE)) {
             // The file stays open, and with it the demand in force, until the process ends.
             Ok(device) => _ = device.into_raw_fd(),
-            Err(complaint) => complaints.push(complaint),
+            Err(refusal) => unavailable.push(refusal),
         }
     }
-    complaints
+    unavailable
 }
 
 /// The options that this machine does not permit, one line each, for a group that is to start. They are
 /// tried on a separate thread.
-pub fn complaints(config: &SchedulingConfig) -> Vec<String> {
+pub fn unavailable(config: &SchedulingConfig) -> Vec<String> {
     let tried = || {
-        let mut complaints: Vec<String> = ProcessKind::ALL
+        let mut unavailable: Vec<String> = ProcessKind::ALL
             .iter()
             .filter_map(|&kind| restrict_to(config.cpus.of(kind), kind))
             .collect();
-        complaints.extend(set_priority(config.realtime_priority));
+        unavailable.extend(set_priority(config.realtime_priority));
         if config.lock_memory && !may_lock_memory() {
-            complaints.push(LOCK_REFUSED.into());
+            unavailable.push(LOCK_REFUSED.into());
         }
         if config.keep_awake {
-            complaints.extend(keep_awake(Path::new(LATENCY_DEVICE)).err());
+            unavailable.extend(keep_awake(Path::new(LATENCY_DEVICE)).err());
         }
         if config.wake_up == WakeUpStrategy::Spin {
-            complaints.extend(too_few_to_spin(processors()));
+            unavailable.extend(too_few_to_spin(processors()));
         }
-        complaints
+        unavailable
     };
     std::thread::scope(|scope| scope.spawn(tried).join().unwrap_or_default())
 }
@@ -181,8 +181,8 @@ mod tests {
     #[test]
     fn processors_are_asked_to_wake_up_in_no_time() {
         let path = std::env::temp_dir().join(format!("tl-latency-{}", std::process::id()));
-        let complaint = keep_awake(&path).unwrap_err();
-        assert!(complaint.contains("scheduling.keep_awake") && !complaint.contains('\n'));
+        let refusal = keep_awake(&path).unwrap_err();
+        assert!(refusal.contains("scheduling.keep_awake") && !refusal.contains('\n'));
         std::fs::write(&path, "----").unwrap();
         let demanded = keep_awake(&path).map(|_| std::fs::read(&path).unwrap());
         std::fs::remove_file(&path).unwrap();
@@ -191,13 +191,13 @@ mod tests {
 
     #[test]
     fn what_is_impossible_is_said_in_a_line_and_nothing_else_is() {
-        assert!(complaints(&SchedulingConfig::default()).is_empty());
+        assert!(unavailable(&SchedulingConfig::default()).is_empty());
         let mut config = SchedulingConfig::default();
         config.cpus.tracker = vec![1023];
-        let complaints = complaints(&config);
-        let [complaint] = complaints.as_slice() else { panic!("{complaints:?}") };
-        assert!(complaint.contains("scheduling.cpus.tracker = [1023]"), "{complaint}");
-        assert!(!complaint.contains('\n'));
+        let unavailable = unavailable(&config);
+        let [refusal] = unavailable.as_slice() else { panic!("{unavailable:?}") };
+        assert!(refusal.contains("scheduling.cpus.tracker = [1023]"), "{refusal}");
+        assert!(!refusal.contains('\n'));
     }
 
     #[test]
@@ -206,7 +206,7 @@ mod tests {
         config.cpus.filter = vec![0];
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                // If processor 0 is forbidden, a complaint is returned.
+                // If processor 0 is forbidden, a refusal is returned.
                 if set_up(&config, ProcessKind::Filter).is_empty() {
                     let set = rustix::thread::sched_getaffinity(None).unwrap();
                     assert_eq!((set.count(), set.is_set(0)), (1, true));

@@ -50,7 +50,7 @@ impl<T: Shareable> SharedPage<T> {
         };
         let page = Self { page: NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)? };
         // For file systems on which `fallocate` is not supported.
-        if !memory::fill_in(page.page.as_ptr().cast(), MAPPED_BYTES) {
+        if !memory::populate(page.page.as_ptr().cast(), MAPPED_BYTES) {
             return Err(Errno::NOSPC.into());
         }
         Ok(page)

@@ -23,7 +23,7 @@ struct Numbers {
     /// The supervisor's note, [`Handover::to_bits`].
     note: AtomicU64,
     /// Time at which the active process last checked in; 0 before.
-    looked_around_ns: AtomicU64,
+    checked_in_ns: AtomicU64,
 }
 
 // SAFETY: three atomic numbers.
@@ -63,13 +63,13 @@ impl StagePage {
     }
 
     /// Records that the active process has checked in.
-    pub fn look_around(&self, now_ns: u64) {
-        self.page.get().looked_around_ns.store(now_ns, Ordering::Relaxed);
+    pub fn check_in(&self, now_ns: u64) {
+        self.page.get().checked_in_ns.store(now_ns, Ordering::Relaxed);
     }
 
     /// Time at which the active process last checked in; 0 before.
-    pub fn looked_around_ns(&self) -> u64 {
-        self.page.get().looked_around_ns.load(Ordering::Relaxed)
+    pub fn checked_in_ns(&self) -> u64 {
+        self.page.get().checked_in_ns.load(Ordering::Relaxed)
     }
 }
 
@@ -84,17 +84,17 @@ mod tests {
         instance.create_directory().unwrap();
         let kind = ProcessKind::Filter;
         let page = StagePage::open(&instance, kind).unwrap();
-        assert_eq!((page.newest(), page.note(), page.looked_around_ns()), (None, None, 0));
+        assert_eq!((page.newest(), page.note(), page.checked_in_ns()), (None, None, 0));
         page.set_newest(0);
         assert_eq!(page.newest(), Some(0));
         page.set_newest(4711);
         let note = Handover { resume_after: 4711, skip_next: true };
         page.leave_note(note);
-        page.look_around(5);
+        page.check_in(5);
         drop(page);
         let page = StagePage::open(&instance, kind).unwrap();
         assert_eq!((page.newest(), page.note()), (Some(4711), Some(note)));
-        assert_eq!(page.looked_around_ns(), 5);
+        assert_eq!(page.checked_in_ns(), 5);
         assert_eq!(StagePage::open(&instance, ProcessKind::Tracker).unwrap().newest(), None);
         instance.forget_progress().unwrap();
         assert_eq!(StagePage::open(&instance, kind).unwrap().newest(), None);

@@ -98,7 +98,9 @@ fn write_all(tasks: &Receiver<Task>) {
         }
         let left_out = LEFT_OUT.swap(0, Ordering::Relaxed);
         if left_out > 0 {
-            let what = format!("touchline: {left_out} texts were left out, because the output was not read in time\n");
+            let what = format!(
+                "touchline: {left_out} texts were left out, because the output was not read in time\n"
+            );
             let _ = io::stderr().lock().write_all(what.as_bytes());
         }
     }

@@ -6,7 +6,7 @@ use super::output::{OutputError, Rule};
 use super::second_look::Passing;
 use crate::cli::ConfigCommand;
 use common::config::{
-    self, Complaints, Config, ConfigError, GeometryConfig, PatchRole, Preset, RobotShape,
+    self, Config, ConfigError, Diagnostics, GeometryConfig, PatchRole, Preset, RobotShape,
 };
 use common::geometry::{CameraModel, FieldPoint};
 use common::messages::Team;
@@ -88,7 +88,7 @@ pub fn schema() -> String {
     config::schema_json()
 }
 
-fn report(path: &Path, config: &Config, cost: &str, warnings: &Complaints) -> String {
+fn report(path: &Path, config: &Config, cost: &str, warnings: &Diagnostics) -> String {
     let count = match warnings.list.len() {
         0 => String::new(),
         1 => ", with a warning".to_string(),

@@ -28,7 +28,7 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
     // Whatever is wrong with the source is said now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
-    for complaint in common::scheduling::complaints(&config.scheduling) {
+    for complaint in common::scheduling::unavailable(&config.scheduling) {
         common::tell!("touchline: {complaint}");
     }
     // Nor does a match end with a report that cannot be written.

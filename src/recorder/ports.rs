@@ -4,7 +4,7 @@
 use super::queue::Recorded;
 use common::bus::{Bus, BusError, Header, Message, Received, Subscriber};
 use common::clock::monotonic_ns;
-use common::consumer::{Order, Place};
+use common::consumer::{Order, Position};
 use common::instance::Instance;
 use common::messages::*;
 use common::topics::{self, Topic};
@@ -193,12 +193,12 @@ where
             let Some(received) = subscriber.receive()? else { break };
             let seq = (topic.seq)(received.elements(), received.header());
             let t_ns = (topic.t_capture_ns)(received.elements(), received.header());
-            match order.place(seq, t_ns) {
-                Place::Next => {}
-                Place::After { missed: count } => *missed += count,
-                Place::Anew => taken.is_anew = true,
+            match order.position(seq, t_ns) {
+                Position::Next => {}
+                Position::After { missed: count } => *missed += count,
+                Position::Restarted => taken.is_anew = true,
                 // The stages have not worked on it either.
-                Place::Repeated => continue,
+                Position::Repeated => continue,
             }
             taken.messages += 1;
             put(Recorded {

@@ -313,7 +313,7 @@ impl<'a> Group<'a> {
             policy.note(Event::Output(kind, seq), t_sent_ns);
         }
         for kind in ProcessKind::ALL {
-            let at_ns = progress.pages().looked_around_ns(kind);
+            let at_ns = progress.pages().checked_in_ns(kind);
             policy.note(Event::LookedAround(kind, at_ns), now);
         }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;

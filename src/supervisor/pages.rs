@@ -39,8 +39,8 @@ impl Pages {
     }
 
     /// When the process of a stage that works last looked around; 0 when that is not known.
-    pub fn looked_around_ns(&self, kind: ProcessKind) -> u64 {
-        self.pages[kind as usize].as_ref().map_or(0, StagePage::looked_around_ns)
+    pub fn checked_in_ns(&self, kind: ProcessKind) -> u64 {
+        self.pages[kind as usize].as_ref().map_or(0, StagePage::checked_in_ns)
     }
 
     /// Leaves a note for the next process of a stage. Without a page there is none to read it either.

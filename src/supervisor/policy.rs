@@ -193,7 +193,7 @@ impl Policy {
             Event::NotStarted(id) => self.not_started(id, now_ns),
             Event::LookedAround(kind, at_ns) => {
                 let stage = &mut self.stages[kind as usize];
-                stage.looked_around_ns = stage.looked_around_ns.max(at_ns.min(now_ns));
+                stage.checked_in_ns = stage.checked_in_ns.max(at_ns.min(now_ns));
             }
             Event::Output(kind, seq) => self.output(kind, seq, now_ns),
             Event::Dropped(kind) => self.dropped(kind, now_ns),
@@ -204,7 +204,7 @@ impl Policy {
                 let stage = &mut self.stages[kind as usize];
                 let excuse = |since_ns: u64| since_ns.saturating_add(waited_ns).min(now_ns);
                 stage.progress_ns = excuse(stage.progress_ns);
-                stage.looked_around_ns = excuse(stage.looked_around_ns);
+                stage.checked_in_ns = excuse(stage.checked_in_ns);
             }
             Event::Finished => self.finished = true,
         }

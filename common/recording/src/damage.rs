@@ -164,7 +164,7 @@ impl Damages {
     }
 
     /// Records the time of a message that was read.
-    pub(crate) fn heard(&mut self, t_ns: u64) {
+    pub(crate) fn note_time(&mut self, t_ns: u64) {
         self.begin_ns = Some(self.begin_ns.map_or(t_ns, |begin_ns| begin_ns.min(t_ns)));
         self.newest_ns = Some(self.newest_ns.map_or(t_ns, |newest_ns| newest_ns.max(t_ns)));
         for part in &mut self.parts[self.open_from..] {

@@ -118,7 +118,7 @@ impl Reader {
                     self.damages.add(Fault::Records, piece.at, piece.length);
                     return Ok(());
                 };
-                self.damages.heard(header.log_ns);
+                self.damages.note_time(header.log_ns);
                 match self.channels.get(&header.channel_id) {
                     Some(&Some(channel)) => {
                         let data: Cow<'static, [u8]> = Cow::Owned(data.to_vec());

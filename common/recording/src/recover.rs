@@ -17,7 +17,7 @@ use crate::RecordingError;
 use crate::damage::{Damages, Fault};
 use crate::reader::open;
 use crate::scan::{Kind, MOST_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
-use crate::summary::{ChunkPlace, Summary, widened};
+use crate::summary::{ChunkLocation, Summary, widened};
 use crate::wire::{
     ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
     message_index, op, schema, zstd_window, zstd_window_for,
@@ -51,7 +51,7 @@ pub enum Recovery {
 }
 
 /// Progress: called with the number of bytes checked and the size of the file.
-pub type Tell<'a> = &'a mut dyn FnMut(u64, u64);
+pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
 /// Whether a recording has a valid summary. Its content is not checked.
 pub fn is_finished(path: &Path) -> Result<bool, RecordingError> {
@@ -60,7 +60,7 @@ pub fn is_finished(path: &Path) -> Result<bool, RecordingError> {
 }
 
 /// Recovers a recording in place.
-pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
+pub fn recover(path: &Path, tell: Progress) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
     let file = input::open_to_change(path).map_err(io("open"))?;
     if !lock(&file).map_err(io("lock"))? {
@@ -76,7 +76,7 @@ pub fn recover(path: &Path, tell: Tell) -> Result<Recovery, RecordingError> {
 }
 
 /// Writes the good pieces of a recording to an empty file. An intact recording is copied.
-pub fn recover_to(path: &Path, to: &File, tell: Tell) -> Result<Recovery, RecordingError> {
+pub fn recover_to(path: &Path, to: &File, tell: Progress) -> Result<Recovery, RecordingError> {
     let io = |action| move |source| RecordingError::Io { path: path.into(), action, source };
     let file = input::open(path).map_err(io("open"))?;
     if !lock(&file).map_err(io("lock"))? {
@@ -122,7 +122,7 @@ struct Plan {
 }
 
 impl Plan {
-    fn make(mut scanner: Scanner, tell: Tell) -> io::Result<Self> {
+    fn make(mut scanner: Scanner, tell: Progress) -> io::Result<Self> {
         let mut plan = Self::default();
         for (opcode, body) in scanner.descriptions()? {
             plan.describe(opcode, &body);
@@ -284,13 +284,13 @@ impl Plan {
             }
         }
         for t_ns in times_ns.into_iter().flat_map(|(first_ns, last_ns)| [first_ns, last_ns]) {
-            self.damages.heard(t_ns);
+            self.damages.note_time(t_ns);
         }
         self.expected = messages;
         self.is_in_chunk = true;
         let indexes_end = piece.at + piece.length;
         let (at, length, indexes) = (piece.at, piece.length, BTreeMap::new());
-        self.summary.chunks.push(ChunkPlace { at, length, header, indexes, indexes_end });
+        self.summary.chunks.push(ChunkLocation { at, length, header, indexes, indexes_end });
     }
 
     /// Reduces a window that is longer than the content.
@@ -322,7 +322,7 @@ impl Plan {
                 self.fence_off(piece, Fault::UnknownChannel);
             }
             Some(header) => {
-                self.damages.heard(header.log_ns);
+                self.damages.note_time(header.log_ns);
                 self.summary.count(header.channel_id, header.log_ns);
             }
             None => {}

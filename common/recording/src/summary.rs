@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 /// Offsets of a chunk and of the indexes of its messages.
 #[derive(Debug, Clone)]
-pub(crate) struct ChunkPlace {
+pub(crate) struct ChunkLocation {
     pub at: u64,
     pub length: u64,
     pub header: ChunkHeader,
@@ -24,7 +24,7 @@ pub(crate) struct Summary {
     pub schemas: BTreeMap<u16, Vec<u8>>,
     /// Bodies of the channel records.
     pub channels: BTreeMap<u16, Vec<u8>>,
-    pub chunks: Vec<ChunkPlace>,
+    pub chunks: Vec<ChunkLocation>,
     /// Number of messages per channel.
     pub counts: BTreeMap<u16, u64>,
     /// Times of the earliest and the latest message.
@@ -100,8 +100,8 @@ pub(crate) fn widened(times_ns: Option<(u64, u64)>, t_ns: u64) -> (u64, u64) {
     (first_ns.min(t_ns), last_ns.max(t_ns))
 }
 
-fn chunk_index(chunk: &ChunkPlace) -> Vec<u8> {
-    let ChunkPlace { at, length, header, indexes, indexes_end } = chunk;
+fn chunk_index(chunk: &ChunkLocation) -> Vec<u8> {
+    let ChunkLocation { at, length, header, indexes, indexes_end } = chunk;
     let mut body = Encoder::default();
     body.u64(header.start_ns)
         .u64(header.end_ns)

@@ -16,7 +16,7 @@
 //! than marking errors from deciding.
 
 use super::least_squares::{Minimum, minimise};
-use super::numbers::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Numbers, Scales};
+use super::parameters::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Parameters, Scales};
 use super::perspective::lens_above;
 use super::physical::{self, LensForm, Physical, QuickCamera};
 use super::{EdgeMark, KnownLens, LensSource, Mark};
@@ -223,8 +223,8 @@ impl Task<'_> {
             .map(|start| start.map_or(f64::INFINITY, |start| self.rms_px(&start)))
     }
 
-    fn rms_px(&self, numbers: &Numbers) -> f64 {
-        let errors = self.errors(&numbers.through(&self.scales(), self.picture_px));
+    fn rms_px(&self, camera: &Parameters) -> f64 {
+        let errors = self.errors(&camera.through(&self.scales(), self.picture_px));
         let squares = errors.iter().map(|error| error * error).sum::<f64>();
         (2.0 * squares / self.equations() as f64).sqrt()
     }
@@ -234,10 +234,10 @@ impl Task<'_> {
         let mut best = self.fit_from(start, start, lens, 0);
         let mut bent = None;
         for parameters in [1, 2, 4].into_iter().filter(|&count| count <= self.max_distortion) {
-            let from = best.as_ref().map_or(start, |&(numbers, _)| numbers);
+            let from = best.as_ref().map_or(start, |&(camera, _)| camera);
             let straight = self.fit_from(from, start, lens, parameters);
             let is_good =
-                |(numbers, _): &(Numbers, Minimum)| self.rms_px(numbers) < TOO_LARGE_RMS_PX;
+                |(camera, _): &(Parameters, Minimum)| self.rms_px(camera) < TOO_LARGE_RMS_PX;
             let fit = if straight.as_ref().is_ok_and(is_good) {
                 straight
             } else {
@@ -245,13 +245,13 @@ impl Task<'_> {
                 let bent = bent.get_or_insert_with(|| self.bent_start()).clone();
                 better(straight, bent.and_then(|bent| self.fit_from(bent, bent, lens, parameters)))
             };
-            let Ok((numbers, minimum)) = fit else { break };
+            let Ok((camera, minimum)) = fit else { break };
             let is_better = best.as_ref().map_or(true, |(_, few)| self.is_worth_it(few, &minimum));
-            let is_usable = numbers
+            let is_usable = camera
                 .model(&self.scales(), self.picture_px, self.marks)
-                .is_ok_and(|model| self.is_usable(&model, &numbers.distortion(&self.scales())));
+                .is_ok_and(|model| self.is_usable(&model, &camera.distortion(&self.scales())));
             if is_better && is_usable {
-                best = Ok((numbers, minimum));
+                best = Ok((camera, minimum));
             } else if parameters > 1 && lens != [false; 3] && best.as_ref().is_ok_and(is_good) {
                 // One more parameter may need the next to show its benefit. The exception is the centre
                 // where the lens position is free: each can stand for the other.
@@ -264,17 +264,17 @@ impl Task<'_> {
     /// Moves a lens of known height, without raised points, to where the perspective of the fitted
     /// camera puts it, and fits again. The first fit used the perspective of an undistorted picture
     /// around its middle; an axis 13 px off the middle moves the lens by 50 mm.
-    fn in_perspective(&self, fit: (Numbers, Minimum), lens: [bool; 3]) -> (Numbers, Minimum) {
+    fn in_perspective(&self, fit: (Parameters, Minimum), lens: [bool; 3]) -> (Parameters, Minimum) {
         let KnownLens::HeightMm(height) = self.known_lens else { return fit };
         if lens != [false; 3] {
             return fit;
         }
-        let (scales, (numbers, minimum)) = (self.scales(), &fit);
-        let axis_px = Vector2::from(numbers.distortion(&scales).center_px);
-        let Some([x, y]) = lens_above(&numbers.ray_from_floor(&scales), axis_px, height) else {
+        let (scales, (camera, minimum)) = (self.scales(), &fit);
+        let axis_px = Vector2::from(camera.distortion(&scales).center_px);
+        let Some([x, y]) = lens_above(&camera.ray_from_floor(&scales), axis_px, height) else {
             return fit;
         };
-        let moved = numbers.with_lens(&scales, Vector3::new(x, y, height));
+        let moved = camera.with_lens(&scales, Vector3::new(x, y, height));
         self.fit(moved, lens, minimum.parameters.len() - HOMOGRAPHY).unwrap_or(fit)
     }
 
@@ -283,13 +283,13 @@ impl Task<'_> {
     /// far away, from where it does not return.
     fn fit_from(
         &self,
-        given: Numbers,
-        start: Numbers,
+        given: Parameters,
+        start: Parameters,
         lens: [bool; 3],
         distortion: usize,
-    ) -> Result<(Numbers, Minimum), GeometryError> {
+    ) -> Result<(Parameters, Minimum), GeometryError> {
         let held = self.fit(start, [false; 3], distortion);
-        let held = held.and_then(|(numbers, _)| self.fit(numbers, lens, distortion));
+        let held = held.and_then(|(camera, _)| self.fit(camera, lens, distortion));
         better(self.fit(given, lens, distortion), held)
     }
 
@@ -334,24 +334,24 @@ impl Task<'_> {
 
     /// Start of the fit: the homography of the direct linear transform, the lens at its assumed
     /// position, no distortion.
-    fn start(&self) -> Result<Numbers, GeometryError> {
+    fn start(&self) -> Result<Parameters, GeometryError> {
         self.start_with(0.0)
     }
 
     /// Start with the best of a few barrel distortions.
-    fn bent_start(&self) -> Result<Numbers, GeometryError> {
+    fn bent_start(&self) -> Result<Parameters, GeometryError> {
         let starts = BARRELS.into_iter().filter_map(|k1| self.start_with(k1).ok());
         let rated = starts.map(|start| (self.rms_px(&start), start));
         let best = rated.min_by(|a, b| a.0.total_cmp(&b.0));
         best.map(|(_, start)| start).ok_or(GeometryError::Degenerate)
     }
 
-    fn start_with(&self, k1: f64) -> Result<Numbers, GeometryError> {
+    fn start_with(&self, k1: f64) -> Result<Parameters, GeometryError> {
         let scales = self.scales();
-        let mut numbers = Numbers([0.0; COUNT]);
-        numbers.0[DISTORTION] = k1;
-        let (homography, lens) = self.homography_through(&numbers.distortion(&scales))?;
-        Ok(Numbers::new(&scales, &homography, lens, k1))
+        let mut camera = Parameters([0.0; COUNT]);
+        camera.0[DISTORTION] = k1;
+        let (homography, lens) = self.homography_through(&camera.distortion(&scales))?;
+        Ok(Parameters::new(&scales, &homography, lens, k1))
     }
 
     /// The homography from the floor to the rays of a lens with this distortion, and the lens position
@@ -406,10 +406,10 @@ impl Task<'_> {
     /// parameters.
     fn fit(
         &self,
-        start: Numbers,
+        start: Parameters,
         lens: [bool; 3],
         distortion: usize,
-    ) -> Result<(Numbers, Minimum), GeometryError> {
+    ) -> Result<(Parameters, Minimum), GeometryError> {
         let scales = self.scales();
         let is_free = |index: usize| match index {
             LENS..DISTORTION => lens[index - LENS],
@@ -421,9 +421,9 @@ impl Task<'_> {
             return Err(GeometryError::Degenerate);
         }
         let with = |values: &DVector<f64>| {
-            let mut numbers = start;
-            free.iter().zip(values.iter()).for_each(|(&index, &value)| numbers.0[index] = value);
-            numbers
+            let mut camera = start;
+            free.iter().zip(values.iter()).for_each(|(&index, &value)| camera.0[index] = value);
+            camera
         };
         let residuals = |values: &DVector<f64>| {
             let camera = with(values).through(&scales, self.picture_px);
@@ -474,13 +474,13 @@ impl Task<'_> {
 
     fn finished(
         &self,
-        (numbers, minimum): (Numbers, Minimum),
+        (camera, minimum): (Parameters, Minimum),
         free: [bool; 3],
     ) -> Result<Fitted, GeometryError> {
         let scales = self.scales();
         let evidence = Evidence { minimum: &minimum, expectations: 0, equations: self.equations() };
         let sigma = evidence.variance_px2().sqrt().max(MARKING_SIGMA_PX) * scales.field_scale_mm;
-        let lens = numbers.lens_mm(&scales);
+        let lens = camera.lens_mm(&scales);
         let mut lens_sigma_mm = [0.0; 3];
         let mut column = HOMOGRAPHY;
         for (axis, lens_sigma) in lens_sigma_mm.iter_mut().enumerate() {
@@ -502,11 +502,11 @@ impl Task<'_> {
             (KnownLens::HeightMm(_), _) => LensSource::HeightAndPerspective,
             (KnownLens::Position(_), _) => LensSource::Given,
         };
-        let model = numbers.model(&scales, self.picture_px, self.marks)?;
+        let model = camera.model(&scales, self.picture_px, self.marks)?;
         let fixed = HOMOGRAPHY + free.iter().filter(|&&free| free).count();
         Ok(Fitted {
             lens_mm: lens.into(),
-            distortion: numbers.distortion(&scales),
+            distortion: camera.distortion(&scales),
             lens_source,
             lens_sigma_mm,
             surplus: evidence.surplus(),
@@ -536,9 +536,9 @@ impl Fitted {
 
 /// The better of two fits.
 fn better(
-    a: Result<(Numbers, Minimum), GeometryError>,
-    b: Result<(Numbers, Minimum), GeometryError>,
-) -> Result<(Numbers, Minimum), GeometryError> {
+    a: Result<(Parameters, Minimum), GeometryError>,
+    b: Result<(Parameters, Minimum), GeometryError>,
+) -> Result<(Parameters, Minimum), GeometryError> {
     match (a, b) {
         (Ok(a), Ok(b)) => Ok(if a.1.sum_of_squares <= b.1.sum_of_squares { a } else { b }),
         (a, b) => a.or(b),

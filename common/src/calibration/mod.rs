@@ -13,7 +13,7 @@
 mod fit;
 mod landmarks;
 mod least_squares;
-mod numbers;
+mod parameters;
 mod perspective;
 mod physical;
 mod suspects;
@@ -309,8 +309,8 @@ fn check_unit(
     else {
         return Ok(());
     };
-    let numbers = || marks.iter().flat_map(|mark| [mark.field_mm[0], mark.field_mm[1]]);
-    let reach = numbers().fold(0.0f64, |most, number| most.max(number.abs()));
+    let coordinates = || marks.iter().flat_map(|mark| [mark.field_mm[0], mark.field_mm[1]]);
+    let reach = coordinates().fold(0.0f64, |most, number| most.max(number.abs()));
     let FieldConfig { length_mm, width_mm, .. } = *field;
     let example = format!("{} instead of {reach}", (reach * factor * 1e3).round() / 1e3);
     Err(CalibrationError::Unit { unit, reach, length_mm, width_mm, example })

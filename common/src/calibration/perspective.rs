@@ -1,6 +1,6 @@
 //! The position of a lens of known height, from the perspective of the floor.
 
-use super::numbers::to_normal;
+use super::parameters::to_normal;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Position of the lens above the floor, for a lens of known height, square pixels, and an axis through

@@ -12,7 +12,7 @@
 
 use super::fit::Task;
 use super::least_squares::{Minimum, minimise};
-use super::numbers::Scales;
+use super::parameters::Scales;
 use super::{KnownLens, Mark};
 use crate::config::{DistortionConfig, DistortionModel};
 use crate::geometry::{CameraModel, GeometryError};

@@ -3,7 +3,7 @@
 //! The preset's configuration is the base; the file's keys replace its values one by one, lists as a
 //! whole. All problems are reported at once.
 
-use super::complaint::{Complaint, Complaints, Place};
+use super::diagnostic::{Diagnostic, Diagnostics, Place};
 use super::problem::{Problem, element_path, key_path};
 use super::schema::Schema;
 use super::{ColorConfig, Config, GeometryConfig, Preset};
@@ -26,7 +26,7 @@ pub enum ConfigError {
     },
     /// The file was read, but its content is invalid.
     #[error("{0}")]
-    Invalid(Complaints),
+    Invalid(Diagnostics),
 }
 
 impl Config {
@@ -43,7 +43,7 @@ impl Config {
 }
 
 /// Like [`Config::load`], and also returns warnings about settings that are probably not intended.
-pub fn check_file(path: &Path) -> Result<(Config, Complaints), ConfigError> {
+pub fn check_file(path: &Path) -> Result<(Config, Diagnostics), ConfigError> {
     check(&read(path)?, &path.display().to_string())
 }
 
@@ -53,10 +53,10 @@ fn read(path: &Path) -> Result<String, ConfigError> {
 }
 
 /// Like [`Config::parse`], and also returns warnings about settings that are probably not intended.
-pub fn check(text: &str, origin: &str) -> Result<(Config, Complaints), ConfigError> {
+pub fn check(text: &str, origin: &str) -> Result<(Config, Diagnostics), ConfigError> {
     let document = Document::parse(text, origin).map_err(ConfigError::Invalid)?;
     let config = document.config().map_err(ConfigError::Invalid)?;
-    let warnings = document.complaints(config.warnings());
+    let warnings = document.diagnostics(config.warnings());
     Ok((config, warnings))
 }
 
@@ -69,17 +69,17 @@ struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    fn parse(text: &'a str, origin: &'a str) -> Result<Self, Complaints> {
+    fn parse(text: &'a str, origin: &'a str) -> Result<Self, Diagnostics> {
         // Not every text is a file of its own: recordings contain one.
-        input::check(text.len() as u64, input::CONFIG).map_err(|error| Complaints {
-            list: vec![Complaint {
+        input::check(text.len() as u64, input::CONFIG).map_err(|error| Diagnostics {
+            list: vec![Diagnostic {
                 origin: origin.to_string(),
                 problem: Problem::new("", error.to_string()),
                 place: None,
             }],
         })?;
-        let syntax = |error: toml::de::Error| Complaints {
-            list: vec![Complaint {
+        let syntax = |error: toml::de::Error| Diagnostics {
+            list: vec![Diagnostic {
                 origin: origin.to_string(),
                 problem: Problem::new("", error.message().trim().replace('\n', ", ")),
                 place: error.span().map(|span| Place::new(text, span)),
@@ -91,7 +91,7 @@ impl<'a> Document<'a> {
         Ok(Self { text, origin, spans, values })
     }
 
-    fn config(&self) -> Result<Config, Complaints> {
+    fn config(&self) -> Result<Config, Diagnostics> {
         // Violations of the schema first: they may prevent the rest from becoming a configuration at
         // all.
         let mut problems = Schema::new().problems(&toml::Value::Table(self.values.clone()));
@@ -110,7 +110,7 @@ impl<'a> Document<'a> {
             }
             Err(_) => {}
         }
-        Err(self.complaints(problems))
+        Err(self.diagnostics(problems))
     }
 
     /// The preset's configuration, overridden by the text.
@@ -144,8 +144,8 @@ impl<'a> Document<'a> {
     }
 
     /// Finds the positions of problems, and sorts by them.
-    fn complaints(&self, problems: Vec<Problem>) -> Complaints {
-        let mut list: Vec<(usize, Complaint)> = Vec::new();
+    fn diagnostics(&self, problems: Vec<Problem>) -> Diagnostics {
+        let mut list: Vec<(usize, Diagnostic)> = Vec::new();
         let mut more_of_preset = Vec::<(String, usize)>::new();
         for mut problem in problems {
             let mut found = self.find(&problem.path, problem.at_key);
@@ -172,18 +172,18 @@ impl<'a> Document<'a> {
             let place = found.span.clone().map(|span| Place::new(self.text, span));
             let origin = self.origin.to_string();
             let start = found.span.map_or(usize::MAX, |span| span.start);
-            list.push((start, Complaint { origin, problem, place }));
+            list.push((start, Diagnostic { origin, problem, place }));
         }
         for (path, more) in more_of_preset.into_iter().filter(|&(_, more)| more > 0) {
-            let of_this = |complaint: &Complaint| {
-                complaint.problem.path.split('[').next() == Some(path.as_str())
+            let of_this = |diagnostic: &Diagnostic| {
+                diagnostic.problem.path.split('[').next() == Some(path.as_str())
             };
-            if let Some((_, complaint)) = list.iter_mut().find(|(_, c)| of_this(c)) {
-                complaint.problem.message += &format!(" (and {more} more in {path})");
+            if let Some((_, diagnostic)) = list.iter_mut().find(|(_, c)| of_this(c)) {
+                diagnostic.problem.message += &format!(" (and {more} more in {path})");
             }
         }
         list.sort_by_key(|&(start, _)| start);
-        Complaints { list: list.into_iter().map(|(_, complaint)| complaint).collect() }
+        Diagnostics { list: list.into_iter().map(|(_, diagnostic)| diagnostic).collect() }
     }
 
     /// Position of a key or of its value, or else of the nearest enclosing table.

@@ -8,7 +8,7 @@
 
 mod access;
 mod camera;
-mod complaint;
+mod diagnostic;
 mod document;
 mod filter;
 mod layouts;
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 pub use access::{AccessConfig, TeamsAccess};
 pub use camera::{CameraConfig, GenicamConfig, SettingValue, V4l2Config};
-pub use complaint::{Complaint, Complaints, Place};
+pub use diagnostic::{Diagnostic, Diagnostics, Place};
 pub use document::{commented_toml, schema_json};
 pub use filter::FilterConfig;
 pub use load::{ConfigError, check, check_file};

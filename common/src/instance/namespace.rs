@@ -17,7 +17,7 @@ mod services;
 use super::{Instance, InstanceError, io_error, remove};
 use crate::memory::{self, SHARED_MEMORY};
 use crate::messages::ProcessKind;
-use crate::private::{self, Others};
+use crate::private::{self, OthersMay};
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
@@ -232,7 +232,7 @@ impl Namespace {
         };
         Ok(Self::from_note(&text).filter(|namespace| {
             let is_there = namespace.directory.is_dir();
-            is_there && private::check_directory(&namespace.directory, Others::Read).is_ok()
+            is_there && private::check_directory(&namespace.directory, OthersMay::Read).is_ok()
         }))
     }
 
@@ -380,7 +380,7 @@ pub fn directories() -> io::Result<Vec<PathBuf>> {
     for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
         let path = entry.path();
         let is_named = is_directory_name(&entry.file_name().to_string_lossy());
-        if is_named && private::check_directory(&path, Others::Read).is_ok() && path.is_dir() {
+        if is_named && private::check_directory(&path, OthersMay::Read).is_ok() && path.is_dir() {
             directories.push(path);
         }
     }

@@ -33,7 +33,7 @@ pub fn findings(config: &Config) -> Vec<Finding> {
                 .unwrap_or_default(),
         ),
     ];
-    let denied = scheduling::complaints(&config.scheduling);
+    let denied = scheduling::unavailable(&config.scheduling);
     findings.extend(denied.into_iter().map(|complaint| {
         Finding::warning("scheduling", complaint, "allow it, or change the configuration")
     }));

@@ -54,7 +54,7 @@ pub struct Stage {
     /// Last time at which the stage did something, or had nothing to do.
     pub progress_ns: u64,
     /// Last time at which its active process looked around.
-    pub looked_around_ns: u64,
+    pub checked_in_ns: u64,
     /// Smoothed interval between outputs; `None` before the second output of a process.
     pub period_ns: Option<u64>,
     /// When the newest output was sent.

@@ -58,7 +58,7 @@ impl Policy {
         match stage.period_ns.filter(|_| kind == ProcessKind::Grabber && has_worked) {
             // A camera may pause, but a process that has one looks around meanwhile.
             Some(period_ns) => {
-                let sign_ns = stage.progress_ns.max(stage.looked_around_ns);
+                let sign_ns = stage.progress_ns.max(stage.checked_in_ns);
                 silent_ns.min(sign_ns.saturating_add(self.stuck_deadline_ns(period_ns)))
             }
             None => silent_ns,

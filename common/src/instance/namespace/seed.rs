@@ -47,7 +47,9 @@ pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
         }
         last = made;
     }
-    Err(io::Error::other(format!("another program keeps changing the new segment in {SHARED_MEMORY}")))
+    Err(io::Error::other(format!(
+        "another program keeps changing the new segment in {SHARED_MEMORY}"
+    )))
 }
 
 /// Creates a segment under an unused prefix and removes it again. Returns its name without the prefix,

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// picture, both normalised; the lens position in units of the floor's scale; k1, k2 and the
 /// distortion's centre.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Numbers(pub [f64; COUNT]);
+pub(super) struct Parameters(pub [f64; COUNT]);
 
 pub(super) const COUNT: usize = HOMOGRAPHY + 3 + POLYNOMIAL;
 pub(super) const HOMOGRAPHY: usize = 8;
@@ -28,7 +28,7 @@ pub(super) struct Scales {
     pub half_diagonal_px: f64,
 }
 
-impl Numbers {
+impl Parameters {
     pub fn new(
         scales: &Scales,
         image_from_floor: &Matrix3<f64>,
@@ -37,12 +37,12 @@ impl Numbers {
     ) -> Self {
         let normal = scales.normal_from_image() * image_from_floor * scales.floor_from_normal();
         let normal = normal / normal[(2, 2)];
-        let mut numbers = [0.0; COUNT];
-        for (index, number) in numbers.iter_mut().take(HOMOGRAPHY).enumerate() {
-            *number = normal[(index / 3, index % 3)];
+        let mut values = [0.0; COUNT];
+        for (index, value) in values.iter_mut().take(HOMOGRAPHY).enumerate() {
+            *value = normal[(index / 3, index % 3)];
         }
-        numbers[DISTORTION] = k1;
-        Self(numbers).with_lens(scales, lens)
+        values[DISTORTION] = k1;
+        Self(values).with_lens(scales, lens)
     }
 
     /// The same camera with the lens at another position.

@@ -6,14 +6,14 @@ use std::ops::Range;
 
 /// All problems of a text, in text order. Displayed as one block each.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Complaints {
+pub struct Diagnostics {
     /// The problems.
-    pub list: Vec<Complaint>,
+    pub list: Vec<Diagnostic>,
 }
 
 /// A problem and its position in the text. Displayed like a compiler's message.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Complaint {
+pub struct Diagnostic {
     /// Name of the text, usually its path.
     pub origin: String,
     /// The problem.
@@ -38,13 +38,13 @@ pub struct Place {
 /// Problems shown in full; a file of another kind can have thousands.
 const MOST_SHOWN: usize = 20;
 
-impl fmt::Display for Complaints {
+impl fmt::Display for Diagnostics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, complaint) in self.list.iter().take(MOST_SHOWN).enumerate() {
+        for (index, diagnostic) in self.list.iter().take(MOST_SHOWN).enumerate() {
             if index > 0 {
                 f.write_str("\n\n")?;
             }
-            write!(f, "{complaint}")?;
+            write!(f, "{diagnostic}")?;
         }
         match self.list.len().saturating_sub(MOST_SHOWN) {
             0 => Ok(()),
@@ -53,7 +53,7 @@ impl fmt::Display for Complaints {
     }
 }
 
-impl fmt::Display for Complaint {
+impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.origin)?;
         if let Some(place) = &self.place {
