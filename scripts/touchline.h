@@ -122,15 +122,15 @@ enum TouchlineCameraState {
     TOUCHLINE_CAMERA_STATE_FAILED = 10,
 };
 
-/* Travels with every raw frame; the pixels are the payload, laid out as PixelFormat says. */
+/* Header of a raw frame; the payload is the pixels, laid out as PixelFormat says. */
 typedef struct TouchlineFrameHeader {
-    /* Number of the frame since the group started; a gap is a frame that was never captured. */
+    /* Number of the frame since the group started; a gap means frames that were never captured. */
     uint64_t seq;
     /* Middle of the exposure. */
     uint64_t t_capture_ns;
     /* The same instant on the wall clock, nanoseconds since 1970. */
     uint64_t t_capture_wall_ns;
-    /* When the grabber handed the frame on. */
+    /* When the grabber published the frame. */
     uint64_t t_sent_ns;
     /* Which camera, counted from 0. */
     uint32_t camera_id;
@@ -142,7 +142,7 @@ typedef struct TouchlineFrameHeader {
     uint32_t stride;
     /* A PixelFormat number. */
     uint32_t pixel_format;
-    /* A BayerOrder number; of no meaning where the format is not a Bayer one. */
+    /* A BayerOrder number; meaningless unless the format is a Bayer one. */
     uint32_t bayer_order;
     /* Exposure time; 0 when unknown. */
     uint32_t exposure_us;
@@ -153,15 +153,15 @@ typedef struct TouchlineFrameHeader {
 TOUCHLINE_CHECK(sizeof(TouchlineFrameHeader) == 64);
 #define TOUCHLINE_FRAME_HEADER_TYPE_NAME "touchline/FrameHeader/1"
 
-/* Travels with every list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid. */
+/* Header of a list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid. */
 typedef struct TouchlineRunsHeader {
     /* The frame the runs were found in. */
     TouchlineFrameHeader frame;
-    /* When the classifier took the frame up. */
+    /* When the classifier received the frame. */
     uint64_t t_frame_taken_ns;
-    /* When the classifier handed the runs on. */
+    /* When the classifier published the runs. */
     uint64_t t_sent_ns;
-    /* Identifies what the pixels were classified with: a hash of the configured colours, of the light's gains, and of which parts of the picture have which tables where light is uneven or there is glare. Two frames of the same version had the same tables at every pixel. */
+    /* Identifies the tables the pixels were classified with: a hash of the configured colours, the gains of the light, and, where light is uneven or there is glare, of the assignment of tables to parts of the picture. Two frames of the same version had the same tables at every pixel. */
     uint64_t class_table_version;
     /* Valid elements of the payload. */
     uint32_t run_count;
@@ -178,7 +178,7 @@ typedef struct TouchlineRun {
     uint16_t row;
     /* First column. */
     uint16_t begin;
-    /* Column behind the last one. */
+    /* Column after the last one. */
     uint16_t end;
     /* Colour class: index into the configured colours, 0–31. */
     uint8_t class_;
@@ -193,7 +193,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineRun) == 8);
 typedef struct TouchlineDetectedRobot {
     /* A Team number. */
     uint32_t team;
-    /* Number of the robot in its team; 4294967295 where it is not known. */
+    /* Number of the robot in its team; 4294967295 when unknown. */
     uint32_t robot_id;
     /* Centre of the robot on the field. */
     float x_mm;
@@ -211,11 +211,11 @@ typedef struct TouchlineDetectedRobot {
     float orientation_image;
     /* Valid elements of patch_regions. */
     uint32_t patch_count;
-    /* For each patch of the layout in turn: index of the region it is, or is a part of; u32::MAX where not seen. */
+    /* For each patch of the layout in turn, the index of the region it is, or is a part of; u32::MAX when not seen. */
     uint32_t patch_regions[6];
-    /* How uncertain x, y and orientation are: upper triangle of their covariance, row by row, in mm and radians (xx, xy, xθ, yy, yθ, θθ). All 0 when unknown. */
+    /* Covariance of x, y and orientation: upper triangle row by row, mm and radians (xx, xy, xθ, yy, yθ, θθ). All 0 when unknown. */
     float covariance[6];
-    /* Samples of the raw picture, at the edges of the patches, that the pose was measured by; 0 when it comes from the centroids of the patches alone. */
+    /* Number of raw pixel samples, at the edges of the patches, from which the pose was measured; 0 when it was computed from the centroids of the patches alone. */
     uint32_t edge_samples;
 } TouchlineDetectedRobot;
 
@@ -235,15 +235,15 @@ typedef struct TouchlineDetectedBall {
     float confidence;
     /* Index of its region. */
     uint32_t region;
-    /* How uncertain x and y are: upper triangle of their covariance, row by row, in mm². All 0 when unknown. */
+    /* Covariance of x and y: upper triangle row by row, mm². All 0 when unknown. */
     float covariance[3];
-    /* Samples of the raw picture, at its rim, that its place was measured by; 0 when it is the centroid of its region. */
+    /* Number of raw pixel samples, at the ball's rim, from which its position was measured; 0 when the position is the centroid of its region. */
     uint32_t edge_samples;
 } TouchlineDetectedBall;
 
 TOUCHLINE_CHECK(sizeof(TouchlineDetectedBall) == 40);
 
-/* A candidate that became nothing, and why. */
+/* A rejected candidate and the reason. */
 typedef struct TouchlineRejected {
     /* A Team number, Rejected::BALL, or Rejected::UNKNOWN_TEAM. */
     uint32_t team;
@@ -283,21 +283,21 @@ typedef struct TouchlineRegion {
 
 TOUCHLINE_CHECK(sizeof(TouchlineRegion) == 32);
 
-/* Everything the tracker saw in one frame, and why. */
+/* Everything the tracker found in one frame, with the reasons for rejections. */
 typedef struct TouchlineDetectionFrame {
-    /* The frame it was seen in. */
+    /* The frame this was found in. */
     TouchlineFrameHeader frame;
-    /* When the classifier took the frame up. */
+    /* When the classifier received the frame. */
     uint64_t t_frame_taken_ns;
-    /* When the classifier handed its runs on. */
+    /* When the classifier published its runs. */
     uint64_t t_runs_ns;
-    /* When the tracker took the runs up. */
+    /* When the tracker received the runs. */
     uint64_t t_runs_taken_ns;
-    /* When the tracker handed this message on. */
+    /* When the tracker published this message. */
     uint64_t t_sent_ns;
-    /* What the runs were made with, as RunsHeader says. */
+    /* Version of the classifier's tables, as in RunsHeader. */
     uint64_t class_table_version;
-    /* Frame number of the world that was used as prediction; DetectionFrame::NO_WORLD for none. */
+    /* Frame number of the world used as prediction; DetectionFrame::NO_WORLD for none. */
     uint64_t prior_world_seq;
     /* Bit set of the flags below. */
     uint32_t flags;
@@ -315,7 +315,7 @@ typedef struct TouchlineDetectionFrame {
     TouchlineDetectedRobot robots[32];
     /* Ball candidates, best first. */
     TouchlineDetectedBall balls[8];
-    /* Candidates that became nothing. */
+    /* Rejected candidates. */
     TouchlineRejected rejected[128];
     /* Regions, in the order in which their first pixel appears in the picture. */
     TouchlineRegion regions[1024];
@@ -326,7 +326,7 @@ typedef struct TouchlineDetectionFrame {
 TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 300360);
 #define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/3"
 
-/* Which message of the topic commands it was. Every sender counts its own messages, so the time is part of the name. */
+/* Identifies a message on the topic commands. Every sender counts its own messages, so the time is part of the name. */
 typedef struct TouchlineCommandsName {
     /* Commands::seq */
     uint64_t seq;
@@ -336,7 +336,7 @@ typedef struct TouchlineCommandsName {
 
 TOUCHLINE_CHECK(sizeof(TouchlineCommandsName) == 16);
 
-/* One robot as the filter sees it. */
+/* One robot as estimated by the filter. */
 typedef struct TouchlineRobotState {
     /* A Team number. */
     uint32_t team;
@@ -372,11 +372,11 @@ typedef struct TouchlineRobotState {
 
 TOUCHLINE_CHECK(sizeof(TouchlineRobotState) == 288);
 
-/* One robot of which only the team is known, as the filter sees it: an opponent whose patches nobody has configured, or a robot that has lost one. It has no number in its team and no heading. */
+/* One robot of which the filter knows only the team: an opponent whose patches are not configured, or a robot that has lost a patch. It has no number in its team and no heading. */
 typedef struct TouchlineUnknownRobotState {
     /* A Team number. */
     uint32_t team;
-    /* Names the track, not the robot: from 1, the same for as long as the robot is followed, and never given to another. A robot that was lost and is found again has a new one. Counting starts over with prior_world_seq being NO_WORLD. */
+    /* Identifies the track, not the robot: from 1, constant while the robot is followed, and never reused. A robot that is lost and found again has a new one. Counting restarts when prior_world_seq is NO_WORLD. */
     uint32_t track_id;
     /* A TrackStatus number. */
     uint32_t status;
@@ -386,15 +386,15 @@ typedef struct TouchlineUnknownRobotState {
     uint32_t frames_tracked;
     /* 0–1: 1 when seen in this frame, falling while coasting. */
     float visibility;
-    /* Where its team patch is at capture time, and so, to within the patch's distance from it, its centre. */
+    /* Position of its team patch at capture time. Its centre lies within the patch's distance from there. */
     double x_mm;
-    /* Where its team patch is at capture time. */
+    /* Position of its team patch at capture time. */
     double y_mm;
     /* Velocity. */
     double vx_mm_s;
     /* Velocity. */
     double vy_mm_s;
-    /* Covariance of (x_mm, y_mm, vx_mm_s, vy_mm_s) as place and velocity of the robot's centre, row by row. Most of it is the unknown direction in which the centre lies from the patch. */
+    /* Covariance of (x_mm, y_mm, vx_mm_s, vy_mm_s) as position and velocity of the robot's centre, row by row. Most of it is the unknown direction from the patch to the centre. */
     double covariance[16];
     /* Position predicted to WorldFrame::t_predicted_ns. */
     double predicted_x_mm;
@@ -404,7 +404,7 @@ typedef struct TouchlineUnknownRobotState {
 
 TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotState) == 200);
 
-/* The ball as the filter sees it. */
+/* The ball as estimated by the filter. */
 typedef struct TouchlineBallState {
     /* A TrackStatus number. */
     uint32_t status;
@@ -432,9 +432,9 @@ typedef struct TouchlineBallState {
 
 TOUCHLINE_CHECK(sizeof(TouchlineBallState) == 192);
 
-/* One hypothesis about a robot's motion and the extended Kalman filter that follows it. */
+/* One hypothesis about a robot's motion, with its extended Kalman filter. */
 typedef struct TouchlineRobotHypothesis {
-    /* How likely it is; those of one robot add up to 1. */
+    /* Probability; those of one robot add up to 1. */
     double probability;
     /* x_mm, y_mm, orientation, v_mm_s, omega at capture time. */
     double mean[5];
@@ -446,7 +446,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineRobotHypothesis) == 168);
 
 /* A command that acts or will act on a robot. */
 typedef struct TouchlineQueuedCommand {
-    /* When it went out to the robot. */
+    /* When it was sent to the robot. */
     uint64_t t_sent_ns;
     /* Circumferential speed of the left wheel. */
     double left_mm_s;
@@ -456,17 +456,17 @@ typedef struct TouchlineQueuedCommand {
 
 TOUCHLINE_CHECK(sizeof(TouchlineQueuedCommand) == 24);
 
-/* What the filter needs besides RobotState to carry on with a robot's track exactly. Of no interest to anyone but the filter's successor. */
+/* State besides RobotState with which a successor of the filter continues a robot's track exactly. Only the filter reads it. */
 typedef struct TouchlineRobotMemory {
-    /* Steered, free, struck. */
+    /* In this order: steered, free, struck. */
     TouchlineRobotHypothesis hypotheses[3];
-    /* Capture time of the newest measurement that was used. */
+    /* Capture time of the newest measurement used. */
     uint64_t t_seen_ns;
     /* Capture time of the newest measurement outside the gate. */
     uint64_t t_gated_ns;
-    /* That measurement: x_mm, y_mm, orientation. */
+    /* The newest measurement outside the gate: x_mm, y_mm, orientation. */
     double gated_pose[3];
-    /* Measurements outside the gate, up to that one, that agree with one another. */
+    /* Number of consecutive measurements outside the gate, up to that one, that agree with one another. */
     uint32_t gated_agreeing;
     /* Valid elements of commands. */
     uint32_t command_count;
@@ -476,9 +476,9 @@ typedef struct TouchlineRobotMemory {
 
 TOUCHLINE_CHECK(sizeof(TouchlineRobotMemory) == 840);
 
-/* One hypothesis about the ball's motion and the Kalman filter that follows it. */
+/* One hypothesis about the ball's motion, with its Kalman filter. */
 typedef struct TouchlineBallHypothesis {
-    /* How likely it is; both add up to 1. */
+    /* Probability; the two add up to 1. */
     double probability;
     /* x_mm, y_mm, vx_mm_s, vy_mm_s at capture time. */
     double mean[4];
@@ -488,17 +488,17 @@ typedef struct TouchlineBallHypothesis {
 
 TOUCHLINE_CHECK(sizeof(TouchlineBallHypothesis) == 120);
 
-/* What the filter needs besides BallState to carry on with the ball's track exactly. */
+/* State besides BallState with which a successor of the filter continues the ball's track exactly. */
 typedef struct TouchlineBallMemory {
-    /* Rolling, struck. */
+    /* In this order: rolling, struck. */
     TouchlineBallHypothesis hypotheses[2];
-    /* Capture time of the newest measurement that was used. */
+    /* Capture time of the newest measurement used. */
     uint64_t t_seen_ns;
     /* Capture time of the newest measurement outside the gate. */
     uint64_t t_gated_ns;
-    /* That measurement: x_mm, y_mm. */
+    /* The newest measurement outside the gate: x_mm, y_mm. */
     double gated_position[2];
-    /* Measurements outside the gate, up to that one, that agree with one another. */
+    /* Number of consecutive measurements outside the gate, up to that one, that agree with one another. */
     uint32_t gated_agreeing;
     /* Reserved, 0. */
     uint32_t reserved;
@@ -506,9 +506,9 @@ typedef struct TouchlineBallMemory {
 
 TOUCHLINE_CHECK(sizeof(TouchlineBallMemory) == 280);
 
-/* One hypothesis about such a robot's motion and the Kalman filter that follows it. */
+/* One hypothesis about such a robot's motion, with its Kalman filter. */
 typedef struct TouchlineUnknownRobotHypothesis {
-    /* How likely it is; both add up to 1. */
+    /* Probability; the two add up to 1. */
     double probability;
     /* x_mm, y_mm, vx_mm_s, vy_mm_s of its team patch at capture time. */
     double mean[4];
@@ -518,11 +518,11 @@ typedef struct TouchlineUnknownRobotHypothesis {
 
 TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotHypothesis) == 120);
 
-/* What the filter needs to carry on with such a robot's track exactly. Of no interest to anyone but the filter's successor. */
+/* State with which a successor of the filter continues such a robot's track exactly. Only the filter reads it. */
 typedef struct TouchlineUnknownRobotMemory {
     /* A Team number. */
     uint32_t team;
-    /* As in UnknownRobotState; 0 for what has not been seen often enough to be one. */
+    /* The track_id of UnknownRobotState; 0 for a candidate that has not been seen often enough. */
     uint32_t track_id;
     /* A TrackStatus number. */
     uint32_t status;
@@ -534,33 +534,33 @@ typedef struct TouchlineUnknownRobotMemory {
     uint32_t reserved;
     /* Capture time of the newest measurement. */
     uint64_t t_seen_ns;
-    /* Drives freely, struck. */
+    /* In this order: driving freely, struck. */
     TouchlineUnknownRobotHypothesis hypotheses[2];
 } TouchlineUnknownRobotMemory;
 
 TOUCHLINE_CHECK(sizeof(TouchlineUnknownRobotMemory) == 272);
 
-/* The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped. */
+/* The filtered state of the match after one frame. A restarted filter continues from the last world, with the same results as one that never stopped. */
 typedef struct TouchlineWorldFrame {
-    /* The frame it belongs to. */
+    /* The frame this belongs to. */
     TouchlineFrameHeader frame;
-    /* When the classifier took the frame up. */
+    /* When the classifier received the frame. */
     uint64_t t_frame_taken_ns;
-    /* When the classifier handed on the runs. */
+    /* When the classifier published the runs. */
     uint64_t t_runs_ns;
-    /* When the tracker took the runs up. */
+    /* When the tracker received the runs. */
     uint64_t t_runs_taken_ns;
-    /* When the tracker handed on the detections. */
+    /* When the tracker published the detections. */
     uint64_t t_detections_ns;
-    /* When the filter took the detections up. */
+    /* When the filter received the detections. */
     uint64_t t_detections_taken_ns;
-    /* When the filter handed on this message. */
+    /* When the filter published this message. */
     uint64_t t_sent_ns;
-    /* The instant the predicted poses belong to: when a command sent now will act. */
+    /* Time of the predicted poses: when a command sent now will act. */
     uint64_t t_predicted_ns;
-    /* Frame number of the world whose tracks were carried on; WorldFrame::NO_WORLD for a filter that started from nothing. */
+    /* Frame number of the world whose tracks were continued; WorldFrame::NO_WORLD for a filter that started from nothing. */
     uint64_t prior_world_seq;
-    /* Number of the newest commands message that was ever used; WorldFrame::NO_COMMANDS for none. */
+    /* Number of the newest commands message ever used; WorldFrame::NO_COMMANDS for none. */
     uint64_t commands_seq;
     /* Valid elements of robots. */
     uint32_t robot_count;
@@ -568,13 +568,13 @@ typedef struct TouchlineWorldFrame {
     uint32_t command_count;
     /* Valid elements of unknown_robots. */
     uint32_t unknown_robot_count;
-    /* Valid elements of unknown_robot_memories: those of unknown_robots, and what may become one. */
+    /* Valid elements of unknown_robot_memories: unknown_robots and further candidates. */
     uint32_t unknown_memory_count;
-    /* The UnknownRobotState::track_id given last. */
+    /* The last UnknownRobotState::track_id assigned. */
     uint32_t last_track_id;
     /* Reserved, 0. */
     uint32_t reserved;
-    /* The commands messages that were used since the prior world, in that order. With these, the prior world and the detections of the frame, this message can be computed again. */
+    /* The commands messages used since the prior world, in that order. From these, the prior world and the detections of the frame this message can be computed again. */
     TouchlineCommandsName commands[32];
     /* Tracked robots, by team and number. */
     TouchlineRobotState robots[32];
@@ -586,7 +586,7 @@ typedef struct TouchlineWorldFrame {
     TouchlineRobotMemory robot_memories[32];
     /* For the filter's successor. */
     TouchlineBallMemory ball_memory;
-    /* For the filter's successor: one element for each of unknown_robots, in the same order, then what has not been seen often enough. */
+    /* For the filter's successor: one element for each of unknown_robots, in the same order, then candidates that have not been seen often enough. */
     TouchlineUnknownRobotMemory unknown_robot_memories[32];
 } TouchlineWorldFrame;
 
@@ -607,24 +607,24 @@ typedef struct TouchlineWheelCommand {
 
 TOUCHLINE_CHECK(sizeof(TouchlineWheelCommand) == 24);
 
-/* The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last (t_sent_ns) acts, whoever sent it. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms). */
+/* The speeds a strategy has just sent. If several senders command a robot, the command sent last (t_sent_ns) acts, whatever its sender. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms). */
 typedef struct TouchlineCommands {
-    /* Counted by the sender. */
+    /* Sequence number of the sender. */
     uint64_t seq;
     /* When the commands went out to the robots. */
     uint64_t t_sent_ns;
     /* Valid elements of wheels. */
     uint32_t wheel_count;
-    /* The system's number for the user that sent it, where it comes through the gateway, which fills it in; 0 from programs that publish themselves. */
+    /* User id of the sender, filled in by the gateway; 0 from programs that publish themselves. */
     uint32_t user;
-    /* One element a robot. */
+    /* One element per robot. */
     TouchlineWheelCommand wheels[32];
 } TouchlineCommands;
 
 TOUCHLINE_CHECK(sizeof(TouchlineCommands) == 792);
 #define TOUCHLINE_COMMANDS_TYPE_NAME "touchline/Commands/2"
 
-/* One robot as it really is. */
+/* True pose and speed of one robot. */
 typedef struct TouchlineTruthRobot {
     /* A Team number. */
     uint32_t team;
@@ -640,9 +640,9 @@ typedef struct TouchlineTruthRobot {
     double v_mm_s;
     /* Turning rate, rad/s. */
     double omega;
-    /* Frames for which it has not moved at all, up to this one. */
+    /* Number of frames up to this one in which it has not moved at all. */
     uint32_t frames_still;
-    /* 1 when all of its top is inside the picture and nothing hides it. */
+    /* 1 when its whole top is inside the picture and nothing hides it. */
     uint32_t visible;
 } TouchlineTruthRobot;
 
@@ -650,7 +650,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineTruthRobot) == 56);
 
 /* The true state of the synthetic match in one frame. */
 typedef struct TouchlineTruthFrame {
-    /* The frame it belongs to. */
+    /* The frame this belongs to. */
     uint64_t seq;
     /* Middle of the exposure of that frame. */
     uint64_t t_capture_ns;
@@ -675,112 +675,112 @@ TOUCHLINE_CHECK(sizeof(TouchlineTruthFrame) == 1848);
 
 /* Published by a grabber with a real camera, at every change and several times a second. */
 typedef struct TouchlineCameraReport {
-    /* When it was published. */
+    /* Time of publication. */
     uint64_t t_sent_ns;
     /* Frames dropped because parts of them were missing or damaged. */
     uint64_t incomplete;
-    /* Frames that the camera has captured, but of which nothing has come. */
+    /* Frames the camera captured but of which nothing arrived. */
     uint64_t lost;
-    /* How often it was started; more than once means that it was away. */
+    /* Number of starts; more than one means that the camera was away. */
     uint64_t starts;
     /* A CameraState number. */
     uint32_t state;
     /* Which camera, counted from 0. */
     uint32_t camera_id;
-    /* Frames a second as the camera or its driver promises; 0 when unknown. */
+    /* Frames a second promised by the camera or its driver; 0 when unknown. */
     float promised_fps;
-    /* Frames a second that have come, incomplete ones left out; 0 when not measured yet. */
+    /* Frames a second that arrived complete; 0 when not measured yet. */
     float delivered_fps;
-    /* Where frames come from, as named on the command line: UTF-8, ended by a zero. */
+    /* Frame source, as named on the command line: UTF-8, ended by a zero. */
     uint8_t device[96];
-    /* Model, format and way of transfer, likewise. */
+    /* Model, format and transfer, in the same form. */
     uint8_t description[160];
-    /* What is wrong and what to do about it, likewise; empty when nothing is. */
+    /* Problem and remedy, in the same form; empty when there is none. */
     uint8_t problem[384];
 } TouchlineCameraReport;
 
 TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
 #define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
 
-/* How the classifier corrects the light of the frame it worked on last. A correction is what each channel of a pixel is multiplied with before its colour is looked up, as if the pitch looked as it did when the colours were set. */
+/* Correction of the light in the frame the classifier processed last. Each channel of a pixel is multiplied by a gain before its colour is looked up, so that the pitch looks as it did when the colours were set. */
 typedef struct TouchlineLightCorrection {
-    /* What red, green and blue are multiplied with in the middle of the pitch; 1 changes nothing. */
+    /* Gains of red, green and blue in the middle of the pitch; 1 changes nothing. */
     float gains[3];
     /* Bit set of FOLLOWED, AT_BOUND, PITCH_UNSEEN and GLARE. */
     uint32_t flags;
-    /* What all channels are multiplied with besides, on the parts of the pitch where that is least and where it is most; both 1 where light is taken to be even. */
+    /* Smallest and largest additional gain of all channels over the zones of the pitch; both 1 where light is taken to be even. */
     float zones[2];
-    /* How often the gains have changed from one frame to the next since the process began. */
+    /* Number of frames in which the gains changed since the process started. */
     uint64_t changes;
 } TouchlineLightCorrection;
 
 TOUCHLINE_CHECK(sizeof(TouchlineLightCorrection) == 32);
 
-/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. The classifier's tells how it corrects the light. */
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's heartbeat names the newest event, so a program that only follows health knows when to read events; its frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output. The classifier's heartbeat includes its correction of the light. */
 typedef struct TouchlineHeartbeat {
-    /* When it was published. */
+    /* Time of publication. */
     uint64_t t_sent_ns;
-    /* Operating system's number of the process. */
+    /* Process id. */
     uint32_t pid;
     /* A ProcessKind or Attendant number. */
     uint32_t process;
     /* A ProcessState number. */
     uint32_t state;
-    /* Of the gateway: programs that are attached. Of others 0. */
+    /* Gateway: attached clients. 0 from other processes. */
     uint32_t clients;
-    /* Newest frame number taken in; u64::MAX before the first. */
+    /* Newest frame number received; u64::MAX before the first. */
     uint64_t seq_in;
-    /* Newest frame number given out; u64::MAX before the first. */
+    /* Newest frame number published; u64::MAX before the first. */
     uint64_t seq_out;
-    /* Inputs taken. */
+    /* Inputs received. */
     uint64_t frames_in;
-    /* Outputs given. */
+    /* Outputs published. */
     uint64_t frames_out;
-    /* Frame numbers that never reached this process (gaps in its input); of the gateway, outputs that did not reach a client because it was too slow. */
+    /* Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not reach a client because it was too slow. */
     uint64_t frames_missed;
-    /* Inputs not worked on, by DropReason; of the gateway, what clients have sent. */
+    /* Inputs dropped, by DropReason. Gateway: dropped messages of clients. */
     uint64_t dropped[9];
-    /* Of the supervisor: events in the group so far, the number of the newest. Of others 0, as are the following. */
+    /* Supervisor: events in the group so far, which is the number of the newest. 0 from other processes, as are the next three fields. */
     uint64_t events;
     /* When the newest event happened, nanoseconds since 1970. */
     uint64_t t_event_wall_ns;
-    /* What it was, an EventKind number. */
+    /* Kind of the newest event, an EventKind number. */
     uint32_t event_kind;
-    /* Whom it concerns, a ProcessKind or Attendant number. */
+    /* Process concerned by the newest event, a ProcessKind or Attendant number. */
     uint32_t event_process;
-    /* Of the classifier: how it corrects the light of the frame it worked on last. Before its first frame, and of others, nothing is corrected. */
+    /* Classifier: correction of the light in the frame it processed last. No correction before its first frame, and from other processes. */
     TouchlineLightCorrection light;
 } TouchlineHeartbeat;
 
 TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 192);
 #define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/5"
 
-/* Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same. */
+/* Published when the supervisor notices or does something: a process ended, was replaced, killed or promoted; inputs were dropped. The log and the status say the same. */
 typedef struct TouchlineGroupEvent {
-    /* When it happened, nanoseconds since 1970. */
+    /* Time of the event, nanoseconds since 1970. */
     uint64_t t_wall_ns;
-    /* Counts the events of this supervisor: 1 is its first. */
+    /* Number of the event since this supervisor started; the first is 1. */
     uint64_t number;
-    /* Operating system's number of the process concerned; 0 when it concerns the whole stage. */
+    /* Process id of the process concerned; 0 when the event concerns the whole stage. */
     uint32_t pid;
-    /* Its kind, a ProcessKind or Attendant number. */
+    /* Process concerned, a ProcessKind or Attendant number. */
     uint32_t process;
     /* An EventKind number. */
     uint32_t kind;
     /* Reserved, 0. */
     uint32_t reserved;
-    /* What happened: UTF-8, ended by a zero. */
+    /* Description: UTF-8, ended by a zero. */
     uint8_t what[224];
-    /* The last lines that the process wrote, if it has ended, likewise; the end of them where they are too long. */
+    /* The last lines written by a process that ended, in the same form. A longer text is cut at its beginning. */
     uint8_t evidence[768];
 } TouchlineGroupEvent;
 
 TOUCHLINE_CHECK(sizeof(TouchlineGroupEvent) == 1024);
 #define TOUCHLINE_GROUP_EVENT_TYPE_NAME "touchline/GroupEvent/2"
 
-/* Travels with the group's status, which is JSON text in the first bytes of the payload. */
+/* Header of the group's status, which is JSON text in the first bytes of the payload. */
 typedef struct TouchlineStatusHeader {
-    /* When it was published. */
+    /* Time of publication. */
     uint64_t t_sent_ns;
     /* Length of the text. */
     uint64_t bytes;

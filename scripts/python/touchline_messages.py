@@ -118,7 +118,7 @@ NONE = 18446744073709551615 # a number that stands for none
 
 
 class FrameHeader(ctypes.Structure):
-    """Travels with every raw frame; the pixels are the payload, laid out as PixelFormat says."""
+    """Header of a raw frame; the payload is the pixels, laid out as PixelFormat says."""
 
     _fields_ = [
         ("seq", ctypes.c_uint64),
@@ -144,7 +144,7 @@ assert ctypes.sizeof(FrameHeader) == 64
 
 
 class RunsHeader(ctypes.Structure):
-    """Travels with every list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid."""
+    """Header of a list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid."""
 
     _fields_ = [
         ("frame", FrameHeader),
@@ -224,7 +224,7 @@ assert ctypes.sizeof(DetectedBall) == 40
 
 
 class Rejected(ctypes.Structure):
-    """A candidate that became nothing, and why."""
+    """A rejected candidate and the reason."""
 
     _fields_ = [
         ("team", ctypes.c_uint32),
@@ -258,7 +258,7 @@ assert ctypes.sizeof(Region) == 32
 
 
 class DetectionFrame(ctypes.Structure):
-    """Everything the tracker saw in one frame, and why."""
+    """Everything the tracker found in one frame, with the reasons for rejections."""
 
     _fields_ = [
         ("frame", FrameHeader),
@@ -290,7 +290,7 @@ assert ctypes.sizeof(DetectionFrame) == 300360
 
 
 class CommandsName(ctypes.Structure):
-    """Which message of the topic commands it was. Every sender counts its own messages, so the time is part of the name."""
+    """Identifies a message on the topic commands. Every sender counts its own messages, so the time is part of the name."""
 
     _fields_ = [
         ("seq", ctypes.c_uint64),
@@ -302,7 +302,7 @@ assert ctypes.sizeof(CommandsName) == 16
 
 
 class RobotState(ctypes.Structure):
-    """One robot as the filter sees it."""
+    """One robot as estimated by the filter."""
 
     _fields_ = [
         ("team", ctypes.c_uint32),
@@ -327,7 +327,7 @@ assert ctypes.sizeof(RobotState) == 288
 
 
 class UnknownRobotState(ctypes.Structure):
-    """One robot of which only the team is known, as the filter sees it: an opponent whose patches nobody has configured, or a robot that has lost one. It has no number in its team and no heading."""
+    """One robot of which the filter knows only the team: an opponent whose patches are not configured, or a robot that has lost a patch. It has no number in its team and no heading."""
 
     _fields_ = [
         ("team", ctypes.c_uint32),
@@ -350,7 +350,7 @@ assert ctypes.sizeof(UnknownRobotState) == 200
 
 
 class BallState(ctypes.Structure):
-    """The ball as the filter sees it."""
+    """The ball as estimated by the filter."""
 
     _fields_ = [
         ("status", ctypes.c_uint32),
@@ -371,7 +371,7 @@ assert ctypes.sizeof(BallState) == 192
 
 
 class RobotHypothesis(ctypes.Structure):
-    """One hypothesis about a robot's motion and the extended Kalman filter that follows it."""
+    """One hypothesis about a robot's motion, with its extended Kalman filter."""
 
     _fields_ = [
         ("probability", ctypes.c_double),
@@ -397,7 +397,7 @@ assert ctypes.sizeof(QueuedCommand) == 24
 
 
 class RobotMemory(ctypes.Structure):
-    """What the filter needs besides RobotState to carry on with a robot's track exactly. Of no interest to anyone but the filter's successor."""
+    """State besides RobotState with which a successor of the filter continues a robot's track exactly. Only the filter reads it."""
 
     _fields_ = [
         ("hypotheses", RobotHypothesis * 3),
@@ -414,7 +414,7 @@ assert ctypes.sizeof(RobotMemory) == 840
 
 
 class BallHypothesis(ctypes.Structure):
-    """One hypothesis about the ball's motion and the Kalman filter that follows it."""
+    """One hypothesis about the ball's motion, with its Kalman filter."""
 
     _fields_ = [
         ("probability", ctypes.c_double),
@@ -427,7 +427,7 @@ assert ctypes.sizeof(BallHypothesis) == 120
 
 
 class BallMemory(ctypes.Structure):
-    """What the filter needs besides BallState to carry on with the ball's track exactly."""
+    """State besides BallState with which a successor of the filter continues the ball's track exactly."""
 
     _fields_ = [
         ("hypotheses", BallHypothesis * 2),
@@ -443,7 +443,7 @@ assert ctypes.sizeof(BallMemory) == 280
 
 
 class UnknownRobotHypothesis(ctypes.Structure):
-    """One hypothesis about such a robot's motion and the Kalman filter that follows it."""
+    """One hypothesis about such a robot's motion, with its Kalman filter."""
 
     _fields_ = [
         ("probability", ctypes.c_double),
@@ -456,7 +456,7 @@ assert ctypes.sizeof(UnknownRobotHypothesis) == 120
 
 
 class UnknownRobotMemory(ctypes.Structure):
-    """What the filter needs to carry on with such a robot's track exactly. Of no interest to anyone but the filter's successor."""
+    """State with which a successor of the filter continues such a robot's track exactly. Only the filter reads it."""
 
     _fields_ = [
         ("team", ctypes.c_uint32),
@@ -474,7 +474,7 @@ assert ctypes.sizeof(UnknownRobotMemory) == 272
 
 
 class WorldFrame(ctypes.Structure):
-    """The filtered state of the match after one frame. A filter that starts anew continues from the last one of these, and comes to the same results as one that never stopped."""
+    """The filtered state of the match after one frame. A restarted filter continues from the last world, with the same results as one that never stopped."""
 
     _fields_ = [
         ("frame", FrameHeader),
@@ -525,7 +525,7 @@ assert ctypes.sizeof(WheelCommand) == 24
 
 
 class Commands(ctypes.Structure):
-    """The speeds a strategy has just sent. Where several senders command a robot, the command that was sent last (t_sent_ns) acts, whoever sent it. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms)."""
+    """The speeds a strategy has just sent. If several senders command a robot, the command sent last (t_sent_ns) acts, whatever its sender. A robot that is not listed keeps its last command until the filter forgets it (filter.command_timeout_ms)."""
 
     _fields_ = [
         ("seq", ctypes.c_uint64),
@@ -544,7 +544,7 @@ assert ctypes.sizeof(Commands) == 792
 
 
 class TruthRobot(ctypes.Structure):
-    """One robot as it really is."""
+    """True pose and speed of one robot."""
 
     _fields_ = [
         ("team", ctypes.c_uint32),
@@ -611,7 +611,7 @@ assert ctypes.sizeof(CameraReport) == 688
 
 
 class LightCorrection(ctypes.Structure):
-    """How the classifier corrects the light of the frame it worked on last. A correction is what each channel of a pixel is multiplied with before its colour is looked up, as if the pitch looked as it did when the colours were set."""
+    """Correction of the light in the frame the classifier processed last. Each channel of a pixel is multiplied by a gain before its colour is looked up, so that the pitch looks as it did when the colours were set."""
 
     _fields_ = [
         ("gains", ctypes.c_float * 3),
@@ -625,7 +625,7 @@ assert ctypes.sizeof(LightCorrection) == 32
 
 
 class Heartbeat(ctypes.Structure):
-    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's tells of the newest event, so whoever only follows health knows when there is something to be read on events; what it takes and gives is nothing. The gateway takes world and gives it to its clients: once to each of them. The classifier's tells how it corrects the light."""
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's heartbeat names the newest event, so a program that only follows health knows when to read events; its frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output. The classifier's heartbeat includes its correction of the light."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
@@ -655,7 +655,7 @@ assert ctypes.sizeof(Heartbeat) == 192
 
 
 class GroupEvent(ctypes.Structure):
-    """Published when the supervisor has noticed or done something: a process has ended, was replaced, killed, promoted; inputs were dropped. The log and the status say the same."""
+    """Published when the supervisor notices or does something: a process ended, was replaced, killed or promoted; inputs were dropped. The log and the status say the same."""
 
     _fields_ = [
         ("t_wall_ns", ctypes.c_uint64),
@@ -677,7 +677,7 @@ assert ctypes.sizeof(GroupEvent) == 1024
 
 
 class StatusHeader(ctypes.Structure):
-    """Travels with the group's status, which is JSON text in the first bytes of the payload."""
+    """Header of the group's status, which is JSON text in the first bytes of the payload."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),

@@ -31,10 +31,10 @@ pub fn schema_json() -> String {
 const HEADER: &str = "\
 # Touchline configuration.
 #
-# Every key is written out here. One that is deleted has the value of the preset; a list that is
-# given replaces the preset's list as a whole. So another preset changes only what is not set
-# below; `touchline config init --preset NAME` writes its file.
-# `touchline config check FILE` tells whether a file can be used.
+# All keys are listed. A deleted key has the preset's value; a list replaces the preset's list as a
+# whole. So a change of `preset` affects only keys that are deleted here.
+# `touchline config init --preset NAME` writes another preset's file.
+# `touchline config check FILE` checks a file.
 ";
 
 /// Longest line of comments and lists.
