@@ -1,4 +1,4 @@
-//! Programs that attach: in other languages, and played back from a recording.
+//! Programs that attach: in other languages, and to playback of a recording.
 
 mod support;
 
@@ -13,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, Scratch, output_of, touchline};
 
-/// One against one, so that the way to the ball is mostly free.
+/// One against one, so that the path to the ball is mostly free.
 const SMALL: &str = "
 [robots]
 identities = [
@@ -32,7 +32,7 @@ impl Drop for Program {
     }
 }
 
-/// The Python to run programs with.
+/// The Python interpreter for the programs.
 fn python() -> PathBuf {
     std::env::var_os("TOUCHLINE_PYTHON").map_or("python3".into(), PathBuf::from)
 }
@@ -98,15 +98,14 @@ fn topics_are_listed_with_what_goes_on() {
     assert!(text.contains(prefix) && text.contains("root-path"), "{text}");
 }
 
-/// How far the robot really is from the ball.
+/// True distance of the robot from the ball.
 fn distance(truth: &TruthFrame) -> f64 {
     let robot = truth.robots().iter().find(|r| (r.team, r.robot_id) == (Team::Blue as u32, 1));
     let robot = robot.expect("the robot is on the pitch");
     (robot.x_mm - truth.ball_x_mm).hypot(robot.y_mm - truth.ball_y_mm)
 }
 
-/// Watches the truth until the robot has been at the ball for two seconds on end, the kicks it gives
-/// the ball left out.
+/// Watches the truth until the robot has been at the ball for two seconds on end, except for its kicks.
 fn wait_until_at_the_ball(group: &Group) {
     let mut truth = Consumer::new(group.instance.clone(), "test", &topics::TRUTH);
     let deadline = Instant::now() + PATIENCE;
@@ -176,7 +175,7 @@ fn a_consumer_outlives_its_group() {
     second.0.wait().unwrap();
 }
 
-/// What is exported can be read: the table by anybody, the pictures by `detect`.
+/// Exported files can be read: the table by any program, the pictures by `detect`.
 fn check_exports(scratch: &Scratch, file: &Path) {
     let (table, pictures) = (scratch.path.join("poses.csv"), scratch.path.join("frames"));
     let (table_arg, pictures_arg) = (table.to_str().unwrap(), pictures.to_str().unwrap());
@@ -197,7 +196,7 @@ fn check_exports(scratch: &Scratch, file: &Path) {
     assert!(lines.lines().all(|line| line.contains("\"robots\"")), "{lines}");
 }
 
-/// As fast as the group can, everything comes out that was recorded.
+/// Playback as fast as the group can gives everything that was recorded.
 fn check_fast(file: &Path, recorded: u64) {
     let scratch = Scratch::new("fast");
     let report = scratch.path.join("report.json");
@@ -206,7 +205,7 @@ fn check_fast(file: &Path, recorded: u64) {
     let mut group = Group::start_plain("fast-group", &args);
     assert!(group.wait_until_ended().success(), "{}", group.stderr());
     let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
-    // By the stages' own counts: on a busy machine the monitor itself might miss something.
+    // By the stages' own counts: on a busy machine the monitor itself might miss some.
     assert_eq!(report["stages"]["grabber"]["frames_out"], recorded, "{report:#}");
     assert_eq!(report["stages"]["filter"]["frames_out"], recorded, "{report:#}");
     assert_eq!(report["latency_us"]["capture_to_world"]["max"], 0.0, "it is of the past");
@@ -214,7 +213,7 @@ fn check_fast(file: &Path, recorded: u64) {
     assert!(found > Some(0.95), "{report:#}");
 }
 
-/// Frame by frame, with a pause in which a camera would be given up.
+/// Frame by frame, with a pause after which a camera would be given up.
 fn check_steps(file: &Path) {
     let source = format!("recording:{},step", file.display());
     let mut group = Group::start_plain("step-group", &["--source", &source]);
@@ -244,7 +243,7 @@ fn check_steps(file: &Path) {
     assert!(String::from_utf8_lossy(&output.stderr).contains("recording:FILE,step"), "{output:?}");
 }
 
-/// Records a match of so many frames, all topics.
+/// Records a match of this many frames, all topics.
 fn record(file: &Path, frames: u64) {
     let mut group = Group::start("recorded", "", &["--frames", &frames.to_string()]);
     let args = ["record", file.to_str().unwrap(), "--instance", "test", "--keep-free", "1M"];

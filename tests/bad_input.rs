@@ -1,4 +1,4 @@
-//! Whole groups that are told nonsense, and whose surroundings misbehave.
+//! Whole groups with garbage on their topics and a hostile environment.
 
 mod support;
 
@@ -27,7 +27,7 @@ fn wait_for_more(group: &mut Group, frames: u64) -> Value {
     })
 }
 
-/// Nothing, ones, numbers that are none, infinities, and noise.
+/// Zeros, ones, NaNs, infinities, and noise.
 fn fill(bytes: &mut [u8], kind: usize, noise: &mut u64) {
     let patterns =
         [0, u64::MAX, f64::NAN.to_bits(), f64::INFINITY.to_bits(), 0x7FC0_0000_7FC0_0000];
@@ -41,7 +41,7 @@ fn fill(bytes: &mut [u8], kind: usize, noise: &mut u64) {
     }
 }
 
-/// Publishes messages of all these lengths filled with every kind of nonsense.
+/// Publishes messages of all these lengths with every kind of garbage.
 fn publish_rubbish<E: Message, H: Header>(bus: &Bus, topic: &Topic<E, H>, lengths: &[usize]) {
     let most = lengths.iter().copied().max().unwrap_or(0);
     let mut publisher = bus.publisher(topic, most).unwrap();
@@ -58,7 +58,7 @@ fn publish_rubbish<E: Message, H: Header>(bus: &Bus, topic: &Topic<E, H>, length
     }
 }
 
-/// Poses that the group publishes now, against the truth.
+/// Compares the group's present poses with the truth.
 fn assert_poses_are_right(group: &Group) {
     let bus = Bus::join(&group.instance, "judge").unwrap();
     let truths = bus.subscriber(&topics::TRUTH).unwrap();
@@ -136,7 +136,7 @@ fn check_that_rubbish_harms_nobody(name: &str, is_of_group: bool) {
     assert_eq!(topics.len(), expected.len(), "{after:#}");
     assert_poses_are_right(&group);
 
-    // What a successor goes by has not been led astray either.
+    // The state that a successor uses is not corrupted either.
     for stage in ["classifier", "tracker", "filter"] {
         group.signal(Group::pid_of(&after, stage), Signal::KILL);
         let status = wait_for_more(&mut group, 40);
@@ -154,7 +154,7 @@ fn a_configuration_that_changes_on_disk_does_not_change_the_match() {
     group.wait_until_working();
     group.scratch.write("config.toml", "[camera]\nwidth = 12\nrubbish");
     let snapshot = fs::read(group.instance.config_path()).unwrap();
-    // The second to fall is the spare of the first: its successor is started from the file.
+    // The second victim is the first one's spare; its successor starts from the file.
     for _ in 0..2 {
         let status = group.wait_until_working();
         group.signal(Group::pid_of(&status, "tracker"), Signal::KILL);
@@ -187,7 +187,7 @@ fn a_machine_that_was_away_blames_nobody() {
         group.signal(pid, Signal::STOP);
     }
     std::thread::sleep(Duration::from_secs(2));
-    // The supervisor first: it finds everybody late.
+    // The supervisor continues first and finds every process late.
     group.signal_supervisor(Signal::CONT);
     for &pid in &all {
         group.signal(pid, Signal::CONT);
@@ -204,7 +204,7 @@ fn a_stale_lock_and_rubbish_in_the_runtime_directory_stop_nobody() {
     let scratch = Scratch::new("stale");
     let directory = scratch.path.join("run/test");
     fs::create_dir_all(&directory).unwrap();
-    // Left by a supervisor whose number somebody else has now.
+    // Left by a supervisor whose process id belongs to another process now.
     fs::write(directory.join("supervisor.lock"), format!("{}\n", std::process::id())).unwrap();
     for name in ["group.json", "control", "config.toml"] {
         fs::write(directory.join(name), b"\xff\xfe rubbish 18446744073709551616 [").unwrap();
@@ -214,6 +214,6 @@ fn a_stale_lock_and_rubbish_in_the_runtime_directory_stop_nobody() {
     let args = ["run", "--instance", "test", "--frames", "40", "--quiet"];
     let output = output_of(&scratch, &args);
     assert!(output.status.success(), "{output:?}");
-    // It was there before, and stays.
+    // It existed before, and stays.
     assert!(fs::read_dir(&directory).unwrap().next().is_none());
 }

@@ -1,7 +1,7 @@
-//! `touchline calibrate`: from points to a configuration, or to a complaint that names the culprit.
+//! `touchline calibrate`: from points to a configuration, or to an error that names the culprit.
 //!
-//! The labelled photographs are not ours to redistribute: they are looked for beside the checkout,
-//! and without them that part is not tested, loudly.
+//! The labelled photographs may not be redistributed: they are beside the checkout, and tests that need
+//! them are ignored without them.
 
 mod support;
 
@@ -21,7 +21,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Corners of a pitch that fills a picture of 640 × 480, a little from the side.
+/// Corners of a pitch that fills a picture of 640 × 480, slightly from the side.
 const CORNERS: [&str; 4] = [
     "--at=corner-tl=60.5,50.2",
     "--at=corner-tr=590.1,44.9",
@@ -114,7 +114,7 @@ fn a_labelled_pitch_tells_how_high_its_camera_hangs() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     print!("{}", text(&output.stdout));
     let [x, y, height] = Config::load(Path::new(out)).unwrap().geometry.camera_mm;
-    // A hand-made estimate from the same labels.
+    // A manual estimate from the same labels.
     assert!((height - 2070.0).abs() < 100.0, "{height}");
     assert!((x + 104.0).abs() < 100.0 && (y - 160.0).abs() < 100.0, "{x} {y}");
     assert_eq!(image::image_dimensions(overlay).unwrap(), (1920, 1440));
@@ -129,7 +129,7 @@ fn pitch_picture(config: &Config) -> image::GrayImage {
     image::GrayImage::from_raw(width, height, pixels).unwrap()
 }
 
-/// How far the two cameras see the pitch apart, root mean square over robots' tops.
+/// Difference of two cameras, as root mean square over robots' tops on the pitch.
 fn apart_mm(truth: &Config, found: &Config) -> f64 {
     let model = |config: &Config| CameraModel::new(&config.geometry, 640, 480).unwrap();
     let (truth, found) = (model(truth), model(found));
@@ -145,7 +145,7 @@ fn apart_mm(truth: &Config, found: &Config) -> f64 {
     f64::sqrt(sum / count)
 }
 
-/// Each click is off by two pixels in some direction; the lines of the pitch are not.
+/// Each click is two pixels off in some direction; the lines of the pitch are exact.
 #[test]
 fn four_rough_clicks_are_refined_on_the_lines() {
     let scratch = Scratch::new("calibrate-lines");
@@ -153,7 +153,7 @@ fn four_rough_clicks_are_refined_on_the_lines() {
     let picture = scratch.path.join("pitch.png");
     pitch_picture(&truth).save(&picture).unwrap();
     let model = CameraModel::new(&truth.geometry, 640, 480).unwrap();
-    // The painted picture's keystone is not that of its lens' place, which is measured here.
+    // The keystone of the synthetic picture is not that of its lens position, which is given here.
     let lens = format!("camera_mm = {:?}\n", truth.geometry.camera_mm);
     let lens = scratch.write("lens.toml", &lens);
     for angle in [0.3f64, 1.9, 4.4] {
@@ -184,7 +184,7 @@ fn four_rough_clicks_are_refined_on_the_lines() {
     }
 }
 
-/// Without lines to be seen, points are what there is.
+/// Without visible lines only the points count.
 #[test]
 fn where_there_are_no_lines_the_points_count() {
     let scratch = Scratch::new("calibrate-no-lines");
@@ -229,7 +229,7 @@ fn lines_that_contradict_the_points_are_not_used() {
     assert!(apart_mm(&truth, &found) < 0.5, "{said}");
 }
 
-/// Pictures through wide lenses, with points marked to 0.3 px and the robots' right places.
+/// Pictures through wide lenses, with points marked to 0.3 px and the robots' true positions.
 #[test]
 #[ignore = "needs ../shared, pictures that are not ours to give away"]
 fn robots_seen_through_wide_lenses_are_within_a_millimetre() {

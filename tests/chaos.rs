@@ -1,4 +1,4 @@
-//! A short storm over the real program: whatever the machine's speed, nothing may be lost.
+//! Short `touchline chaos` runs of the real program: whatever the machine's speed, nothing may be lost.
 
 mod support;
 
@@ -93,12 +93,12 @@ fn another_user_who_takes_names_and_tries_doors_changes_nothing() {
         deeds["made"].as_u64() > Some(10) && deeds["attempts"].as_u64() > Some(1000),
         "{deeds}"
     );
-    // It may reach the segment that is only there to be copied, which is made again then.
+    // It may reach the segment that exists only to be copied, which is then created again.
     assert!(deeds["succeeded"].as_u64() <= Some(20), "{deeds}");
 }
 
 fn check_that_nothing_is_lost(signals: &str) -> Value {
-    // Tests of one program run side by side.
+    // Tests of one program run concurrently.
     let scratch = Scratch::new(&format!("chaos-{}", signals.replace(',', "-")));
     let report_path = scratch.path.join("report.json");
     let arguments = ["chaos", "--seconds", "12", "--every", "500", "--signals", signals];

@@ -1,4 +1,4 @@
-//! `touchline detect` on pictures painted here: what it says about them, and about what is not one.
+//! `touchline detect` on rendered pictures: its results, and its errors for other files.
 
 mod support;
 
@@ -15,7 +15,7 @@ use std::process::Output;
 use std::sync::OnceLock;
 use support::{Scratch, output_of};
 
-/// What stands on the painted pitch.
+/// A robot on the rendered pitch.
 struct Robot {
     team: Team,
     id: u32,
@@ -65,7 +65,7 @@ fn paint(config: &Config) -> RgbImage {
             else {
                 continue;
             };
-            // Of the default layout: the team's patch, then one for the identity.
+            // The default layout: the team's patch, then one identification patch.
             let wears = |known: &&common::config::IdentityConfig| {
                 (known.team, known.id) == (robot.team, robot.id)
             };
@@ -97,7 +97,7 @@ fn paint(config: &Config) -> RgbImage {
     })
 }
 
-/// The same picture as the sensor would have given it.
+/// The same picture as raw sensor data.
 fn raw(picture: &RgbImage, camera: &CameraConfig) -> GrayImage {
     let mut frame = vec![0; (camera.width * camera.height) as usize];
     mosaic(picture.as_raw(), camera.width as usize, camera.bayer_order, &mut frame);
@@ -212,7 +212,7 @@ fn raw_bayer_is_taken_as_it_is_in_any_order() {
     }
 }
 
-/// Red and blue exchanged make some robots of the other team, and most vanish.
+/// With red and blue swapped, some robots change teams, and most vanish.
 #[test]
 fn a_wrong_bayer_order_is_suggested_to_be_another() {
     let scratch = Scratch::new("detect-order");
@@ -227,7 +227,7 @@ fn a_wrong_bayer_order_is_suggested_to_be_another() {
     assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
 }
 
-/// With its points mirrored as well, a mirrored picture shows the same robots.
+/// If its points are mirrored as well, a mirrored picture shows the same robots.
 #[test]
 fn a_mirrored_view_is_as_good_as_any() {
     let scratch = Scratch::new("detect-mirrored");
@@ -271,7 +271,7 @@ fn a_grey_photograph_is_said_to_have_no_colour() {
     }
 }
 
-/// The picture as a JPEG, stored upside down if it is said so.
+/// The picture as a JPEG, optionally stored upside down.
 fn jpeg(picture: &RgbImage, is_upside_down: bool) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 95);
@@ -307,7 +307,7 @@ fn a_camera_held_upside_down_says_so_in_its_picture() {
     }
 }
 
-/// A decoder fills missing data with grey; robots there would be missing without a word.
+/// A decoder fills missing data with grey, which would silently hide robots there.
 #[test]
 fn a_cut_off_jpeg_is_an_error() {
     let scratch = Scratch::new("detect-cut");
@@ -398,7 +398,7 @@ fn overlays_have_the_pictures_names_and_never_overwrite_them() {
     let outlined = config.colors.iter().find(|color| color.name == "orange").unwrap().looks;
     assert!(overlay.pixels().any(|pixel| pixel.0 == outlined), "nothing is outlined");
 
-    // A second time only when asked to.
+    // Again only on request.
     let output = detect(&scratch, &args);
     assert!(!output.status.success(), "{output:?}");
     let said = String::from_utf8(output.stderr).unwrap();

@@ -1,6 +1,5 @@
-//! Every call with which the supervisor asks the system for something fails once, in the middle of a
-//! match and while one is taken over, and the match goes on. The calls are those of
-//! `src/supervisor/sys.rs`, which also makes them fail.
+//! Every system call of the supervisor fails once, in the middle of a match and during a take-over, and
+//! the match continues. The calls are those of `src/supervisor/sys.rs`, which also makes them fail.
 
 mod support;
 
@@ -13,10 +12,10 @@ use support::{Group, PATIENCE};
 
 const FAULTS: (&str, &str) = ("TOUCHLINE_SYSTEM_FAULTS", "once");
 const SPARED: [&str; 3] = ["classifier", "tracker", "filter"];
-/// The frame that kills whoever works on it: its evidence is kept by a thread.
+/// The frame that kills every process; its evidence is kept by a thread.
 const POISON: u64 = 160;
 
-/// The names of all calls, as the program's own table has them.
+/// The names of all calls, from the program's own table.
 fn all_calls() -> BTreeSet<String> {
     let source = include_str!("../src/supervisor/sys.rs");
     let table = source.split("\ncalls! {").nth(1).unwrap().split("\n}").next().unwrap();
@@ -58,7 +57,7 @@ fn whatever_the_system_refuses_once_the_match_goes_on() {
     for stage in SPARED {
         replace(&mut group, stage, Signal::KILL);
     }
-    // A stall: who is late is asked whether it got a processor.
+    // A stall: the supervisor checks whether the late process got a processor.
     replace(&mut group, "filter", Signal::STOP);
     let restarted = group.touchline(&["restart", "tracker"]);
     assert!(restarted.status.success(), "{restarted:?}");

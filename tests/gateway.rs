@@ -1,4 +1,4 @@
-//! Programs of other users: what they get, and what they cannot do.
+//! Programs of other users: what they receive, and what they cannot do.
 
 mod support;
 
@@ -25,7 +25,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, Scratch, is_stage, output_of};
 
-/// A group of users that whoever runs the tests is in.
+/// A system group of which the user running the tests is a member.
 fn own_group() -> String {
     let output = Command::new("id").arg("-gn").output().unwrap();
     String::from_utf8(output.stdout).unwrap().trim().to_string()
@@ -46,7 +46,7 @@ fn start(name: &str, clients: u32) -> (Group, Value) {
     (group, status)
 }
 
-/// The next `world`, with the frames that were missed before it.
+/// The next `world`, with the number of frames missed before it.
 fn world(client: &mut Client) -> (u64, Box<WorldFrame>) {
     let deadline = Instant::now() + PATIENCE;
     let mut missed = 0;
@@ -60,7 +60,7 @@ fn world(client: &mut Client) -> (u64, Box<WorldFrame>) {
     panic!("no world");
 }
 
-/// A client that keeps to no rules.
+/// A client that ignores the protocol.
 struct Raw(OwnedFd);
 
 impl Raw {
@@ -113,7 +113,7 @@ fn the_group_gets_every_frame_in_order_and_a_sleeper_disturbs_nobody() {
         assert_eq!((data.uid(), data.gid()), (own.uid(), rustix::process::getegid().as_raw()));
     }
     for path in support::shared_memory(&group.namespace()) {
-        // What is removed meanwhile is not readable either.
+        // A runtime directory restored meanwhile is not readable either.
         let Ok(data) = fs::symlink_metadata(&path) else { continue };
         assert_eq!(data.mode() & 0o077, 0, "{} is open to others", path.display());
     }
@@ -124,22 +124,22 @@ fn the_group_gets_every_frame_in_order_and_a_sleeper_disturbs_nobody() {
     let (_, first) = world(&mut client);
     let mut before = first.frame.seq;
     group.wait_for("both attached", |status| status["gateway"]["clients"] == 2);
-    // Longer than what is kept for the sleeper, in its socket and beside it.
+    // Longer than the messages kept for the sleeper, in its socket and beside it.
     for _ in 0..200 {
         let (missed, world) = world(&mut client);
         assert_eq!((missed, world.frame.seq), (0, before + 1));
         assert_eq!(world.robots().len(), 10);
         before = world.frame.seq;
     }
-    // From here on nobody but the sleeper can lose anything.
+    // From here on only the sleeper can lose messages.
     drop(client);
     let status = group.wait_for("lost messages of the sleeper", |status| {
         status["gateway"]["lost"].as_u64() > Some(0) && status["gateway"]["clients"] == 1
     });
     assert_eq!(status["frames"]["missing_in_world"], 0);
 
-    // It wakes up: the oldest messages, then one gap, then all that were kept, in order. The group goes
-    // on meanwhile: how far it has come when the sleeper wakes up is anybody's guess.
+    // It wakes up: first the oldest messages, then one gap, then all kept messages in order. The group
+    // continues meanwhile, so the gap's length is not predictable.
     let mut numbers = Vec::new();
     let gap = |numbers: &[u64]| numbers.windows(2).position(|pair| pair[1] > pair[0] + 1);
     while gap(&numbers).is_none_or(|at| numbers.len() <= at + KEPT) {
@@ -150,7 +150,7 @@ fn the_group_gets_every_frame_in_order_and_a_sleeper_disturbs_nobody() {
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]), "{numbers:?}");
     let at = gap(&numbers).unwrap();
     assert_eq!(gap(&numbers[at + 1..]), None, "{numbers:?}");
-    // What is kept are the newest, and what is missing is what was said to be lost.
+    // The kept messages are the newest, and the number missing is the number reported lost.
     assert!(numbers[at + 1] + KEPT as u64 > before, "{before}: {numbers:?}");
     drop(sleeper);
     let status = group.wait_for("nobody attached", |status| status["gateway"]["clients"] == 0);
@@ -185,13 +185,13 @@ fn clients_drive_robots_and_rubbish_is_counted() {
     }
     assert!(is_used, "the filter has not used what the client sent");
 
-    // No client at all: cut off.
+    // Not a valid client: disconnected.
     for words in [b"GET / HTTP/1.1".as_slice(), bytes_of(&commands), &[0; 5000]] {
         let stranger = Raw::connect(&path);
         assert!(stranger.send(words));
         assert!(stranger.is_cut_off());
     }
-    // One that says the right word and then rubbish: counted.
+    // A valid client that then sends garbage: counted.
     let rude = Raw::connect(&path);
     assert!(rude.greeting().fits());
     assert!(rude.send(commands_type_name().as_bytes()));
@@ -203,7 +203,7 @@ fn clients_drive_robots_and_rubbish_is_counted() {
         assert!(rude.send(words));
     }
     group.wait_for("refused messages", |status| status["gateway"]["refused"] == 7);
-    // A flood of them, as fast as the socket takes it.
+    // A flood of commands, as fast as the socket accepts them.
     let flood = std::thread::spawn(move || {
         let deadline = Instant::now() + Duration::from_secs(2);
         while Instant::now() < deadline && rude.send(&[255; 792]) {}
@@ -284,7 +284,7 @@ fn a_team_is_commanded_by_its_users_alone_and_it_is_shown_who_commands_whom() {
     assert!(!output.status.success() && said.contains("access.teams.blue"), "{said}");
 }
 
-/// What other users' programs are told in [`floods_of_two_users_do_not_starve_a_third`].
+/// Parameters of the other users' programs in [`floods_of_two_users_do_not_starve_a_third`].
 const FLOOD_VARIABLE: &str = "TOUCHLINE_TEST_FLOOD";
 
 #[test]
@@ -441,7 +441,7 @@ fn a_gateway_that_falls_is_started_again_and_events_are_in_health() {
     });
     let status = group.wait_for("a promotion", |status| tells(status, "tracker", "promoted"));
 
-    // The next supervisor has a gateway of its own, and clients come again.
+    // The next supervisor has a gateway of its own, and clients reconnect.
     let earlier = status["gateway"]["pid"].as_u64().unwrap();
     group.replace_supervisor();
     group.wait_for("a group that was taken over", |status| {

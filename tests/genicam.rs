@@ -1,7 +1,7 @@
-//! A GigE Vision camera on this machine's own network, played by Aravis' fake camera.
+//! A GigE Vision camera on this machine's own network, simulated by Aravis' fake camera.
 //!
-//! Skipped where that is not installed (Debian: aravis-tools). `TOUCHLINE_SECONDS` sets how long the
-//! long test streams; it is short unless told otherwise.
+//! Skipped if that is not installed (Debian: aravis-tools). `TOUCHLINE_SECONDS` sets the duration of
+//! the long test; it is short by default.
 
 mod support;
 
@@ -17,16 +17,16 @@ const PROGRAM: &str = "arv-fake-gv-camera-0.8";
 const SERIAL: &str = "TL01";
 const SOURCE: &str = "genicam:Aravis-Fake-TL01";
 
-/// Its port exists once on a machine, so tests take turns.
+/// Its port exists once per machine, so tests take turns.
 static TURN: Mutex<()> = Mutex::new(());
 
-/// The camera; gone when it is dropped.
+/// The camera; it ends when dropped.
 struct FakeCamera {
     child: Child,
 }
 
 impl FakeCamera {
-    /// A camera that loses so many of a thousand packets.
+    /// A camera that loses this many of a thousand packets.
     fn start(lost_per_thousand: u32) -> Self {
         let child = Command::new(PROGRAM)
             .args(["-i", "127.0.0.1", "-s", SERIAL, "-r", &lost_per_thousand.to_string()])
@@ -60,7 +60,7 @@ fn config(change: impl FnOnce(&mut Config)) -> String {
     commented_toml(&config)
 }
 
-/// Packets for which there was no room in a socket, since the system started.
+/// Packets dropped for lack of socket buffer since the system started.
 fn dropped_by_the_system() -> u64 {
     let text = std::fs::read_to_string("/proc/net/snmp").unwrap();
     let mut lines = text.lines().filter(|line| line.starts_with("Udp:"));
@@ -73,7 +73,7 @@ fn camera_state(status: &Value) -> &str {
     status["camera"]["device"]["state"].as_str().unwrap_or("none")
 }
 
-/// Runs so many frame periods to the end, and returns the report.
+/// Runs a bounded group of this many frames, and returns the report.
 fn run(name: &str, config: &str, frames: u64) -> Value {
     let scratch = Scratch::new(&format!("{name}-report"));
     let report = scratch.path.join("report.json");
@@ -88,8 +88,8 @@ fn run(name: &str, config: &str, frames: u64) -> Value {
     serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap()
 }
 
-/// As [`run`], up to five times, until the report is like that of a run that nothing disturbed: without
-/// a processor for too long, the system drops packets, and counts them, or the grabber comes too late.
+/// Like [`run`], up to five times, until the report is that of an undisturbed run: without a processor
+/// for too long, the system drops packets, and counts them, or the grabber is late.
 fn undisturbed_run(
     name: &str,
     config: &str,
@@ -141,7 +141,7 @@ fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let _camera = FakeCamera::start(5);
     let config = config(|config| config.camera.genicam.packet_resend = false);
-    // Hardly a frame is lost whole, unless the grabber comes too late.
+    // Hardly any frame is lost completely, unless the grabber is late.
     let is_on_time =
         |report: &Value| report["camera"]["device"]["lost"].as_u64().is_some_and(|lost| lost < 10);
     let report = undisturbed_run("genicam-loss", &config, 800, is_on_time);
@@ -153,12 +153,12 @@ fn with_lost_packets_exactly_the_incomplete_frames_are_missing_and_counted() {
     let frames = &report["frames"];
     let (captured, missing) = (count(&frames["captured"]), count(&frames["never_captured"]));
     assert_eq!(count(&frames["world"]), captured, "{report:#}");
-    // The run may end with incomplete frames, behind which no whole one tells of a gap.
+    // The run may end with incomplete frames, without a later complete one that reveals the gap.
     let at_the_end = 800 - captured - missing;
     assert!(at_the_end < 10, "{report:#}");
-    // Nothing is missing without having been counted. What is counted before the first whole frame, from
-    // which numbers begin, and while the run ends, is missing nowhere: more than ten in a row at 18 %
-    // would be one run in thirty million.
+    // Every missing frame was counted. Frames counted before the first complete one, from which numbers
+    // start, and at the end of the run are not missing anywhere: more than ten in a row at 18 % would
+    // be one run in thirty million.
     let explained = missing..=missing + at_the_end + 10;
     assert!(explained.contains(&(incomplete + lost)), "{report:#}");
     assert_eq!(count(&report["stages"]["grabber"]["dropped"]["incomplete"]), incomplete);

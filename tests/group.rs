@@ -91,7 +91,7 @@ fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     );
     assert_eq!(status["frames"]["duplicates_in_world"], 0, "numbers continue: {status:#}");
     assert!(status["events"].as_array().unwrap().len() >= 4, "{status:#}");
-    // A logger has seen them too.
+    // A logger has received them too.
     let mut told = Vec::new();
     while let Some(received) = events.receive().unwrap() {
         let event = received.message().unwrap();
@@ -109,7 +109,7 @@ fn a_killed_stage_is_replaced_while_the_camera_goes_on() {
     group.assert_nothing_left();
 }
 
-/// There is much to be said of a kill, and nobody left to say it to.
+/// A kill causes several messages, and nobody reads them.
 #[test]
 fn a_match_goes_on_when_its_terminal_is_gone() {
     let mut group = Group::start_unheard("unheard");
@@ -203,7 +203,7 @@ fn a_new_supervisor_takes_over_what_the_old_one_has_left() {
         assert_eq!(before, after, "the {stage} was replaced\n{}", group.stderr());
     }
     assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
-    // What it took over it also looks after.
+    // It also supervises what it took over.
     let pid = Group::pid_of(&after, "tracker");
     group.signal(pid, Signal::KILL);
     let world = after["frames"]["world"].as_u64().unwrap();
@@ -218,7 +218,8 @@ fn a_new_supervisor_takes_over_what_the_old_one_has_left() {
     group.assert_nothing_left();
 }
 
-/// The new supervisor has seen nothing of a stage whose processes died together with the old one.
+/// The new supervisor has seen nothing of a stage whose processes died together with the old
+/// supervisor.
 #[test]
 fn a_stage_that_dies_with_the_supervisor_repeats_nothing() {
     let mut group = Group::start("dies-along", "", &[]);
@@ -238,7 +239,7 @@ fn a_stage_that_dies_with_the_supervisor_repeats_nothing() {
             std::thread::sleep(Duration::from_millis(2));
         }
     };
-    // What is repeated has to have been seen.
+    // Repetitions must have been received to be noticed.
     read_on(100, &group);
     group.kill_supervisor();
     for process in before["stages"]["filter"]["processes"].as_array().unwrap() {
@@ -246,8 +247,8 @@ fn a_stage_that_dies_with_the_supervisor_repeats_nothing() {
     }
     group.replace_supervisor();
     read_on(300, &group);
-    // A busy machine may start the filter so late that frames have been overwritten; that they come
-    // once and in order is promised all the same.
+    // On a busy machine the filter may start so late that frames have been overwritten; the rest must
+    // still arrive once and in order.
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
@@ -289,10 +290,10 @@ fn a_run_of_some_seconds_ends_then_even_when_there_is_no_camera() {
     group.assert_nothing_left();
 }
 
-/// A stage that is asked to end while others are still getting ready has not failed to start.
+/// A stage that is asked to end while others are still starting has not failed to start.
 #[test]
 fn a_restart_of_a_group_that_is_still_starting_does_not_end_it() {
-    // The camera takes its time: it paints all its frames first.
+    // The camera starts slowly: it renders all its frames first.
     let mut group = Group::start("early", "", &["--source", "synthetic-loop:1000"]);
     group.wait_for("a report", |_| true);
     let output = group.touchline(&["restart", "classifier", "tracker", "filter"]);
@@ -314,7 +315,7 @@ fn an_upgrade_hands_over_stage_by_stage_without_losing_a_frame() {
         }
     };
 
-    // The same program in another file: to the system another program.
+    // The same program in another file, which the system takes for another program.
     let program = group.scratch.path.join("touchline-next");
     std::fs::copy(env!("CARGO_BIN_EXE_touchline"), &program).unwrap();
     let mut upgrade = group.start_touchline(&["upgrade", program.to_str().unwrap()]);
@@ -429,7 +430,7 @@ fn bad_frames_are_dropped_and_counted_with_a_reason() {
     ];
     {
         let bus = Bus::join(&group.instance, "rubbish").unwrap();
-        // As if the grabber had published them.
+        // Sent as if by the grabber.
         bus.enter_roster();
         let mut injector = bus.publisher(&topics::FRAMES, 640 * 480).unwrap();
         for (header, bytes) in bad {
@@ -534,7 +535,7 @@ fn a_consumer_that_stays_does_not_keep_an_ended_group_alive() {
     let adopted = output_of(&group.scratch, &["run", "--adopt", "--instance", "test", "--quiet"]);
     assert!(!adopted.status.success(), "an ended group was started again: {adopted:?}");
 
-    // The next match begins at the beginning.
+    // The next match starts with number 0.
     while world.receive().unwrap().is_some() {}
     let args = ["run", "--instance", "test", "--frames", "120", "--quiet"];
     let mut next = support::touchline(&group.scratch, &args).spawn().unwrap();

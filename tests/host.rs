@@ -1,6 +1,6 @@
-//! A group and the computer it runs on: shared memory, rights, other users, the service manager.
+//! A group and its computer: shared memory, rights, other users, the service manager.
 //!
-//! What only root can try is ignored unless asked for; `scripts/check` asks when it is root.
+//! Tests that need root are ignored by default; `scripts/check` runs them if it is root.
 
 mod support;
 
@@ -15,10 +15,10 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, Scratch, output_of, shared_memory, touchline};
 
-/// Nobody's number, on every Linux.
+/// User id of `nobody` on every Linux.
 const NOBODY: u32 = 65534;
 
-/// The program where every user can reach it.
+/// The program at a place where every user can reach it.
 fn program_for_all(scratch: &Scratch) -> PathBuf {
     fs::set_permissions(&scratch.path, fs::Permissions::from_mode(0o755)).unwrap();
     let program = scratch.path.join("touchline");
@@ -40,8 +40,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs a script of the shell in a mount namespace of its own whose /dev/shm has so many megabytes. `$T`
-/// is the program, `$D` a directory.
+/// Runs a shell script in a mount namespace of its own with a /dev/shm of this many megabytes. `$T` is
+/// the program, `$D` a directory.
 fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Output {
     let mount = format!("mount -t tmpfs -o size={megabytes}m tmpfs /dev/shm || exit 99");
     Command::new("unshare")
@@ -54,7 +54,7 @@ fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Output
         .unwrap()
 }
 
-/// `touchline … | head`: whoever reads may have seen enough before all is said.
+/// `touchline … | head`: the reader may end before all output is written.
 #[test]
 fn nobody_has_to_read_to_the_end() {
     let scratch = Scratch::new("pipe");
@@ -98,7 +98,7 @@ fn too_little_shared_memory_is_said_before_anything_starts() {
 #[ignore = "needs root, for a /dev/shm of its own"]
 fn shared_memory_that_others_fill_in_a_match_costs_nothing() {
     let scratch = Scratch::new("full-shm");
-    // The tracker falls when there is not a byte left: its spare has all it needs.
+    // The tracker dies when no byte is left: its spare has all the memory it needs.
     let script = r#"
         "$T" run --frames 800 --quiet --report "$D/report.json" &
         group=$!
@@ -119,14 +119,14 @@ fn shared_memory_that_others_fill_in_a_match_costs_nothing() {
     assert_eq!(text(&output.stdout), "", "something was left in shared memory");
     let report = fs::read(scratch.path.join("report.json")).unwrap();
     let report: Value = serde_json::from_slice(&report).unwrap();
-    // A grabber that comes late on a busy machine is another matter.
+    // A grabber that is late on a busy machine is a separate matter.
     for nothing in ["missing_in_world", "duplicates_in_world"] {
         assert_eq!(report["frames"][nothing], 0, "{nothing}: {report:#}");
     }
     for stage in ["grabber", "classifier", "filter"] {
         assert_eq!(report["stages"][stage]["restarts"], 0, "{stage}: {report:#}");
     }
-    // Its next spare found no memory, said so, and was tried again.
+    // Its next spare found no memory, reported that, and was retried.
     let said = text(&output.stderr);
     assert!(!said.contains("SIGBUS"), "{said}");
     assert!(said.contains("not enough shared memory"), "{said}");
@@ -174,7 +174,7 @@ fn a_group_is_taken_over_when_not_a_byte_of_shared_memory_is_left() {
     assert!(!said.contains("SIGBUS") && said.contains("the match goes on"), "{said}");
 }
 
-/// A container that was started with a read-only root, say.
+/// As in a container that was started with a read-only root.
 #[test]
 #[ignore = "needs root, for a /dev/shm of its own"]
 fn a_shared_memory_that_is_read_only_is_named_at_once_by_whoever_needs_it() {
@@ -203,13 +203,13 @@ fn a_shared_memory_that_is_read_only_is_named_at_once_by_whoever_needs_it() {
     assert!(said.contains("mount -o remount,rw /dev/shm"), "{said}");
 }
 
-/// Whoever has another version of iceoryx2 hears of it, instead of waiting for what never comes.
+/// A program with another version of iceoryx2 gets an error at once, instead of waiting for ever.
 #[test]
 fn another_version_of_iceoryx2_is_named_at_once() {
     let mut group = Group::start("version", "", &[]);
     group.wait_until_working();
     let namespace = group.namespace();
-    // A program that has tried to attach, and a topic that another one has made.
+    // A program that has tried to attach, and a topic created by another one.
     let theirs = format!("/dev/shm/{}00_node.0_9_3.global_mgmt", namespace.prefix());
     fs::write(&theirs, "").unwrap();
     for command in ["status", "doctor"] {
@@ -243,7 +243,7 @@ fn another_version_of_iceoryx2_is_named_at_once() {
     group.wait_until_working();
 }
 
-/// Whoever asks gets an answer about now, and hears of a supervisor that cannot give one.
+/// A request gets a current answer, and reports a supervisor that cannot answer.
 #[test]
 fn a_supervisor_that_is_stopped_is_named_at_once() {
     let mut group = Group::start("stopped", "", &[]);
@@ -270,12 +270,12 @@ fn nothing_of_a_running_group_is_for_other_users() {
     let paths = shared_memory(&group.namespace());
     assert!(paths.len() > 20, "{paths:?}");
     for path in paths {
-        // It may just have gone.
+        // The file may have just been removed.
         if path.exists() {
             is_private(&path);
         }
     }
-    // Behind a door that is shut to others iceoryx2's own files may be as they are; ours are 0600.
+    // In a directory closed to others, iceoryx2's own files may have any mode; ours are 0600.
     let directory = group.instance.directory();
     is_private(directory);
     is_private(directory.parent().unwrap());
@@ -300,7 +300,7 @@ fn other_users_neither_look_nor_harm() {
         let output = as_nobody(&program, &runtime, &command);
         assert!(!output.status.success(), "{command:?}: {output:?}");
     }
-    // Another user's pieces under the group's own names.
+    // Another user's files under the group's own names.
     let planted: Vec<PathBuf> = ["planted.data", "planted.connection"]
         .map(|name| Path::new("/dev/shm").join(group.namespace().prefix().to_owned() + name))
         .into();
@@ -321,7 +321,7 @@ fn other_users_neither_look_nor_harm() {
         let named = format!("{} has a name of this group's", path.display());
         assert!(said.contains(&named) && said.contains("(uid 65534)"), "{said}");
     }
-    // Neither the end of this group nor the next start minds.
+    // Neither the end of this group nor the next start is affected.
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success(), "{}", group.stderr());
     assert!(planted.iter().all(|path| path.exists()) && !group.instance.directory().exists());
@@ -338,7 +338,7 @@ fn a_runtime_directory_that_somebody_else_prepared_is_refused() {
     let program = program_for_all(&scratch);
     let run = ["run", "--frames", "10", "--quiet"];
 
-    // Made by another user, in the hope that somebody uses it: both ways round.
+    // Created by another user, in the hope that somebody uses it: in both forms.
     let theirs = scratch.path.join("theirs");
     fs::create_dir(&theirs).unwrap();
     let output = as_nobody(&program, &theirs, &run);
@@ -356,13 +356,13 @@ fn a_runtime_directory_that_somebody_else_prepared_is_refused() {
     let said = text(&output.stderr);
     assert!(!output.status.success() && said.contains("is a symbolic link"), "{said}");
 
-    // No rights to make one at all.
+    // No permission to create one at all.
     let output = as_nobody(&program, &scratch.path.join("forbidden"), &run);
     let said = text(&output.stderr);
     let names_it = said.contains("forbidden") && said.contains("Permission denied");
     assert!(!output.status.success() && names_it, "{said}");
 
-    // And, to be sure that nobody can run anything at all: where there is nothing in the way.
+    // Counter-check that the user can run the program at all: without an obstacle.
     let output = as_nobody(&program, &theirs, &run);
     assert!(output.status.success(), "{output:?}");
     assert_eq!(
@@ -446,8 +446,8 @@ fn the_unit_file_is_understood() {
     assert_eq!(complaints, Vec::<&str>::new());
 }
 
-/// The wall clock may be set at any moment, so nothing is decided by it: whoever reads it is on this
-/// list, with the reason. `scripts/test-v4l2` sets the clock while everything runs.
+/// The wall clock may be set at any moment, so no decision uses it. All its uses are on this list, with
+/// reasons. `scripts/test-v4l2` sets the clock during a run.
 #[test]
 fn the_wall_clock_is_only_for_people() {
     let reasons = [

@@ -1,4 +1,4 @@
-//! Inputs beyond the limits of `docs/limits.md`: refused in words and at once, within little memory.
+//! Inputs beyond the limits of `docs/limits.md`: refused at once with a reason, within little memory.
 
 mod support;
 
@@ -15,7 +15,7 @@ fn name(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A pipe that nobody writes to.
+/// A pipe without a writer.
 fn pipe(scratch: &Scratch, name: &str) -> PathBuf {
     let path = scratch.path.join(name);
     let made = Command::new("mkfifo").arg(&path).status().unwrap();
@@ -28,7 +28,7 @@ fn assert_refused(output: &Output, why: &str, what: &str) {
     assert!(!output.status.success() && said.contains(why), "{what}: {said}");
 }
 
-/// What reads each kind of file.
+/// The commands that read each kind of file.
 fn readers(file: &str) -> Vec<(&'static str, Vec<String>)> {
     let line = |line: &str| line.split(' ').map(|part| part.replace("FILE", file)).collect();
     [
@@ -54,7 +54,7 @@ fn a_pipe_in_the_place_of_a_file_is_refused_at_once() {
     let scratch = Scratch::new("limits-pipe");
     let file = pipe(&scratch, "pipe.toml");
     for (kind, command) in readers(name(&file)) {
-        // Where a place is read before the picture, it is wrong as well.
+        // Commands that parse a position before they open the picture report that error instead.
         if command[0] == "calibrate" && kind == "picture" {
             continue;
         }
@@ -74,7 +74,7 @@ fn files_that_are_too_large_are_refused_before_they_are_read() {
         ("picture", input::PICTURE),
     ];
     for (kind, limit) in limits {
-        // Without content: it takes no room on the disk.
+        // Sparse: it takes no room on the disk.
         let file = scratch.write("large", "");
         let size = limit.most_bytes + 1;
         std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(size).unwrap();
@@ -101,7 +101,8 @@ fn the_page_has_the_limits_of_the_code() {
 
 /// A picture with a text of 400 MB in a few hundred kilobytes.
 fn bomb(picture: &[u8]) -> Vec<u8> {
-    // Stored blocks would not shrink; these are the bytes zlib makes of zeros, by the PNG encoder itself.
+    // Stored blocks would not be small; these are zlib-compressed zeros, made by the PNG encoder
+    // itself.
     let side = 20_000;
     let zeros = image::GrayImage::new(side, side);
     let mut png = Vec::new();
@@ -120,7 +121,7 @@ fn bomb(picture: &[u8]) -> Vec<u8> {
     let mut chunk = b"zTXt".to_vec();
     chunk.extend(&content);
     let crc = crc32(&chunk);
-    // Behind the header, which is 8 + 25 bytes long.
+    // After the header, which is 8 + 25 bytes long.
     let mut bomb = picture[..33].to_vec();
     bomb.extend((content.len() as u32).to_be_bytes());
     bomb.extend(chunk);
@@ -146,7 +147,7 @@ fn texts_in_a_picture_are_never_unpacked() {
         .unwrap();
     let file = scratch.path.join("bomb.png");
     std::fs::write(&file, bomb(&picture)).unwrap();
-    // The text alone would take more than is there.
+    // The text alone would exceed the available memory.
     let script = "ulimit -v 350000; exec \"$0\" detect \"$1\"";
     let output = Command::new("sh")
         .args(["-c", script, env!("CARGO_BIN_EXE_touchline"), name(&file)])
@@ -155,7 +156,7 @@ fn texts_in_a_picture_are_never_unpacked() {
     assert!(output.status.success(), "{}", text(&output.stderr));
 }
 
-/// Points of which none goes with the others.
+/// Points that are all inconsistent.
 #[test]
 fn contradictory_points_are_given_up_in_the_end() {
     let scratch = Scratch::new("limits-points");

@@ -1,5 +1,5 @@
-//! How well robots and ball are known: synthetic matches through the cores of all stages, offline,
-//! scored against the truth.
+//! Accuracy of robots and ball: synthetic matches through the cores of all stages, offline, scored
+//! against the truth.
 
 mod offline;
 
@@ -56,7 +56,7 @@ struct Outcome {
     ball_mm: Vec<f64>,
     /// Squared errors of detections in units of their covariance, one dimension at a time.
     normalised: [f64; 3],
-    /// Those of `world`.
+    /// The same for `world`.
     known_normalised: f64,
 }
 
@@ -93,7 +93,7 @@ fn play(config: &Config, seeds: std::ops::Range<u64>, frames: u64) -> Outcome {
 
 fn play_one(config: &Config, frames: u64, outcome: &mut Outcome) {
     let mut offline = Offline::new(config);
-    // What was predicted for frames to come.
+    // Predictions for later frames.
     let mut predicted: VecDeque<(u64, Box<WorldFrame>)> = VecDeque::new();
     offline.play(frames, |offline| {
         let (seq, world) = (offline.header.seq, &offline.world);
@@ -204,7 +204,7 @@ fn robots_are_known_to_a_fraction_of_a_millimetre() {
     assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
 }
 
-/// As fast as such robots are driven.
+/// At the highest speed of such robots.
 #[test]
 fn fast_robots_are_known_and_predicted() {
     let mut config = Config::default();
@@ -218,8 +218,8 @@ fn fast_robots_are_known_and_predicted() {
     assert!(mm < 5.0 && deg < 3.0, "{mm} mm {deg}°");
 }
 
-/// Rows are captured over two thirds of a frame period. What was measured is at the time of its row; what is
-/// known, at the time of the frame.
+/// The rows are captured over two thirds of a frame period. Measurements are at the time of their row;
+/// `world` is at the time of the frame.
 #[test]
 fn a_rolling_shutter_costs_nothing() {
     let mut config = Config::default();

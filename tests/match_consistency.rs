@@ -14,35 +14,34 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use offline::Offline;
 use std::collections::HashMap;
 
-/// A ball that is slower takes its error from one frame to the next.
+/// The errors of a slower ball are correlated from frame to frame.
 const ROLLING_MM_S: f64 = 150.0;
 
-/// Normalised squared errors: each is what something is off by in units of the covariance claimed for
-/// it, summed over its components.
+/// Normalised squared errors, summed over the components, in units of the claimed covariance.
 #[derive(Default)]
 struct Consistency {
-    /// Detections of robots that move, against the truth.
+    /// Detections of moving robots against the truth.
     seen: Vec<f64>,
-    /// Detections of robots that have just come to stand, against the truth: one each, for as long
-    /// as a robot stands its error is the same.
+    /// Detections of robots that have just stopped against the truth: one each, since the error stays
+    /// the same while a robot stands.
     seen_still: Vec<f64>,
-    /// Innovations of the filter: detections of robots that move, against its prediction.
+    /// Innovations of the filter: detections of moving robots against its prediction.
     innovations: Vec<f64>,
-    /// Likewise, but for the frames after what nobody could foresee: see [`Surprises`].
+    /// Innovations except in the frames after unforeseeable events: see [`Surprises`].
     innovations_foreseeable: Vec<f64>,
-    /// `world` for robots that move, against the truth.
+    /// `world` for moving robots against the truth.
     known: Vec<f64>,
-    /// Likewise of the ball: detections, and innovations while it rolls.
+    /// The same for the ball: detections, and innovations while it rolls.
     ball_seen: Vec<f64>,
     ball_innovations: Vec<f64>,
     ball_innovations_foreseeable: Vec<f64>,
 }
 
-/// For so many frames what was not foreseen may show.
+/// Number of frames for which an unforeseen event may show.
 const SURPRISED_FRAMES: u64 = 4;
 
-/// When something last happened that no filter could foresee: a robot set off, of which nobody heard
-/// the command, or ran into something; a ball was kicked, or bounced.
+/// Time of the last event that no filter could foresee: a robot started on an unknown command, or ran
+/// into something; a ball was kicked, or bounced.
 #[derive(Default)]
 struct Surprises {
     /// By robot: its speeds, whether it stood, and the frame of its last surprise.
@@ -52,7 +51,7 @@ struct Surprises {
 
 impl Surprises {
     fn note(&mut self, truth: &TruthFrame, seq: u64) {
-        /// More than a robot's wheels can do to it within a frame, or friction to a ball.
+        /// More than a robot's wheels can change within a frame, or friction for a ball.
         const ROBOT_MM_S: f64 = 60.0;
         const ROBOT_RAD_S: f64 = 3.0;
         const BALL_MM_S: f64 = 30.0;
@@ -121,7 +120,7 @@ fn consistency(config: &Config, frames: u64, hears_commands: bool) -> Consistenc
     let mut offline = Offline::new(config);
     offline.hears_commands = hears_commands;
     let mut surprises = Surprises::default();
-    // A spare that sees nothing says what was predicted.
+    // A spare without measurements gives the prediction.
     let mut spare = Filter::new(config).unwrap();
     let mut nothing = Box::new(DetectionFrame::zeroed());
     let mut predicted = Box::new(WorldFrame::zeroed());
@@ -193,7 +192,7 @@ fn compare_robot(
         return;
     }
     outcome.seen.push(normalised(off(measured, really), noise));
-    // The likeliest of the filter's hypotheses: their blend is no normal distribution.
+    // The likeliest of the filter's hypotheses: their blend is not normally distributed.
     let by_probability =
         |a: &&RobotHypothesis, b: &&RobotHypothesis| a.probability.total_cmp(&b.probability);
     let memory = &predicted.robot_memories[before];
@@ -237,8 +236,8 @@ fn compare_ball(
     outcome.ball_innovations.push(normalised(measured - Vector2::new(x_mm, y_mm), noise + known));
 }
 
-/// Normalised squared errors should be distributed as chi-square, on both sides. Detections claim a
-/// little more error than they have, as patches of real robots are less exact than painted ones.
+/// Normalised squared errors should be distributed as chi-square, on both sides. Detections claim
+/// slightly more error than they have, as patches of real robots are less exact than synthetic ones.
 #[test]
 fn detections_are_as_exact_as_they_claim() {
     let config = Config::default();
@@ -251,18 +250,18 @@ fn detections_are_as_exact_as_they_claim() {
         assert!((1.4..3.5).contains(&mean), "{mean}");
         assert!((3.5..9.0).contains(&most), "{most}");
     }
-    // 2, 5.99, and 9.21 for 99 %. The synthetic ball is lit evenly; that of the tracker's own tests, in
-    // `tracker/tests/ball.rs`, is not, and errors are as large there as claimed.
+    // 2, 5.99, and 9.21 for 99 %. The synthetic ball is lit evenly. The ball in the tracker's own
+    // tests, `tracker/tests/ball.rs`, is not, and errors are as large there as claimed.
     let (mean, most) = (mean(&outcome.ball_seen), quantile(&outcome.ball_seen, 0.95));
     assert!((0.2..2.8).contains(&mean), "{mean}");
     assert!((0.8..6.0).contains(&most), "{most}");
     assert!(quantile(&outcome.ball_seen, 0.99) < 9.21);
-    // The filter allows for slip, of which there is none here: innovations are small.
+    // The filter allows for slip, which does not occur here: innovations are small.
     assert!(quantile(&outcome.innovations, 0.95) < 3.0);
 }
 
 /// With robots that slip as the filter expects of real ones, innovations are chi-square too. Means are
-/// no good test of that: in a collision a robot does for a frame what no command says, and one such
+/// no good test of that: in a collision a robot deviates for a frame from any command, and one such
 /// innovation is as large as a thousand others.
 #[test]
 fn innovations_are_as_large_as_the_filter_claims() {
@@ -280,18 +279,17 @@ fn innovations_are_as_large_as_the_filter_claims() {
         assert!((1.6..2.8).contains(&half), "{half}");
         assert!((5.5..9.0).contains(&most), "{most}");
         assert!((8.0..16.0).contains(&nearly_all), "{nearly_all}");
-        // 2.37: what goes out in `world`.
+        // 2.37: the poses published in `world`.
         let half = quantile(&outcome.known, 0.5);
         assert!((1.2..2.8).contains(&half), "{half}");
-        // Of the ball only that it is not off by more than is claimed: a painted one rolls more evenly
-        // than any real one. 5.99
+        // For the ball only an upper bound: a synthetic ball rolls more evenly than any real one. 5.99
         let most = quantile(&outcome.ball_innovations, 0.95);
         assert!(most < 5.99, "{most}");
     }
 }
 
-/// Innovations are far too large for one frame in a hundred where nobody hears the commands, and on the
-/// average for the ball. Those are of what no filter could foresee; the rest is as small as claimed.
+/// Innovations are far too large for one frame in a hundred without known commands, and on average for
+/// the ball. These follow events that no filter could foresee; the rest is as small as claimed.
 #[test]
 fn innovations_that_are_too_large_are_of_what_nobody_could_foresee() {
     let (mut robots, mut balls) = ([vec![], vec![]], [vec![], vec![]]);

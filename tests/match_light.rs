@@ -1,6 +1,5 @@
-//! What a change of the light in the middle of a match costs: synthetic matches through the cores of
-//! all stages, offline, frame after frame, the lamps turned up and down; and how a group shows what it
-//! does about that.
+//! Effect of a change of the light during a match: synthetic matches through the cores of all stages,
+//! offline, frame by frame, with lamps turned up and down; and the status of a group about it.
 
 mod offline;
 mod support;
@@ -18,7 +17,7 @@ use support::{Group, Scratch};
 /// No robot may be lost for more frames in a row.
 const MOST_LOST: u32 = 5;
 
-/// Frames in a row for which robots were lost.
+/// Consecutive frames in which robots were lost.
 #[derive(Debug, Default)]
 struct Lost {
     running: HashMap<(u32, u32), u32>,
@@ -35,7 +34,7 @@ impl Lost {
     }
 }
 
-/// What was lost by the tracker, and by the filter.
+/// Losses of the tracker, and of the filter.
 #[derive(Debug, Default)]
 struct Outcome {
     seen: Lost,
@@ -123,7 +122,7 @@ fn the_defaults_hold_under_brighter_and_darker_lamps() {
         assert_eq!(outcome.seen.frames, 0, "×{brightness}");
         outcome.check(&format!("×{brightness}"));
     }
-    // It is the light that would lose them.
+    // The light is the only reason to lose them.
     let mut config = Config::default();
     config.synthetic.brightness = 2.0;
     config.light.follow = false;
@@ -147,14 +146,14 @@ fn light_that_fades_to_half_loses_nobody() {
     play(&config, 30.0, |s| 1.0 - 0.5 * s / 30.0).check("to half the light in 30 s");
 }
 
-/// Lamps on alternating current, in a camera that sees part of it: a fifth up and down.
+/// Lamps on alternating current, in a camera that sees part of it: 20 % up and down.
 #[test]
 fn flicker_loses_nobody() {
     let flicker = |s: f64| 1.0 + 0.2 * (s * 100.0 * std::f64::consts::TAU).sin();
     play(&Config::default(), 3.0, flicker).check("flicker of 100 Hz");
 }
 
-/// A group that is shown a match whose lamps fade and come back.
+/// A group in a match whose lamps fade and return.
 #[test]
 fn how_the_light_is_corrected_is_in_the_status() {
     let scratch = Scratch::new("fading");

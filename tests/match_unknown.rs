@@ -10,21 +10,21 @@ use common::messages::{Team, TrackStatus, TruthFrame, TruthRobot, UnknownRobotSt
 use offline::Offline;
 use std::collections::HashMap;
 
-/// Further from its patch than this a track is of something else.
+/// A track farther than this from a robot's patch does not belong to it.
 const SAME_ROBOT_MM: f64 = 20.0;
 
 #[derive(Debug, Default)]
 struct Outcome {
-    /// Opponents in sight, one for each frame.
+    /// Visible opponents, counted once per frame.
     expected: u64,
     followed: u64,
-    /// Tracks, one for each frame, where nobody is.
+    /// Tracks without an opponent, counted once per frame.
     ghosts: u64,
-    /// How often an opponent that was followed under one number is followed under another.
+    /// Number of changes of `track_id` of a followed opponent.
     switches: u64,
-    /// Of the patch.
+    /// Position errors of the patch.
     patch_mm: Vec<f64>,
-    /// Of the centre.
+    /// Position errors of the centre.
     center_mm: Vec<f64>,
     velocity_mm_s: Vec<f64>,
     /// Squared errors of centre and its velocity in units of their variance.
@@ -123,7 +123,7 @@ fn patch_mm(config: &Config) -> [f64; 2] {
     Layout::new(&config.robots).patches[0].centroid_mm
 }
 
-/// What may be changed in a picture depends on this.
+/// Information for a change of the picture.
 struct Moment {
     seq: u64,
     truth: TruthFrame,
@@ -145,7 +145,7 @@ fn play(painted: &Config, frames: u64, mut spoil: impl FnMut(&Moment, &mut [u8])
     outcome
 }
 
-/// Paints a disc of the robots' own grey.
+/// Draws a disc in the robots' own grey.
 fn cover(pixels: &mut [u8], width: usize, middle: ImagePoint, radius_px: f64) {
     for (index, pixel) in pixels.iter_mut().enumerate() {
         let (x, y) = ((index % width) as f64, (index / width) as f64);
@@ -175,7 +175,7 @@ fn opponents_are_followed() {
         assert!(outcome.expected > 3000);
         assert_eq!((outcome.followed, outcome.ghosts, outcome.switches), (outcome.expected, 0, 0));
         assert!(rms(&outcome.patch_mm) < 1.0 && rms(&outcome.velocity_mm_s) < 100.0);
-        // As far as the patch is from the centre, and that is what the covariance says: 2.
+        // The error is the distance of the patch from the centre, and the covariance says that: 2.
         let [x, y] = patch_mm(&config);
         assert!((rms(&outcome.center_mm) - x.hypot(y)).abs() < 0.5);
         assert!((1.8..2.2).contains(&mean(&outcome.normalised[0])));
@@ -183,7 +183,7 @@ fn opponents_are_followed() {
     }
 }
 
-/// Each opponent in turn is under somebody's hand for a fifth of a second, all match long.
+/// Each opponent in turn is covered by a hand for a fifth of a second, throughout the match.
 #[test]
 fn opponents_that_were_hidden_are_found_again() {
     const HIDDEN_FRAMES: u64 = 16;
@@ -206,14 +206,15 @@ fn opponents_that_were_hidden_are_found_again() {
         outcome.print(&format!("hidden for a fifth of a second, {speed} mm/s, seed {seed}"));
         let occlusions = hidden / HIDDEN_FRAMES;
         assert!(occlusions > 25);
-        // Those in sight are followed meanwhile, and most of the others are recognised by their way.
+        // Visible opponents are followed meanwhile, and most of the hidden ones are recognised by their
+        // motion.
         assert!(outcome.followed as f64 > 0.9 * (outcome.expected - hidden) as f64);
         assert!(outcome.switches * 20 <= occlusions, "{} of {occlusions}", outcome.switches);
     }
 }
 
-/// Of robots that are known by name one at a time has its identification patch hidden for a tenth of a
-/// second, all match long.
+/// One known robot at a time has its identification patch hidden for a tenth of a second, throughout
+/// the match.
 #[test]
 fn a_hidden_identification_patch_makes_no_ghost() {
     let mut config = Config::default();

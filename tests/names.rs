@@ -1,5 +1,5 @@
-//! Names on given pictures: an SSL field, robots told apart by shapes, robots that wear what nobody is
-//! listed with. The pictures lie beside the checkout, and are not ours to give away.
+//! Names on given pictures: an SSL field, robots distinguished by shapes, robots with patches that
+//! match no listed robot. The pictures are beside the checkout, and may not be redistributed.
 
 mod support;
 
@@ -32,7 +32,7 @@ fn robots_told_apart_by_shapes_are_all_found() {
     let scratch = Scratch::new("names-unball");
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/unball.toml");
     let seen = detected(&scratch, &config, &picture);
-    // Number, place and heading, by eye.
+    // Number, position and heading, by eye.
     let expected = [
         (0, [396.6, 156.7], 23.5),
         (1, [405.0, 229.0], 344.0),

@@ -1,8 +1,8 @@
-//! Every league's own pitch, set up as a user would: preset, `calibrate`, `learn`, `detect`.
+//! A pitch of every league, set up as a user would: preset, `calibrate`, `learn`, `detect`.
 //!
-//! The pictures come from a renderer that shares nothing with the synthetic match (`painter`): another
-//! palette, lamps to one side, a lens whose centre is off the picture's. Colours are learned from some
-//! pictures; others, of the same pitch, are looked at with them. `cargo test --release --test pitches --
+//! The pictures come from a renderer that is independent of the synthetic match (`painter`): another
+//! palette, lamps to one side, a lens with its centre off the picture's. Colours are learned from some
+//! pictures and tested on others of the same pitch. `cargo test --release --test pitches --
 //! --nocapture` prints the table of `docs/accuracy.md`.
 
 mod painter;
@@ -15,13 +15,13 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use support::{Scratch, output_of};
 
-/// Pictures to learn from, and to look at.
+/// Number of pictures for learning, and for testing.
 const TAUGHT: u64 = 4;
 const TRIED: u64 = 3;
 /// Standard deviation with which a user marks points, px.
 const MARKED_TO_PX: f64 = 0.3;
 
-/// A league's pitch as somebody built it.
+/// A league's pitch as a user might build it.
 struct Pitch {
     floor: Rgb,
     /// Height of the camera, mm.
@@ -30,7 +30,7 @@ struct Pitch {
     robots_each: usize,
 }
 
-/// Paints as somebody else bought them: linear reflectances.
+/// Paints of another palette, as linear reflectances.
 fn paint_of(color: &str) -> Rgb {
     match color {
         "orange" => [0.88, 0.24, 0.03],
@@ -45,7 +45,7 @@ fn paint_of(color: &str) -> Rgb {
     }
 }
 
-/// A picture and what it shows.
+/// A picture and its truth.
 struct Picture {
     file: PathBuf,
     robots: Vec<Value>,
@@ -96,7 +96,7 @@ impl Pitch {
         lens
     }
 
-    /// The file of points as a user marks them: named places, each a little off.
+    /// The file of points as a user marks them: named points, each slightly off.
     fn points(&self, config: &Config, lens: &Lens, random: &mut Random) -> String {
         let field = &config.field;
         let (half_x, half_y) = (field.length_mm / 2.0, field.width_mm / 2.0);
@@ -126,7 +126,7 @@ impl Pitch {
     fn floor(&self, config: &Config) -> Floor {
         let field = &config.field;
         let (half_x, half_y) = (field.length_mm / 2.0, field.width_mm / 2.0);
-        // The leagues' lines are about as wide as this.
+        // The leagues' lines are about this wide.
         let width_mm = (field.length_mm / 300.0).clamp(5.0, 10.0);
         let line = |from, to| Marking::Line { from, to, width_mm };
         Floor {
@@ -145,7 +145,7 @@ impl Pitch {
         }
     }
 
-    /// Robots and a ball, thrown onto the pitch.
+    /// Robots and a ball at random positions on the pitch.
     fn scene(&self, config: &Config, random: &mut Random) -> (Scene, Vec<(&'static str, u32)>) {
         let field = &config.field;
         let reach = match self.shape {
@@ -194,7 +194,7 @@ impl Pitch {
             }
         }
         let radius = config.ball.diameter_mm / 2.0;
-        // Not so near a robot that it hides the ball.
+        // Not so near to a robot that it hides the ball.
         let (x, y) = place(random, 3.0 * radius);
         let ball = Ball { x, y, radius, color: paint_of(&config.ball.color) };
         let lamp = Lamp {
@@ -227,7 +227,7 @@ impl Pitch {
     }
 }
 
-/// Writes what a camera would see, as raw Bayer.
+/// Writes a raw Bayer picture.
 fn photograph(scene: &Scene, lens: &Lens, random: &mut Random, file: &str) -> PathBuf {
     let light = painter::paint(scene, lens);
     let bytes = painter::expose(&light, lens.width, &Sensor::default(), random);
@@ -235,7 +235,7 @@ fn photograph(scene: &Scene, lens: &Lens, random: &mut Random, file: &str) -> Pa
     file.into()
 }
 
-/// A pitch that is set up as far as its geometry, and pictures of it.
+/// A pitch with its geometry set up, and pictures of it.
 struct SetUp {
     name: &'static str,
     scratch: Scratch,
@@ -255,7 +255,7 @@ impl SetUp {
         let path = |file: &str| scratch.path.join(file).display().to_string();
         let [points, before, calibrated] =
             ["points.toml", "match.toml", "calibrated.toml"].map(path);
-        // The pitch alone: the marks are refined on its lines.
+        // The empty pitch: the marks are refined on its lines.
         let mut empty = pitch.scene(&config, &mut Random::new(0)).0;
         empty.robots.clear();
         empty.balls.clear();
@@ -275,7 +275,7 @@ impl SetUp {
         self.scratch.write(file, &json!({ "images": images }).to_string()).display().to_string()
     }
 
-    /// The score of pictures that nothing was learned from, with colours learned with these arguments.
+    /// The score of the test pictures, with colours learned with these arguments.
     fn score(&self, learning: &[&str]) -> Value {
         let learned = self.scratch.path.join(format!("learned{}.toml", learning[0]));
         let learned = learned.display().to_string();

@@ -1,7 +1,7 @@
-//! `touchline score` on photographs of real pitches, with everything in them labelled by hand.
+//! `touchline score` on photographs of real pitches, labelled completely by hand.
 //!
-//! The photographs are not ours to redistribute: they lie beside the checkout. With `--nocapture` the
-//! score of every picture is printed.
+//! The photographs may not be redistributed: they are beside the checkout. With `--nocapture` the score
+//! of every picture is printed.
 
 mod support;
 
@@ -41,7 +41,7 @@ fn every_robot_and_the_ball_of_the_vsss_pitch_are_found() {
     assert_eq!((total(&score, "balls"), total(&score, "balls_right")), (1, 1), "{score:#}");
 }
 
-/// Clear robots of all pictures that `agh.toml` finds under their own name within 3 px and 6°, less
+/// Clear robots of all pictures that `agh.toml` finds under their own name within 3 px and 6°, minus
 /// one.
 const AGH_RIGHT_AT_LEAST: u64 = 59;
 
@@ -56,8 +56,8 @@ fn robots_and_the_ball_of_the_mirosot_pitch_are_found_under_all_lamps() {
     assert_eq!(total(&score, "balls_right"), total(&score, "balls"), "{score:#}");
 }
 
-/// Three of the pictures to learn from: each half of the six, and one that has the brightest and the
-/// darkest lamp in it.
+/// Sets of three pictures to learn from: each half of the six, and one with the brightest and the
+/// darkest lamp.
 const TAUGHT: [[&str; 3]; 3] = [
     ["b_all1.png", "b_r0.png", "b_white1.png"],
     ["b_whitez4.png", "b_yellow1.png", "b_zd1.png"],

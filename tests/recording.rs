@@ -1,4 +1,4 @@
-//! Recordings: made of real groups, killed in the middle, computed again.
+//! Recordings of real groups: killed, damaged, recomputed.
 
 mod support;
 
@@ -9,7 +9,7 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, Scratch, output_of, touchline};
 
-/// A recorder that ends with the test, whatever happens.
+/// A recorder that ends with the test.
 struct Recorder(Child);
 
 impl Recorder {
@@ -94,14 +94,14 @@ fn a_match_with_kills_is_computed_again_bit_for_bit() {
     for channel in ["runs", "detections", "world"] {
         let [equal, different, unchecked] = verified(&text, channel);
         assert_eq!(different, 0, "{text}");
-        // What was under way when the recording began.
+        // Frames in progress when the recording started.
         assert!(equal > 100 && unchecked < 70, "{text}");
     }
 }
 
 #[test]
 fn a_changed_recording_is_found_out() {
-    // Every output of a recording whose frames were tampered with must differ.
+    // Every output of a recording with modified frames must differ.
     let group = Group::start("record-changed", "", &["--frames", "200"]);
     let file = group.scratch.path.join("match.mcap");
     let mut recorder = Recorder::start(&group.scratch, &file, &["--quiet"]);
@@ -115,7 +115,7 @@ fn a_changed_recording_is_found_out() {
         let entry = entry.unwrap();
         let mut data = entry.data.into_owned();
         if entry.channel == recording::Channel::World && std::mem::take(&mut world_is_next) {
-            // The last byte that is not zero: in the memory of the ball's track.
+            // The last nonzero byte, in the memory of the ball's track.
             *data.last_mut().unwrap() ^= 1;
         }
         writer.write(entry.channel, entry.t_sent_ns, entry.t_sent_ns, &data).unwrap();
@@ -123,7 +123,7 @@ fn a_changed_recording_is_found_out() {
     writer.finish().unwrap();
     let output = output_of(&group.scratch, &["replay", "--verify", changed.to_str().unwrap()]);
     let text = String::from_utf8(output.stdout).unwrap();
-    // The first world cannot be checked, for lack of the one before it; the second follows from it.
+    // The first world cannot be checked, since the one before it is missing; the second depends on it.
     assert!(!output.status.success(), "{text}");
     assert!(verified(&text, "world")[1] >= 1, "{text}");
     assert!(text.contains("different    world of frame"), "{text}");
@@ -139,7 +139,7 @@ fn a_killed_recorder_leaves_all_but_the_last_moment() {
     let captured_until_ns = common::clock::wall_ns();
     recorder.signal(Signal::KILL);
 
-    // It can be read as it is, and says that it is not complete.
+    // The file can be read as it is, and is reported as incomplete.
     let before = info(&group.scratch, &file);
     assert_eq!(before["is_complete"], false, "{before:#}");
     let end_ns = before["begins_wall_ns"].as_u64().unwrap() as f64
@@ -148,7 +148,7 @@ fn a_killed_recorder_leaves_all_but_the_last_moment() {
     // 0.1 s on a machine that is not busy with tests.
     assert!(lost_s < 2.0, "lost {lost_s} s");
 
-    // The next recorder of that name recovers it and writes beside it.
+    // The next recorder with this name recovers the file and writes another one.
     let mut second = Recorder::start(&group.scratch, &file, &["--quiet"]);
     wait_for_bytes(&group.scratch.path.join("match-2.mcap"), 1_000_000);
     second.signal(Signal::INT);
@@ -164,7 +164,7 @@ fn a_full_disk_ends_the_recording_and_not_the_match() {
     let mut group = Group::start("record-full", "", &[]);
     let status = group.wait_until_working();
     let file = group.scratch.path.join("match.mcap");
-    // A limit on the size of files stands for the end of the disk.
+    // A limit on file sizes simulates a full disk.
     let limited = format!(
         "trap '' XFSZ; ulimit -f 8000; exec {} record {} --instance test --quiet --keep-free 1M",
         env!("CARGO_BIN_EXE_touchline"),
@@ -219,7 +219,7 @@ fn files_that_hold_less_than_a_second_are_refused_with_the_figure() {
         let output = output_of(&group.scratch, &args);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success(), "{said}");
-        // 640×480 pixels and what was made of them, 80 times.
+        // 640×480 pixels and their results, 80 times.
         assert!(said.contains("a second of this group's recording may take 25887 kB"), "{said}");
         assert!(!file.exists());
     }
@@ -263,13 +263,13 @@ fn a_small_disk_keeps_what_is_to_stay_free() {
     let codes: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("code ")).collect();
     assert_eq!(codes, ["1", "0", "1", "0"], "{said} {complaints}");
     assert!(said.contains("No space left on device"), "{said}");
-    // What could not be written is gone, and the copy on the other disk is whole.
+    // The incomplete copy was removed, and the copy on the other disk is complete.
     assert!(said.contains("\ncut.mcap\nfiller\n"), "{said}");
     let copy = info(&group.scratch, &group.scratch.path.join("copy.mcap"));
     assert_eq!(copy["is_complete"], true, "{copy:#}");
 }
 
-/// A recording of three messages that was never finished.
+/// An unfinished recording of three messages.
 fn unfinished(scratch: &Scratch, name: &str) -> std::path::PathBuf {
     let path = scratch.path.join(name);
     let channels = [recording::Channel::World, recording::Channel::Commands];
@@ -308,7 +308,7 @@ fn nothing_is_overwritten_unasked() {
     let output = output_of(&scratch, &["recover", file, "--output", other_name, "--force"]);
     assert!(output.status.success(), "{output:?}");
     assert_eq!(messages(&info(&scratch, &other), "world"), 3);
-    // In place: not a byte of it moves.
+    // In place: no byte of it moves.
     assert!(output_of(&scratch, &["recover", file]).status.success());
     assert!(std::fs::read(&path).unwrap().starts_with(&before));
     let names: Vec<_> = std::fs::read_dir(&scratch.path).unwrap().flatten().collect();

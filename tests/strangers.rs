@@ -1,4 +1,4 @@
-//! Programs that publish on topics which are not theirs: they cost no frame, and are named.
+//! Programs that publish on topics reserved for the group: they cost no frame, and are named.
 
 mod support;
 
@@ -24,7 +24,7 @@ fn pids(status: &Value) -> [u32; 4] {
     STAGES.map(|stage| Group::pid_of(status, stage))
 }
 
-/// Everything that a program sees on `world` until it is asked to stop: the numbers, and how many were missed.
+/// Everything received on `world` until stopped: the numbers, and how many were missed.
 struct Witness {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<(Vec<u64>, u64)>,

@@ -1,4 +1,4 @@
-//! Nothing that the system refuses to the supervisor, and nothing that happens around it, ends a match.
+//! Refused system calls and a hostile environment do not end a match.
 
 mod support;
 
@@ -33,7 +33,7 @@ fn says(status: &Value, words: &str) -> bool {
         .any(|event| event["what"].as_str().unwrap().contains(words))
 }
 
-/// Waits for so many more frames in `world`.
+/// Waits for this many more frames in `world`.
 fn wait_for_more(group: &mut Group, frames: u64) -> Value {
     let before = group.wait_until_working();
     group.wait_for("more frames", |status| world(status) >= world(&before) + frames)
@@ -77,13 +77,13 @@ fn without_descriptors_the_match_goes_on_and_spares_come_back_with_them() {
     let mut group = Group::start("no-descriptors", "", &[]);
     let status = group.wait_for("spares", has_spares);
     let pid = Pid::from_raw(group.supervisor_pid() as i32);
-    // No more than may be given back.
+    // The highest limit that may be restored.
     let most = fs::read_to_string("/proc/sys/fs/nr_open").unwrap().trim().parse().unwrap();
     let maximum = getrlimit(Resource::Nofile).maximum.map_or(most, |own: u64| own.min(most));
     let limit = |current, maximum| {
         prlimit(pid, Resource::Nofile, Rlimit { current: Some(current), maximum: Some(maximum) })
     };
-    // Where that is permitted, it cannot help itself either.
+    // If it is permitted to raise the limit, the supervisor must not do so by itself.
     let is_privileged = is_privileged();
     limit(4, if is_privileged { 4 } else { maximum }).unwrap();
     for stage in SPARED {
@@ -175,7 +175,7 @@ fn nohup_is_obeyed() {
 #[test]
 fn whoever_stops_reading_what_it_says_holds_up_nothing() {
     let (mut reader, mut writer) = std::io::pipe().unwrap();
-    // Full from the beginning, and nobody reads.
+    // The pipe is full from the beginning and never read.
     let flags = rustix::fs::fcntl_getfl(writer.as_fd()).unwrap();
     rustix::fs::fcntl_setfl(&writer, flags | rustix::fs::OFlags::NONBLOCK).unwrap();
     while writer.write(&[b'-'; 512]).is_ok() {}
@@ -284,11 +284,11 @@ fn a_fault_in_what_counts_does_not_end_what_supervises() {
     let mut group = Group::start_with("monitor-fault", "", &[], &variables);
     wait_until_said(&mut group, "the monitor has panicked", 1);
     wait_until_said(&mut group, "the monitor has met a fault", 1);
-    // There is a status only when there is another monitor.
+    // There is a status only if there is another monitor.
     let status = group.wait_for("another monitor", |now| has_spares(now) && world(now) > 20);
     assert_nothing_lost(&status);
 
-    // Shared memory that somebody truncates: touching it is a SIGBUS.
+    // Another program truncates shared memory: touching it is a SIGBUS.
     let path = group.namespace().event_count_path("events");
     let count = fs::OpenOptions::new().write(true).open(path).unwrap();
     count.set_len(0).unwrap();

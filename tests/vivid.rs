@@ -1,7 +1,7 @@
-//! Real cameras of Video for Linux, played by the kernel's driver `vivid`.
+//! Tests of real Video for Linux cameras with the kernel's driver `vivid`.
 //!
-//! They need a device of it, named by `TOUCHLINE_VIVID`; `scripts/test-v4l2` starts a virtual machine that
-//! has one, and runs them there.
+//! They need a `vivid` device, named by `TOUCHLINE_VIVID`; `scripts/test-v4l2` starts a virtual machine
+//! with one, and runs them there.
 
 mod support;
 
@@ -15,13 +15,13 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, Scratch, output_of};
 
-/// The pattern of eight upright bars, and the colours that we look for: bar and name.
+/// The pattern of eight upright bars, and the colours to find: bar and name.
 const PATTERN: &str = "100% Colorbar";
 const BARS: [(u32, &str); 6] =
     [(1, "yellow"), (2, "cyan"), (3, "green"), (4, "pink"), (5, "red"), (6, "blue")];
 const BAR_PX: u32 = 640 / 8;
 
-/// The device, and the rate that the machine can bear.
+/// The device, and a rate that the machine can sustain.
 fn vivid() -> (String, f64) {
     let device = std::env::var("TOUCHLINE_VIVID")
         .expect("TOUCHLINE_VIVID names a device of vivid; scripts/test-v4l2 has one");
@@ -29,11 +29,11 @@ fn vivid() -> (String, f64) {
     (device, fps.unwrap_or(25.0))
 }
 
-/// A configuration that knows pure colours, and has the camera show bars of them without text.
+/// A configuration of pure colours, with the camera set to show bars of them without text.
 fn config(fps: f64, format: &str) -> Config {
     let mut config = Config::default();
     config.camera.fps = fps;
-    // An emulated machine is slow, and this is not about the supervisor.
+    // An emulated machine is slow, and this does not test the supervisor.
     config.supervisor.spares.clear();
     config.supervisor.ready_timeout_ms = 30_000.0;
     config.supervisor.orphan_timeout_s = 3.0;
@@ -50,7 +50,7 @@ fn config(fps: f64, format: &str) -> Config {
             "pink" => [1, 0, 1],
             "red" => [1, 0, 0],
             "blue" => [0, 0, 1],
-            // Bars have no such colours, however they are converted.
+            // Bars never have such colours, however they are converted.
             _ => {
                 let grey = 100 + index as u8;
                 [color.red, color.green, color.blue] = [[grey; 2], [128; 2], [160; 2]];
@@ -71,7 +71,7 @@ fn camera_state(status: &Value) -> &str {
     status["camera"]["device"]["state"].as_str().unwrap_or("none")
 }
 
-/// Frames and detections of a running group, until there are so many of each.
+/// Frames and detections of a running group, this many of each.
 fn watch(group: &Group, count: usize) -> (Vec<(FrameHeader, Duration)>, Vec<DetectionFrame>) {
     let bus = Bus::join(&group.instance, "test").unwrap();
     let frames = bus.subscriber(&topics::FRAMES).unwrap();
@@ -92,8 +92,8 @@ fn watch(group: &Group, count: usize) -> (Vec<(FrameHeader, Duration)>, Vec<Dete
     (headers, found)
 }
 
-/// Forty frames in a row. The emulated processor is the driver's too, and when somebody joins the group
-/// the driver may be late itself; then the gap is in its own numbers, and counted as lost.
+/// Forty consecutive frames. The emulated processor also runs the driver, which may be late when a
+/// process joins the group; then the gap is in the driver's own numbers, and counted as lost.
 fn watch_without_a_gap(
     group: &mut Group,
     about: &str,
@@ -115,7 +115,7 @@ fn watch_without_a_gap(
     panic!("{about}: not forty frames in a row");
 }
 
-/// How much of its bar each colour covers, 0–1.
+/// Share of its bar that each colour covers, 0–1.
 fn coverage(detections: &DetectionFrame, config: &Config) -> Vec<(&'static str, f64)> {
     let (width, height) = (BAR_PX as f64, f64::from(config.camera.height));
     BARS.iter()
@@ -138,7 +138,7 @@ fn check_format(format: &str, expected: (PixelFormat, BayerOrder), transfer: &st
     let (device, fps) = vivid();
     let config = config(fps, format);
     let mut group = start(&format!("vivid-{format}"), &config, &device);
-    // Past the start, at which everybody has much to do.
+    // Past the start, when all processes are busy.
     group.wait_for("a steady stream", |status| status["frames"]["world"].as_u64() > Some(30));
     let (headers, detections) = watch_without_a_gap(&mut group, format);
     for (header, _) in &headers {
@@ -151,7 +151,7 @@ fn check_format(format: &str, expected: (PixelFormat, BayerOrder), transfer: &st
         let [(first, _), (second, _)] = [pair[0], pair[1]];
         assert!(second.t_capture_ns > first.t_capture_ns, "{format}: times fall");
     }
-    // The driver's own times, not those at which somebody looked: they keep the rate.
+    // The driver's own times, not those of reception: they keep the rate.
     let (first, last) = (headers[0].0, headers[headers.len() - 1].0);
     let period_ms =
         (last.t_capture_ns - first.t_capture_ns) as f64 / 1e6 / (last.seq - first.seq) as f64;
@@ -264,7 +264,7 @@ fn cameras_are_listed_with_formats_and_controls() {
     assert!(text.contains("brightness") && text.contains("0 to 255"), "{text}");
 }
 
-/// A group whose camera cannot stream as configured says why, in the status.
+/// A group whose camera cannot stream as configured reports why in its status.
 fn refused(name: &str, state: &str, reason: &str, change: impl FnOnce(&mut Config)) {
     let (device, fps) = vivid();
     let mut config = config(fps, "RGGB");
@@ -273,7 +273,7 @@ fn refused(name: &str, state: &str, reason: &str, change: impl FnOnce(&mut Confi
     let status = group.wait_for("a refusal", |status| camera_state(status) == state);
     let problem = status["camera"]["device"]["problem"].as_str().unwrap();
     assert!(problem.contains(reason), "{problem}");
-    // The grabber lives on and tries again.
+    // The grabber continues and tries again.
     std::thread::sleep(Duration::from_secs(3));
     let status = group.try_status().unwrap();
     assert_eq!(status["stages"]["grabber"]["restarts"], 0, "{status:#}");
@@ -378,8 +378,8 @@ fn frames_that_the_driver_drops_are_counted_and_the_camera_is_called_slow() {
     eprintln!("slow: {problem}");
 }
 
-/// The wall clock may be set at any moment: nothing of the pipeline may go by it, and the times of a
-/// recording go on as they began.
+/// The wall clock may be set at any moment: no part of the pipeline may depend on it, and the times of
+/// a recording continue as they began.
 #[test]
 #[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
 fn a_clock_that_is_set_in_the_middle_of_a_match_does_not_matter() {

@@ -87,7 +87,7 @@ def main(path):
                 if channel.topic not in described:
                     layout = json.loads(schema.data)
                     described[channel.topic] = structures_of(layout)[layout["message"]]
-                    # The same as the generated module says.
+                    # Same as the generated module.
                     generated = getattr(messages, layout["message"])
                     assert ctypes.sizeof(generated) == ctypes.sizeof(described[channel.topic])
                 if channel.topic == "world":

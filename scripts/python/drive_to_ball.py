@@ -23,7 +23,7 @@ def towards(robot, ball):
     y = ball.predicted_y_mm - robot.predicted_y_mm
     turn = math.remainder(math.atan2(y, x) - robot.predicted_orientation, math.tau)
     distance = max(math.hypot(x, y) - NEAR_MM, 0.0)
-    # Straight ahead only when it looks at the ball.
+    # Straight ahead only if it faces the ball.
     speed = min(3.0 * distance, FASTEST_MM_S) * max(math.cos(turn), 0.0)
     difference = min(max(4.0 * turn * WHEEL_BASE_MM / 2.0, -200.0), 200.0)
     return speed - difference, speed + difference

@@ -1,4 +1,4 @@
-"""Attaches to a group of Touchline. Needs `pip install iceoryx2==0.10.0`, and Python 3.10 or newer."""
+"""Attaches to a Touchline group. Needs `pip install iceoryx2==0.10.0`, and Python 3.10 or newer."""
 
 import contextlib
 import ctypes
@@ -22,8 +22,8 @@ def directory_of(instance):
 
 
 def memory_of(directory):
-    """Where the group is in shared memory, as (root path, prefix, version of iceoryx2); None while it
-    is not there."""
+    """The group's names in shared memory, as (root path, prefix, version of iceoryx2); None while it
+    does not exist."""
     try:
         with open(os.path.join(directory, "memory"), encoding="utf-8") as note:
             values = dict(line.rstrip("\n").split("=", 1) for line in note)
@@ -33,7 +33,8 @@ def memory_of(directory):
     return (root, prefix, version) if os.path.isdir(root) else None
 
 
-# Every program may publish on these; on all others the group's own processes are believed.
+# Every program may publish on these; on all others only messages of the group's own processes are
+# accepted.
 OPEN_TOPICS = {"commands"}
 
 
@@ -46,7 +47,7 @@ class Roster:
         self.believed = None
 
     def has(self, node):
-        """Whether a node, given by its number, is one of the group's."""
+        """Whether a node, given by its number, belongs to the group."""
         if node == self.believed:
             return True
         seconds, nanoseconds, pid, counter = (node >> shift & 0xFFFFFFFF for shift in (0, 32, 64, 96))
@@ -79,7 +80,7 @@ class Group:
         config = iox2.config.default()
         config.global_cfg.root_path = iox2.Path.new(root)
         config.global_cfg.prefix = iox2.FileName.new(prefix)
-        # The supervisor cleans up after the dead.
+        # The supervisor cleans up after dead processes.
         config.global_cfg.node.cleanup_dead_nodes_on_creation = False
         config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
         config.global_cfg.service.cleanup_dead_nodes_on_open = False
@@ -110,7 +111,7 @@ class Group:
                 time.sleep(0.1)
 
     def reader(self, name):
-        """Gives the messages of a topic: those of the group, and on `commands` those of everybody."""
+        """Reads a topic: messages of the group, and on `commands` of every program."""
         roster = None if name in OPEN_TOPICS else self.roster
         port = self._open(name).subscriber_builder().create()
         return Reader(port, TOPICS[name].header is not None, roster)
@@ -124,7 +125,7 @@ class Group:
 
 
 class Reader:
-    """Reads messages in place: they are valid until the next one is asked for."""
+    """Reads messages in place: they are valid until the next one is requested."""
 
     def __init__(self, port, has_header=False, roster=None):
         self.port = port
@@ -133,7 +134,7 @@ class Reader:
         self.sample = None
 
     def next(self, timeout_s=1.0):
-        """The next message as (elements, header), or None when none comes in time."""
+        """The next message as (elements, header), or None if none arrives in time."""
         ends = time.monotonic() + timeout_s
         while True:
             self.sample = self.port.receive()
@@ -149,7 +150,7 @@ class Reader:
         return self.roster is None or self.roster.has(self.sample.header.node_id.value)
 
     def messages(self, timeout_s=1.0):
-        """The messages of a topic with one element each, until none comes in time."""
+        """The messages of a topic with one element each, until none arrives in time."""
         while (message := self.next(timeout_s)) is not None:
             yield message[0][0]
 

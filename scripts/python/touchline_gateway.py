@@ -1,4 +1,4 @@
-"""Attaches to a group of Touchline that belongs to another user; nothing but Python 3.10 is needed.
+"""Attaches to a Touchline group of another user; needs only Python 3.10.
 
 The configuration of the group names the users who may (`access.group`); `touchline status`, run by
 its owner, shows the socket. Run as a program, this prints poses, and drives a robot if asked to:
@@ -18,11 +18,11 @@ MOST_BYTES = 1 << 20
 
 
 class Refused(Exception):
-    """The gateway does not want us, or is of another version."""
+    """The gateway refused the connection, or has another version."""
 
 
 class Gateway:
-    """A connection. It ends when the group does, or with whoever runs the gateway: connect again."""
+    """A connection. It ends with the group or the gateway; then connect again."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -39,7 +39,7 @@ class Gateway:
         self.drives = False
 
     def worlds(self, timeout_s=1.0):
-        """Every `world`, in order, until none comes in time or the gateway is gone."""
+        """Every `world`, in order, until none arrives in time or the gateway is gone."""
         while select.select([self.socket], [], [], timeout_s)[0]:
             data = self.socket.recv(MOST_BYTES)
             if not data:
@@ -47,7 +47,7 @@ class Gateway:
             yield WorldFrame.from_buffer_copy(data)
 
     def newest(self, timeout_s=1.0):
-        """The newest `world`: what else has come is passed over. None when none comes in time."""
+        """The newest `world`: older ones are skipped. None if none arrives in time."""
         world = next(self.worlds(timeout_s), None)
         while (later := next(self.worlds(0), None)) is not None:
             world = later

@@ -1,5 +1,5 @@
-//! A synthetic match through the cores of all stages, without processes: frame after frame, as fast as
-//! they can be computed, the same every time.
+//! A synthetic match through the cores of all stages, without processes: frame by frame, as fast as
+//! possible and reproducible.
 
 // Every test file uses its own part of this.
 #![allow(dead_code)]
@@ -14,22 +14,22 @@ use filter::Filter;
 use grabber::synthetic::SyntheticMatch;
 use tracker::Tracker;
 
-/// Capture of the first frame.
+/// Capture time of the first frame.
 pub const START_NS: u64 = 5_000_000_000;
 
-/// A match, and those who watch it.
+/// A match and its observers.
 pub struct Offline {
     pub game: SyntheticMatch,
-    /// What was seen in the current frame.
+    /// Detections in the current frame.
     pub seen: Box<DetectionFrame>,
-    /// What is known since.
+    /// The resulting `world`.
     pub world: Box<WorldFrame>,
-    /// What robots were told in the current frame.
+    /// Commands to the robots in the current frame.
     pub commands: Commands,
-    /// Of the current frame.
+    /// Header of the current frame.
     pub header: FrameHeader,
     pub period_ns: u64,
-    /// Whether the filter hears what robots are told.
+    /// Whether the filter receives the robots' commands.
     pub hears_commands: bool,
     classifier: Classifier,
     tracker: Tracker,
@@ -39,12 +39,12 @@ pub struct Offline {
 }
 
 impl Offline {
-    /// Before the first frame.
+    /// The state before the first frame.
     pub fn new(config: &Config) -> Self {
         Self::watched_with(config, config)
     }
 
-    /// The match of one configuration, watched with another, that does not know everything.
+    /// A match rendered with one configuration and observed with another, less complete one.
     pub fn watched_with(painted: &Config, config: &Config) -> Self {
         let camera = &config.camera;
         Self {
@@ -63,7 +63,7 @@ impl Offline {
         }
     }
 
-    /// Takes a picture, has `spoil` change it, and looks at it: up to `seen`.
+    /// Renders a picture, lets `spoil` change it, and processes it up to `seen`.
     pub fn look(&mut self, spoil: impl FnOnce(&mut [u8])) {
         let Self { game, header, pixels, runs, seen, .. } = self;
         game.render(pixels, header.stride as usize);
@@ -72,12 +72,12 @@ impl Offline {
         self.classifier.step(header, pixels, &mut runs_header, runs).unwrap();
         let prior = (header.seq > 0).then_some(&*self.world);
         self.tracker.step(&runs_header, runs_header.valid(runs), Some(pixels), prior, seen);
-        // Predictions are for a command that leaves at once.
+        // Predictions are for a command that is sent at once.
         seen.t_sent_ns = header.t_capture_ns;
     }
 
-    /// Filters what was seen, up to `world`, and hears what robots are told upon it, unless that is to
-    /// be kept from it.
+    /// Filters the detections up to `world`, and passes the resulting commands to the filter, unless
+    /// these are withheld.
     pub fn think(&mut self) {
         self.filter.step(&self.seen, &mut self.world);
         self.commands = *self.game.commands();
@@ -87,14 +87,14 @@ impl Offline {
         }
     }
 
-    /// On to the next frame.
+    /// Continues with the next frame.
     pub fn advance(&mut self) {
         self.game.advance();
         self.header.seq += 1;
         self.header.t_capture_ns += self.period_ns;
     }
 
-    /// Plays so many frames, and shows each when it has been filtered.
+    /// Plays this many frames, and shows each after filtering.
     pub fn play(&mut self, frames: u64, mut note: impl FnMut(&Self)) {
         for _ in 0..frames {
             self.look(|_| ());

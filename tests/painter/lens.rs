@@ -8,12 +8,12 @@ use super::Vector;
 pub struct Lens {
     pub width: u32,
     pub height: u32,
-    /// Millimetres, field coordinates.
+    /// Position in field coordinates, millimetres.
     pub position: Vector,
     /// Rotations from looking straight down: about the picture's x axis, its y axis, the optical axis.
     pub tilt_deg: [f64; 3],
     pub focal_px: f64,
-    /// Where the optical axis meets the sensor.
+    /// Principal point.
     pub center_px: [f64; 2],
     pub k1: f64,
     pub k2: f64,
@@ -39,7 +39,7 @@ impl Lens {
             (x_px - self.center_px[0]) / self.focal_px,
             (y_px - self.center_px[1]) / self.focal_px,
         ];
-        // The distortion is weak: dividing by it again and again converges quickly.
+        // The distortion is weak, so this fixed-point iteration converges quickly.
         let mut plane = seen;
         for _ in 0..12 {
             let stretch = self.stretch(plane[0] * plane[0] + plane[1] * plane[1]);
@@ -53,7 +53,7 @@ impl Lens {
         1.0 + self.k1 * square + self.k2 * square * square
     }
 
-    /// Right, down and ahead of the camera, in field coordinates.
+    /// Axes to the right, down and ahead of the camera, in field coordinates.
     fn axes(&self) -> [Vector; 3] {
         let [about_x, about_y, about_axis] = self.tilt_deg.map(f64::to_radians);
         let turn = |[x, y, z]: Vector| {

@@ -1,10 +1,9 @@
-//! A small ray tracer that paints a pitch as a raw Bayer camera would see it.
+//! A small ray tracer that renders a pitch as a raw Bayer camera would see it.
 //!
-//! It shares no code and no assumption with the synthetic match: another lens (the Brown–Conrady
-//! model, its centre off the middle of the picture), another camera pose, lamps that stand to one side
-//! and fall off with the square of the distance, shadows, paints of another palette, a sensor that
-//! mixes its channels, shot noise. What the program finds on these pictures it finds on somebody
-//! else's.
+//! It shares no code and no assumption with the synthetic match: another lens (Brown–Conrady, with its
+//! centre off the middle of the picture), another camera pose, lamps to one side whose light falls off
+//! with the square of the distance, shadows, paints of another palette, a sensor that mixes its
+//! channels, shot noise. So results on these pictures hold for independent pictures.
 //!
 //! Field coordinates are millimetres, x to the right, y up in the picture, z above the floor. Colours
 //! are linear reflectances in red, green and blue, 0 to 1.
@@ -24,7 +23,7 @@ use random::Random;
 pub type Rgb = [f64; 3];
 pub type Vector = [f64; 3];
 
-/// Samples along each side of a pixel in which more than one thing is to be seen.
+/// Samples along each side of a pixel that shows more than one object.
 const SAMPLES: u32 = 5;
 
 /// The sensor behind the lens.
@@ -34,9 +33,9 @@ pub struct Sensor {
     pub mixing: [Rgb; 3],
     /// Digital number of a white surface in full light.
     pub white: f64,
-    /// Electrons for each digital number: shot noise is the root of their count.
+    /// Electrons per digital number: shot noise is the root of their count.
     pub electrons_per_unit: f64,
-    /// Standard deviation of the reading, in electrons.
+    /// Standard deviation of the read noise, in electrons.
     pub read_noise: f64,
 }
 
@@ -90,7 +89,7 @@ pub fn paint(scene: &Scene, lens: &Lens) -> Vec<Rgb> {
     light
 }
 
-/// The sensor's reading of the light: one byte a pixel, in the order RGGB.
+/// The sensor's output for this light: one byte a pixel, in the order RGGB.
 pub fn expose(light: &[Rgb], width: u32, sensor: &Sensor, random: &mut Random) -> Vec<u8> {
     let width = width as usize;
     let channel = |index: usize| match (index / width % 2, index % width % 2) {

@@ -1,5 +1,5 @@
-//! Random numbers that are the same everywhere: a 64-bit linear congruential generator whose upper
-//! bits are mixed (PCG XSH-RR, O'Neill 2014).
+//! Reproducible random numbers: a 64-bit linear congruential generator with mixed upper bits (PCG
+//! XSH-RR, O'Neill 2014).
 
 #[derive(Debug, Clone)]
 pub struct Random(u64);
@@ -19,7 +19,7 @@ impl Random {
         mixed.rotate_right((state >> 59) as u32)
     }
 
-    /// Evenly spread over `low..high`.
+    /// Uniformly distributed over `low..high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * f64::from(self.bits()) / (f64::from(u32::MAX) + 1.0)
     }

@@ -1,9 +1,9 @@
-//! The objects on the pitch, and the tracing of a ray through them.
+//! The objects on the pitch, and ray tracing through them.
 
 use super::lens::dot;
 use super::{Rgb, Vector};
 
-/// The floor and what is around it.
+/// The floor and its surroundings.
 #[derive(Debug, Clone)]
 pub struct Floor {
     pub color: Rgb,
@@ -12,7 +12,7 @@ pub struct Floor {
     pub markings: Vec<Marking>,
     /// Half of the pitch's length and width, millimetres.
     pub half_mm: [f64; 2],
-    /// The room's floor.
+    /// Colour of the room's floor.
     pub around: Rgb,
 }
 
@@ -23,22 +23,22 @@ pub enum Marking {
     Circle { radius_mm: f64, width_mm: f64 },
 }
 
-/// A point-like lamp, and light that comes from everywhere.
+/// A point lamp, and ambient light.
 #[derive(Debug, Clone)]
 pub struct Lamp {
     pub position: Vector,
-    /// Its colour.
+    /// Colour of the lamp.
     pub tint: Rgb,
-    /// Part of the light, below the lamp, that comes from everywhere.
+    /// Ambient share of the light below the lamp.
     pub ambient: f64,
 }
 
 /// The outline of a robot seen from above.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
-    /// Half of its side.
+    /// Half of the side.
     Square(f64),
-    /// Radius, and how far ahead of its centre it is cut off flat.
+    /// Radius, and distance of the flat front from the centre.
     Disc(f64, f64),
 }
 
@@ -50,7 +50,8 @@ pub struct Robot {
     pub heading: f64,
     pub shape: Shape,
     pub height: f64,
-    /// Corners of each patch on its top, x ahead and y to the left; a later one lies above an earlier.
+    /// Corners of each patch on its top, x ahead and y to the left; later patches lie above earlier
+    /// ones.
     pub patches: Vec<(Vec<[f64; 2]>, Rgb)>,
 }
 
@@ -72,12 +73,12 @@ pub struct Scene {
     pub balls: Vec<Ball>,
 }
 
-/// A robot's plastic.
+/// Colour of a robot's plastic.
 const BODY: Rgb = [0.035, 0.035, 0.04];
 const LINE: Rgb = [0.75, 0.75, 0.72];
 
 impl Scene {
-    /// The first thing on a ray (each has a number), and the light that comes back along the ray.
+    /// The first object on a ray (each has a number), and the light that returns along the ray.
     pub fn look(&self, from: Vector, ray: Vector) -> (u32, Rgb) {
         let along = |t: f64| [0, 1, 2].map(|axis| from[axis] + t * ray[axis]);
         let floor = along(-from[2] / ray[2]);
@@ -102,7 +103,7 @@ impl Scene {
                 let part = patch.map_or(1, |patch| 2 + patch as u32);
                 hit = Some((number + part, [0.0, 0.0, 1.0], color, place));
             } else {
-                // The sides are dark; which way they look makes no difference that matters.
+                // The sides are dark; their orientation does not matter.
                 hit = Some((number, [0.0, 0.0, 1.0], BODY.map(|value| value * 0.5), place));
             }
         }
@@ -116,25 +117,25 @@ impl Scene {
         (2 * thing + u32::from(lit), color)
     }
 
-    /// Whether the lamp is seen from there, and the light that falls on a surface.
+    /// Whether the lamp is visible from there, and the light that falls on a surface.
     fn light(&self, place: Vector, normal: Vector) -> (bool, Rgb) {
         let to_lamp = [0, 1, 2].map(|axis| self.lamp.position[axis] - place[axis]);
         let square = dot(to_lamp, to_lamp);
         let cosine = (dot(to_lamp, normal) / square.sqrt()).max(0.0);
-        // Off the surface, which must not shade itself.
+        // Slightly off the surface, which must not shade itself.
         let start = [0, 1, 2].map(|axis| place[axis] + 0.5 * normal[axis]);
         let shaded = self.balls.iter().any(|ball| ball.meet(start, to_lamp).is_some())
             || self.robots.iter().any(|robot| robot.meet(start, to_lamp).is_some());
         let below = self.lamp.position[2] * self.lamp.position[2];
         let direct = if shaded { 0.0 } else { (1.0 - self.lamp.ambient) * cosine * below / square };
-        // A surface that looks sideways sees half of the ceiling.
+        // A vertical surface sees half of the ceiling.
         let ambient = self.lamp.ambient * (0.5 + 0.5 * normal[2]);
         (!shaded, self.lamp.tint.map(|tint| tint * (direct + ambient)))
     }
 }
 
 impl Floor {
-    /// Number and colour of the floor at a place.
+    /// Number and colour of the floor at a position.
     fn at(&self, [x, y]: [f64; 2]) -> (u32, Rgb) {
         if self.markings.iter().any(|marking| marking.covers([x, y])) {
             return (1, LINE);
@@ -142,7 +143,7 @@ impl Floor {
         if x.abs() > self.half_mm[0] || y.abs() > self.half_mm[1] {
             return (0, self.around);
         }
-        // Grain of a few millimetres, the same in every picture: a hash of the place.
+        // Grain of a few millimetres, the same in every picture: a hash of the position.
         let cell = |value: f64| (value / 3.0).floor() as i64 as u64;
         let mut hash = cell(x).wrapping_mul(0x9e37_79b9_7f4a_7c15)
             ^ cell(y).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
@@ -170,7 +171,7 @@ impl Marking {
 }
 
 impl Ball {
-    /// How far along a ray it is met, in lengths of the ray.
+    /// Distance along a ray to the intersection, in lengths of the ray.
     fn meet(&self, from: Vector, ray: Vector) -> Option<f64> {
         let away = [from[0] - self.x, from[1] - self.y, from[2] - self.radius];
         let (a, b) = (dot(ray, ray), dot(away, ray));
@@ -190,16 +191,16 @@ impl Ball {
 }
 
 impl Robot {
-    /// A place of the field as the robot sees it: ahead, to the left, up.
+    /// A field position in the robot's frame: ahead, to the left, up.
     fn inside(&self, [x, y, z]: Vector) -> Vector {
         let (sin, cos) = self.heading.sin_cos();
         let (dx, dy) = (x - self.x, y - self.y);
         [cos * dx + sin * dy, cos * dy - sin * dx, z]
     }
 
-    /// How far along a ray its upright prism is met, in lengths of the ray.
+    /// Distance along a ray to its upright prism, in lengths of the ray.
     fn meet(&self, from: Vector, ray: Vector) -> Option<f64> {
-        // Most rays pass it by: the nearest point of the ray to its axis is too far away.
+        // Most rays miss it: the ray's nearest point to its axis is too far away.
         let reach = match self.shape {
             Shape::Square(half) => half * std::f64::consts::SQRT_2,
             Shape::Disc(radius, _) => radius,
@@ -212,7 +213,7 @@ impl Robot {
         let start = self.inside(from);
         let (sin, cos) = self.heading.sin_cos();
         let ray = [cos * ray[0] + sin * ray[1], cos * ray[1] - sin * ray[0], ray[2]];
-        // The part of the ray that lies inside all of the prism's boundaries.
+        // The part of the ray inside all of the prism's boundaries.
         let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
         let mut slab = |position: f64, speed: f64, low: f64, high: f64| {
             if speed.abs() < 1e-12 {

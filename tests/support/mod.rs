@@ -1,8 +1,8 @@
-//! Starting the real program and looking at it from outside.
+//! Starts the real program and observes it from outside.
 //!
-//! Every group has a runtime directory of its own, so groups never meet and leftovers are found;
-//! and only one group runs at a time, because two of them on a small machine would measure each
-//! other. Whatever happens in a test, dropping the [`Group`] ends every process it started.
+//! Every group has a runtime directory of its own, so groups never meet and leftovers are found. Only
+//! one group runs at a time, because two of them on a small machine would distort each other's
+//! measurements. Whatever happens in a test, dropping the [`Group`] ends every process it started.
 #![allow(dead_code)] // each test program uses its own part of this
 
 use common::instance::{Instance, Namespace};
@@ -19,7 +19,8 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// A directory that disappears with the test, unless `TOUCHLINE_KEEP_SCRATCH` is set, to look at it.
+/// A directory that is removed at the end of the test, unless `TOUCHLINE_KEEP_SCRATCH` is set for
+/// inspection.
 pub struct Scratch {
     pub path: PathBuf,
 }
@@ -67,28 +68,28 @@ pub struct Group {
     pub instance: Instance,
     supervisor: Child,
     arguments: Vec<String>,
-    /// Stage processes seen so far, so that they can be ended even when the supervisor cannot.
+    /// Stage processes seen so far, so that they can be ended even if the supervisor cannot do it.
     seen: Vec<u32>,
-    /// Where in shared memory it has been seen.
+    /// Its names in shared memory, as seen so far.
     namespaces: Vec<Namespace>,
     _turn: MutexGuard<'static, ()>,
 }
 
 impl Group {
-    /// Starts `touchline run` with these further arguments. Stages without a supervisor give up
-    /// soon, so that a failing test leaves nothing behind.
+    /// Starts `touchline run` with these additional arguments. Stages without a supervisor end soon, so
+    /// that a failing test leaves nothing behind.
     pub fn start(name: &str, config: &str, args: &[&str]) -> Self {
         Self::start_with(name, config, args, &[])
     }
 
-    /// As [`start`](Self::start), with variables in the environment of all its processes.
+    /// Like [`start`](Self::start), with variables in the environment of all its processes.
     pub fn start_with(name: &str, config: &str, args: &[&str], variables: &[(&str, &str)]) -> Self {
         Self::start_changed(name, config, args, |supervisor| {
             supervisor.envs(variables.iter().copied());
         })
     }
 
-    /// As [`start`](Self::start), but nobody reads what it says: the terminal is gone.
+    /// Like [`start`](Self::start), but with unread output, as if the terminal were gone.
     pub fn start_unheard(name: &str) -> Self {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
@@ -97,7 +98,7 @@ impl Group {
         })
     }
 
-    /// Same as [`start`](Self::start), but all output goes into this pipe.
+    /// Like [`start`](Self::start), but all output goes into this pipe.
     pub fn start_speaking_to(name: &str, writer: std::io::PipeWriter) -> Self {
         Self::start_changed(name, "", &[], |supervisor| {
             supervisor.stdout(writer.try_clone().unwrap()).stderr(writer);
@@ -129,7 +130,7 @@ impl Group {
         Self { scratch, instance, supervisor, arguments, seen, namespaces, _turn: turn }
     }
 
-    /// Starts `touchline run` with these arguments alone.
+    /// Starts `touchline run` with these arguments only.
     pub fn start_plain(name: &str, args: &[&str]) -> Self {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let scratch = Scratch::new(name);
@@ -152,29 +153,28 @@ impl Group {
         command
     }
 
-    /// Kills the supervisor, and nobody else, and starts another one with the same arguments.
+    /// Kills only the supervisor, and starts another one with the same arguments.
     pub fn replace_supervisor(&mut self) {
         let arguments = self.arguments.clone();
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         self.replace_supervisor_by(&arguments);
     }
 
-    /// As [`replace_supervisor`](Self::replace_supervisor), with variables in its environment.
+    /// Like [`replace_supervisor`](Self::replace_supervisor), with variables in its environment.
     pub fn replace_supervisor_with(&mut self, variables: &[(&str, &str)]) {
         self.kill_supervisor();
         let mut command = Self::command(&self.scratch, &self.arguments);
         self.supervisor = command.envs(variables.iter().copied()).spawn().unwrap();
     }
 
-    /// Kills the supervisor if it lives, and nobody else.
+    /// Kills only the supervisor, if it lives.
     pub fn kill_supervisor(&mut self) {
         // It may be dead already.
         let _ = self.supervisor.kill();
         self.supervisor.wait().unwrap();
     }
 
-    /// Kills the supervisor if it lives, and nobody else, and starts the program with these
-    /// arguments.
+    /// Kills only the supervisor, if it lives, and starts the program with these arguments.
     pub fn replace_supervisor_by(&mut self, arguments: &[&str]) {
         self.kill_supervisor();
         let arguments: Vec<String> = arguments.iter().map(|text| text.to_string()).collect();
@@ -229,19 +229,19 @@ impl Group {
         panic!("{what} did not happen; last status {last:#?}\n{}", self.stderr());
     }
 
-    /// Waits until every stage works and results come out.
+    /// Waits until every stage works and publishes results.
     pub fn wait_until_working(&mut self) -> Value {
         self.wait_for("a working group", |status| {
             status["complete"] == true && status["frames"]["world"].as_u64() > Some(5)
         })
     }
 
-    /// Where the running group is in shared memory.
+    /// The running group's names in shared memory.
     pub fn namespace(&self) -> Namespace {
         self.instance.namespace().unwrap().expect("the group runs")
     }
 
-    /// The number of a stage's active process.
+    /// Process id of a stage's active process.
     pub fn pid_of(status: &Value, stage: &str) -> u32 {
         status["stages"][stage]["processes"]
             .as_array()
@@ -254,7 +254,7 @@ impl Group {
     }
 
     /// Sends a signal. After [`Signal::STOP`], waits until the process has stopped: each of its threads
-    /// runs on until it is scheduled again.
+    /// continues until it is scheduled again.
     pub fn signal(&self, pid: u32, signal: Signal) {
         kill_process(Pid::from_raw(pid as i32).unwrap(), signal).unwrap();
         let deadline = Instant::now() + PATIENCE;
@@ -264,7 +264,7 @@ impl Group {
         }
     }
 
-    /// The supervisor's number.
+    /// Process id of the supervisor.
     pub fn supervisor_pid(&self) -> u32 {
         self.supervisor.id()
     }
@@ -334,7 +334,7 @@ impl Drop for Group {
     }
 }
 
-/// Whether a process of that number lives and is one of ours: numbers are used again.
+/// Whether a process with this id lives and is one of ours; ids are reused.
 pub fn is_stage(pid: u32) -> bool {
     let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
@@ -352,7 +352,7 @@ fn runs(pid: u32) -> bool {
     })
 }
 
-/// What is in shared memory of a group: its directory, and what lies beside it.
+/// A group's files in shared memory: its directory, and the segments beside it.
 pub fn shared_memory(namespace: &Namespace) -> Vec<PathBuf> {
     let (mut paths, _) = namespace.segments().unwrap();
     let directory = namespace.directory();

@@ -1,5 +1,5 @@
-//! What a program of another user sends through the gateway. Whatever it is, it is refused, or commands
-//! that can be, with nothing behind their count. What those do to a filter, `detections` tries.
+//! Messages of a program of another user to the gateway. Any bytes are refused, or give valid commands
+//! without stale data. The effect of commands on a filter is tested by `detections`.
 #![no_main]
 
 use common::gateway::parse_commands;
@@ -7,7 +7,7 @@ use common::messages::{ClearStale, Commands, MAX_COMMANDS, Team};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
-    // Any bytes, and as many as there must be.
+    // Any bytes, in the required number.
     let mut whole = bytes.to_vec();
     whole.resize(size_of::<Commands>(), 0);
     for bytes in [bytes, &whole] {

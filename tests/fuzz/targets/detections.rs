@@ -1,5 +1,5 @@
-//! The filter, given any sequence of detections, commands and resumptions. Every pose that it
-//! gives out is a number, on or near a pitch, and its own output can be resumed from.
+//! The filter with any sequence of detections, commands and resumptions. Every published pose is finite
+//! and on or near a pitch, and the filter can resume from its own output.
 #![no_main]
 
 use bytemuck::{Pod, bytes_of_mut};
@@ -10,7 +10,7 @@ use common::messages::{
 use filter::Filter;
 use libfuzzer_sys::fuzz_target;
 
-/// Detections further away are not believed; a track may coast a little further.
+/// Detections farther away are rejected; a track may coast slightly farther.
 const FAR_MM: f64 = 1e6;
 
 struct Bytes<'a>(&'a [u8]);
@@ -72,7 +72,7 @@ fuzz_target!(|bytes: &[u8]| {
         match kind % 8 {
             // Any header at all.
             0 => bytes.fill(&mut detections.frame),
-            // A robot as it could be, with any numbers.
+            // A plausible robot with any numbers.
             1 | 2 => {
                 let slot = usize::from(kind / 8) % 4;
                 let robot: &mut DetectedRobot = &mut detections.robots[slot];
@@ -99,7 +99,7 @@ fuzz_target!(|bytes: &[u8]| {
                 bytes.fill(&mut commands.wheels[1]);
                 filter.command(&commands);
             }
-            // What it has said itself, with a part of it spoilt.
+            // Its own output with a part corrupted.
             5 => {
                 let place = usize::from(bytes.byte().unwrap_or(0)) % 4;
                 bytes.fill(&mut world.robot_memories[place].hypotheses[0]);

@@ -1,4 +1,4 @@
-//! The classifier, given any header with any bytes. Runs are as promised, or the frame is refused.
+//! The classifier with any header and any bytes. Runs are well formed, or the frame is refused.
 #![no_main]
 
 use bytemuck::{Zeroable, bytes_of_mut};
@@ -10,7 +10,7 @@ use std::cell::RefCell;
 
 const WIDTH: u32 = 18;
 const HEIGHT: u32 = 7;
-/// Less than a full picture can have.
+/// Smaller than a full picture.
 const CAPACITY: usize = 60;
 
 thread_local! {

@@ -1,5 +1,5 @@
-//! Calibration, given any names of points, and any points. A camera that it accepts sees each of them
-//! where it was marked, within the tolerance.
+//! Calibration with any names of points, and any points. An accepted camera sees each of them at its
+//! mark, within the tolerance.
 #![no_main]
 
 use common::calibration::{KnownLens, Mark, calibrate, resolve_landmark};
@@ -10,7 +10,7 @@ const WITHIN_PX: f64 = 3.0;
 /// The more points, the longer a fit takes; a dozen are as good as a hundred here.
 const MOST_POINTS: usize = 12;
 
-/// A number as it could be, or, rarely, any at all.
+/// A plausible number or, rarely, any at all.
 fn number(bytes: &[u8], scale: f64) -> f64 {
     let value = u16::from_le_bytes([bytes[0], bytes[1]]);
     match value {

@@ -1,4 +1,4 @@
-//! What is read out of recordings, given any bytes: a damaged file, or one that somebody else has made.
+//! Reading recordings with any bytes: a damaged file, or one of another program.
 #![no_main]
 
 use common::config::Config;

@@ -1,5 +1,5 @@
-//! The tracker, given any header, any runs, any picture and any `world` as prediction. What it says makes
-//! sense.
+//! The tracker with any header, any runs, any picture and any `world` as prediction. Its output is
+//! consistent.
 #![no_main]
 
 use bytemuck::{Zeroable, bytes_of_mut, pod_read_unaligned};
@@ -11,7 +11,7 @@ use libfuzzer_sys::fuzz_target;
 use std::cell::RefCell;
 use tracker::Tracker;
 
-/// As the default configuration says.
+/// As in the default configuration.
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
 
@@ -66,7 +66,7 @@ fuzz_target!(|bytes: &[u8]| {
             }
             &**world
         });
-        // Only where runs are likely to be does it matter what the picture shows.
+        // The picture matters only where runs are likely.
         let pattern = rest.iter().cycle();
         pixels[..64 * WIDTH as usize].iter_mut().zip(pattern).for_each(|(to, from)| *to = *from);
         let pixels = (kind & 32 == 0).then_some(pixels.as_slice());

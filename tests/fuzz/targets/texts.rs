@@ -1,5 +1,5 @@
-//! Whatever is read as text: configurations, labels, sources of frames. Nothing in a text
-//! makes a program fall; and what is accepted as a configuration can be used, written and read again.
+//! Texts: configurations, labels, sources of frames. No text makes a program crash, and an accepted
+//! configuration can be used, written and read again.
 #![no_main]
 
 use common::config::{Config, check, commented_toml};
@@ -9,10 +9,10 @@ use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// Cameras with more pixels than this are left to the tests: tables for them take their time.
+/// Cameras with more pixels than this are left to the tests: their tables take long.
 const MOST_PIXELS: u32 = 10_000;
 
-/// The lines of a configuration with all keys, without what they mean.
+/// The lines of a configuration with all keys, without comments.
 static LINES: LazyLock<Vec<String>> = LazyLock::new(|| {
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (100, 75);
@@ -21,7 +21,7 @@ static LINES: LazyLock<Vec<String>> = LazyLock::new(|| {
     lines.map(str::to_string).collect()
 });
 
-/// A whole configuration in which one key, told by the first character, has another value.
+/// A whole configuration in which one key, selected by the first character, has another value.
 fn with_one_value_changed(text: &str) -> Option<String> {
     let mut chars = text.chars();
     let place = chars.next()? as usize % LINES.len();
@@ -38,7 +38,7 @@ fn check_config(text: &str) {
     let written = commented_toml(&config);
     assert_eq!(Config::parse(&written, "written").ok().as_ref(), Some(&config), "{written}");
     if config.camera.width.saturating_mul(config.camera.height) <= MOST_PIXELS {
-        // May be refused with a reason, but not fall.
+        // It may be refused with a reason, but must not crash.
         let _ = classifier::Classifier::new(&config);
         let _ = tracker::Tracker::new(&config);
         let _ = filter::Filter::new(&config);
