@@ -42,7 +42,7 @@ fn fill(bytes: &mut [u8], kind: usize, noise: &mut u64) {
 }
 
 /// Publishes messages of all these lengths with every kind of garbage.
-fn publish_rubbish<E: Message, H: Header>(bus: &Bus, topic: &Topic<E, H>, lengths: &[usize]) {
+fn publish_garbage<E: Message, H: Header>(bus: &Bus, topic: &Topic<E, H>, lengths: &[usize]) {
     let most = lengths.iter().copied().max().unwrap_or(0);
     let mut publisher = bus.publisher(topic, most).unwrap();
     let mut noise = 0x9E37_79B9_7F4A_7C15;
@@ -89,17 +89,17 @@ fn assert_poses_are_right(group: &Group) {
 }
 
 #[test]
-fn rubbish_on_every_topic_harms_nobody() {
-    check_that_rubbish_harms_nobody("rubbish", false);
+fn garbage_on_every_topic_is_harmless() {
+    check_that_garbage_is_harmless("rubbish", false);
 }
 
 #[test]
-fn rubbish_of_one_of_its_own_processes_harms_nobody() {
-    check_that_rubbish_harms_nobody("rubbish-own", true);
+fn garbage_of_one_of_its_own_processes_is_harmless() {
+    check_that_garbage_is_harmless("rubbish-own", true);
 }
 
 /// `is_of_group`: the sender passes for a process of the group.
-fn check_that_rubbish_harms_nobody(name: &str, is_of_group: bool) {
+fn check_that_garbage_is_harmless(name: &str, is_of_group: bool) {
     let mut group = Group::start(name, "", &[]);
     let before = group.wait_until_working();
     {
@@ -107,14 +107,14 @@ fn check_that_rubbish_harms_nobody(name: &str, is_of_group: bool) {
         if is_of_group {
             bus.enter_roster();
         }
-        publish_rubbish(&bus, &topics::COMMANDS, &[0, 1, 7]);
-        publish_rubbish(&bus, &topics::FRAMES, &[0, 1, 1000, 640 * 480]);
-        publish_rubbish(&bus, &topics::RUNS, &[0, 1, 1000, MAX_RUNS]);
-        publish_rubbish(&bus, &topics::DETECTIONS, &[0, 1, 2]);
-        publish_rubbish(&bus, &topics::WORLD, &[0, 1, 2]);
-        publish_rubbish(&bus, &topics::HEALTH, &[0, 1, 5]);
-        publish_rubbish(&bus, &topics::CAMERA, &[0, 1, 2]);
-        publish_rubbish(&bus, &topics::STATUS, &[0, 1, MAX_STATUS_BYTES]);
+        publish_garbage(&bus, &topics::COMMANDS, &[0, 1, 7]);
+        publish_garbage(&bus, &topics::FRAMES, &[0, 1, 1000, 640 * 480]);
+        publish_garbage(&bus, &topics::RUNS, &[0, 1, 1000, MAX_RUNS]);
+        publish_garbage(&bus, &topics::DETECTIONS, &[0, 1, 2]);
+        publish_garbage(&bus, &topics::WORLD, &[0, 1, 2]);
+        publish_garbage(&bus, &topics::HEALTH, &[0, 1, 5]);
+        publish_garbage(&bus, &topics::CAMERA, &[0, 1, 2]);
+        publish_garbage(&bus, &topics::STATUS, &[0, 1, MAX_STATUS_BYTES]);
     }
     let after = wait_for_more(&mut group, 80);
     assert_eq!(pids(&after), pids(&before), "somebody was replaced: {after:#}");

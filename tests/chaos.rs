@@ -129,7 +129,7 @@ fn check_that_nothing_is_lost(signals: &str) -> Value {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_at_once() {
+fn impossible_requests_are_refused_at_once() {
     let scratch = Scratch::new("chaos-refused");
     for (args, hint) in [
         (["chaos", "--signals", "hug"], "double"),

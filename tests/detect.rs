@@ -124,7 +124,7 @@ fn keys(object: &Value) -> Vec<&str> {
 }
 
 #[test]
-fn what_was_painted_is_found_and_documented_keys_say_where() {
+fn rendered_objects_are_found_and_documented_keys_give_their_positions() {
     let scratch = Scratch::new("detect-json");
     let config = Config::default();
     let picture = scratch.path.join("painted.png");
@@ -326,7 +326,7 @@ fn a_cut_off_jpeg_is_an_error() {
 }
 
 #[test]
-fn what_is_no_picture_is_complained_about_and_the_others_are_looked_at() {
+fn files_that_are_no_pictures_are_reported_and_the_others_are_processed() {
     let scratch = Scratch::new("detect-errors");
     let good = scratch.path.join("good.png");
     painted().save(&good).unwrap();

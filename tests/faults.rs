@@ -47,7 +47,7 @@ fn replace(group: &mut Group, stage: &str, signal: Signal) -> Value {
 }
 
 #[test]
-fn whatever_the_system_refuses_once_the_match_goes_on() {
+fn a_match_survives_every_call_refused_once() {
     let poison = format!("tracker@{POISON}");
     let variables = [FAULTS, ("TOUCHLINE_FAULT", poison.as_str())];
     let mut group = Group::start_with("faults", "", &[], &variables);

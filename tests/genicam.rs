@@ -192,7 +192,7 @@ fn a_camera_that_dies_and_comes_back_streams_again() {
 
 #[test]
 #[ignore = "needs a GigE camera to play: Debian's aravis-tools"]
-fn what_the_camera_does_not_have_is_refused_with_a_reason() {
+fn unsupported_camera_settings_are_refused_with_a_reason() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let _camera = FakeCamera::start(0);
     let refused = |name: &str, state: &str, reason: &str, change: fn(&mut Config)| {

@@ -583,7 +583,7 @@ fn a_second_group_of_the_same_name_is_refused_and_harms_nothing() {
 }
 
 #[test]
-fn what_cannot_work_is_said_before_anything_starts() {
+fn impossible_runs_are_refused_before_anything_starts() {
     let scratch = Scratch::new("refused");
     let config = scratch.write("bad.toml", "[camera]\nfpz = 80\n");
     let config = config.to_str().unwrap();

@@ -338,7 +338,7 @@ fn a_runtime_directory_that_somebody_else_prepared_is_refused() {
     let program = program_for_all(&scratch);
     let run = ["run", "--frames", "10", "--quiet"];
 
-    // Created by another user, in the hope that somebody uses it: in both forms.
+    // Created by another user as a trap, in both forms.
     let theirs = scratch.path.join("theirs");
     fs::create_dir(&theirs).unwrap();
     let output = as_nobody(&program, &theirs, &run);

@@ -316,7 +316,7 @@ fn nothing_is_overwritten_unasked() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_in_words() {
+fn files_that_are_no_recordings_are_refused_with_a_reason() {
     let scratch = Scratch::new("record-no");
     let file = scratch.write("no.mcap", "nothing of the kind");
     for command in [&["info"][..], &["replay", "--verify"], &["recover"]] {

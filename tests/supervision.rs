@@ -173,7 +173,7 @@ fn nohup_is_obeyed() {
 }
 
 #[test]
-fn whoever_stops_reading_what_it_says_holds_up_nothing() {
+fn a_reader_that_stops_reading_holds_up_nothing() {
     let (mut reader, mut writer) = std::io::pipe().unwrap();
     // The pipe is full from the beginning and never read.
     let flags = rustix::fs::fcntl_getfl(writer.as_fd()).unwrap();
@@ -279,7 +279,7 @@ fn wait_until_said(group: &mut Group, what: &str, times: usize) {
 }
 
 #[test]
-fn a_fault_in_what_counts_does_not_end_what_supervises() {
+fn a_fault_in_the_monitor_does_not_end_the_supervisor() {
     let variables = [("TOUCHLINE_FAULT", "monitor@150")];
     let mut group = Group::start_with("monitor-fault", "", &[], &variables);
     wait_until_said(&mut group, "the monitor has panicked", 1);

@@ -282,7 +282,7 @@ fn refused(name: &str, state: &str, reason: &str, change: impl FnOnce(&mut Confi
 
 #[test]
 #[ignore = "needs the kernel's virtual camera: scripts/test-v4l2 plays one"]
-fn what_the_camera_cannot_do_is_refused_with_a_reason() {
+fn unsupported_settings_are_refused_with_a_reason() {
     refused("vivid-size", "wrong_format", "it has", |config| {
         config.camera.width = 642;
         config.geometry =

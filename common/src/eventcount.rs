@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_opens_it_sees_the_same_count() {
+    fn every_process_sees_the_same_count() {
         let file = File::new("same");
         let (writer, reader) =
             (EventCount::open(&file.0).unwrap(), EventCount::open(&file.0).unwrap());
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn an_advance_wakes_everybody_and_one_before_the_sleep_is_not_lost() {
+    fn an_advance_wakes_all_sleepers_and_one_before_the_sleep_is_not_lost() {
         const SLEEPERS: u32 = 3;
         let file = File::new("wake");
         let writer = EventCount::open(&file.0).unwrap();

@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_refused_without_waiting() {
+    fn non_files_are_refused_without_waiting() {
         let folder = folder("kind");
         let pipe = folder.join("pipe");
         rustix::fs::mknodat(

@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_changed_is_named_and_what_is_new_disturbs_nobody() {
+    fn changes_are_named_and_additions_are_no_conflict() {
         let own = Interface::own();
         assert_eq!(own.conflicts_with(&own), Vec::<String>::new());
 

@@ -312,7 +312,7 @@ mod tests {
 
     #[test]
     #[ignore = "needs root, to make what belongs to another user"]
-    fn what_belongs_to_another_user_is_refused() {
+    fn files_of_another_user_are_refused() {
         const NOBODY: u32 = 65_534;
         let scratch = Scratch::new("foreign");
         let theirs = scratch.directory("theirs", 0o755);

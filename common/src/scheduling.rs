@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_impossible_is_said_in_a_line_and_nothing_else_is() {
+    fn impossible_options_are_reported_in_a_line_and_no_others() {
         assert!(unavailable(&SchedulingConfig::default()).is_empty());
         let mut config = SchedulingConfig::default();
         config.cpus.tracker = vec![1023];

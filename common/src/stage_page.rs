@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_outlives_who_has_set_it_and_goes_with_the_group() {
+    fn it_outlives_its_writer_and_is_removed_with_the_group() {
         let base = std::env::temp_dir().join(format!("tl-page-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();

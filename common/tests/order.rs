@@ -35,7 +35,7 @@ fn publish(publisher: &mut Publisher<Run, RunsHeader>, seq: u64) {
 }
 
 #[test]
-fn a_late_reader_gets_them_by_number_whoever_has_connected_first() {
+fn a_late_reader_gets_them_by_number_in_any_order_of_connection() {
     let place = Place::new("order");
     for old_first in [true, false] {
         let bus = Bus::join(&place.instance, "test").unwrap();

@@ -257,7 +257,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn rubbish_is_refused(data in prop::collection::vec(any::<u8>(), 0..300)) {
+        fn garbage_is_refused(data in prop::collection::vec(any::<u8>(), 0..300)) {
             let _ = decode_frame(&data);
         }
     }

@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_there_is_drawn() {
+    fn existing_objects_are_drawn() {
         let scene: serde_json::Value =
             serde_json::from_slice(&world_scene(&world(), 75.0, 42.7)).unwrap();
         let entities = scene["entities"].as_array().unwrap();

@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_half_a_join_goes_and_a_living_process_stays() {
+    fn leftovers_of_half_a_join_are_removed_and_a_living_process_stays() {
         let base = std::env::temp_dir().join(format!("tl-half-{}", std::process::id()));
         let instance = Instance::below(&base, "half").unwrap();
         instance.create_directory().unwrap();

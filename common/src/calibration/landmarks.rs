@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_there_is_not_is_refused() {
+    fn unknown_names_are_refused() {
         for name in ["", "corner", "penalty", "corner top left top", "wall"] {
             assert!(matches!(place(name), Err(LandmarkError::Unknown { .. })), "{name:?}");
         }

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_determined_has_no_covariance() {
+    fn undetermined_parameters_have_no_covariance() {
         let sum_only = |p: &DVector<f64>| DVector::from_vec(vec![p[0] + p[1] - 1.0, 0.0]);
         let minimum = minimise(DVector::zeros(2), sum_only).unwrap();
         assert!(minimum.sum_of_squares < 1e-12 && minimum.covariance.is_none());

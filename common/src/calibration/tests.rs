@@ -302,7 +302,7 @@ fn a_point_that_is_off_is_named_with_its_distance() {
 }
 
 #[test]
-fn what_cannot_be_told_is_not_told() {
+fn ambiguous_errors_name_no_culprit() {
     // Five points on the floor: any four of them fit.
     let mut places = floor_corners();
     places.push([0.0, 0.0, 0.0]);
@@ -324,7 +324,7 @@ fn a_mirrors_picture_is_told_from_swapped_points() {
 }
 
 #[test]
-fn what_determines_no_camera_is_refused() {
+fn points_that_determine_no_camera_are_refused() {
     let marks = Pinhole::above().marks(&places(50.0));
     assert!(matches!(fit(&marks[..3], GUESS), Err(CalibrationError::TooFewPoints(3))));
     let line: Vec<[f64; 3]> = (0..6).map(|step| [f64::from(step) * 100.0, 0.0, 0.0]).collect();

@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_preset_brings_is_blamed_on_the_line_that_does_not_fit_it() {
+    fn preset_values_are_blamed_on_the_line_that_does_not_fit_them() {
         let text = "[[colors]]\nname = \"orange\"\nred = [115, 255]\ngreen = [30, 110]\n\
                     blue = [0, 40]\nlooks = [235, 110, 25]\n";
         let message = message(text);

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_told_apart() {
+    fn impossible_commands_have_distinct_faults() {
         let fault = |change: &dyn Fn(&mut Commands)| {
             let mut wrong = commands();
             change(&mut wrong);

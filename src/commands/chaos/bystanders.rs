@@ -2,7 +2,7 @@
 //! another is killed a tenth of a second after it has attached, and comes back.
 
 use super::population::has_ended;
-use super::vandal::publish_rubbish;
+use super::vandal::publish_garbage;
 use crate::cli::BystanderArgs;
 use crate::commands::CommandError;
 use common::bus::Bus;
@@ -148,7 +148,7 @@ impl Drop for Bystander {
 /// it is killed or whoever has started it is gone.
 pub fn attach(args: &BystanderArgs) -> Result<ExitCode, CommandError> {
     if let Some(ms) = args.rubbish {
-        return publish_rubbish(args, Duration::from_millis(ms));
+        return publish_garbage(args, Duration::from_millis(ms));
     }
     let parent = rustix::process::getppid();
     let instance = Instance::new(&args.instance.instance)?;

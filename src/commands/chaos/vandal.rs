@@ -79,7 +79,7 @@ impl Drop for Vandal {
 }
 
 /// `touchline bystander --rubbish MS`: publishes rubbish for some time.
-pub fn publish_rubbish(args: &BystanderArgs, time: Duration) -> Result<ExitCode, CommandError> {
+pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     let parent = rustix::process::getppid();
     let bus = Bus::join(&instance, NAME)?;

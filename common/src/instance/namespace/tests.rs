@@ -26,7 +26,7 @@ impl Drop for Scratch {
 }
 
 #[test]
-fn names_cannot_be_foretold_and_everybody_of_the_group_finds_them() {
+fn names_are_unpredictable_and_every_process_of_the_group_finds_them() {
     let scratch = Scratch::new("namespace-random");
     let instance = &scratch.instance;
     assert_eq!(instance.namespace().unwrap(), None);
@@ -109,7 +109,7 @@ fn nothing_that_others_can_see_can_be_opened_by_them() {
 
 #[test]
 #[ignore = "needs root, to make what belongs to another user"]
-fn what_another_user_puts_among_the_groups_files_stays_and_is_named() {
+fn foreign_files_among_the_groups_stay_and_are_named() {
     const NOBODY: u32 = 65_534;
     let scratch = Scratch::new("namespace-foreign");
     let namespace = scratch.instance.create_namespace().unwrap();
