@@ -74,7 +74,7 @@ pub fn read(path: &Path, limit: Limit) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, limit: Limit) -> io::Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|error| {
         let place = error.utf8_error().valid_up_to();
-        let problem = format!("it is no text (UTF-8): byte {place} is wrong");
+        let problem = format!("it is not UTF-8 text: byte {place} is invalid");
         io::Error::new(io::ErrorKind::InvalidData, problem)
     })
 }

@@ -15,7 +15,7 @@ pub struct Landmark {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LandmarkError {
     /// The pitch has no point with this name.
-    #[error("{name:?} is no point of the pitch; there are {}", known.join(", "))]
+    #[error("{name:?} is not a point of the pitch; the points are {}", known.join(", "))]
     Unknown {
         /// The unknown name.
         name: String,

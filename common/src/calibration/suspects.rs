@@ -91,7 +91,7 @@ impl fmt::Display for Suspicion {
                     f.write_str(if index == 0 { "" } else { ", " })?;
                     write!(f, "point {} is off by {distance_px:.0} px", point + 1)?;
                 }
-                f.write_str(", going by the others")
+                f.write_str(", judging by the others")
             }
             Self::OneOf(points) => {
                 let numbers: Vec<String> =

@@ -72,7 +72,7 @@ impl Config {
         if self.synthetic.unknown_opponents > 0
             && Team::ALL.into_iter().filter(|&team| lists(team)).count() != 1
         {
-            let message = "opponents are unknown where robots of one team only are listed";
+            let message = "unknown opponents need a list with robots of one team only";
             let problem = Problem::new("synthetic.unknown_opponents", message);
             problems.push(problem.related("robots.identities"));
         }

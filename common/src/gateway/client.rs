@@ -29,7 +29,7 @@ pub enum ClientError {
     )]
     Denied(PathBuf),
     /// The socket belongs to another program.
-    #[error("{0}: this is no gateway of a Touchline group: {1}")]
+    #[error("{0}: this is not the gateway of a Touchline group: {1}")]
     Stranger(PathBuf, String),
     /// The group has another version.
     #[error("{0}: the group's messages are of another version than this program's: {1:?}")]
