@@ -4,7 +4,7 @@ use crate::{Classifier, SimdChoice};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{DropReason, FrameHeader, MAX_RUNS, ProcessKind};
-use common::process::{LONGEST_WAIT, Process, ProcessError, ProcessOptions};
+use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 use common::topics;
 
 /// Runs until asked to end.
@@ -30,7 +30,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
 
     while process.keep_running()? {
         let Some(frame) = frames.receive()? else {
-            wake_up.wait(LONGEST_WAIT);
+            wake_up.wait(MAX_WAIT);
             continue;
         };
         let taken_ns = monotonic_ns();

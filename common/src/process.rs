@@ -33,7 +33,7 @@ pub const HEARTBEAT: Duration = Duration::from_millis(100);
 const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 /// Longest sleep between two calls of [`Process::keep_running`], which sends heartbeats and sees
 /// requests to end.
-pub const LONGEST_WAIT: Duration = Duration::from_millis(50);
+pub const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it receives
 /// that frame.
@@ -205,7 +205,7 @@ impl Process {
     }
 
     /// Sends the heartbeat when it is due, and returns whether to continue. To be called at least every
-    /// [`LONGEST_WAIT`] and once per message.
+    /// [`MAX_WAIT`] and once per message.
     pub fn keep_running(&mut self) -> Result<bool, ProcessError> {
         let now = monotonic_ns();
         if self.stop.load(Ordering::Relaxed) {

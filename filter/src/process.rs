@@ -5,7 +5,7 @@ use common::bus::Received;
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{DropReason, ProcessKind};
-use common::process::{LONGEST_WAIT, Process, ProcessError, ProcessOptions};
+use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 use common::topics;
 
 /// Runs until asked to end.
@@ -43,7 +43,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             }
         }
         let Some(input) = detections.receive()? else {
-            wake_up.wait(LONGEST_WAIT);
+            wake_up.wait(MAX_WAIT);
             continue;
         };
         let taken_ns = monotonic_ns();

@@ -3,7 +3,7 @@
 
 use common::config::Config;
 use common::messages::ProcessState;
-use common::process::{LONGEST_WAIT, Process, ProcessError};
+use common::process::{MAX_WAIT, Process, ProcessError};
 use common::topics;
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,7 @@ pub fn stand_by(mut process: Process, config: &Config) -> Result<(), ProcessErro
         }
         let has_frames = last_frame.is_some_and(|t| t.elapsed() < SILENCE);
         process.is_now(if has_frames { ProcessState::Active } else { ProcessState::Waiting })?;
-        std::thread::sleep(LONGEST_WAIT);
+        std::thread::sleep(MAX_WAIT);
     }
     Ok(())
 }

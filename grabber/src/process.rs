@@ -8,7 +8,7 @@ use crate::source::{Source, open};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{DropReason, ProcessKind, ProcessState};
-use common::process::{LONGEST_WAIT, Process, ProcessError, ProcessOptions};
+use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 use common::topics;
 
 /// The grabber's own options.
@@ -117,7 +117,7 @@ pub fn run(
     // A bounded run is over, but the publisher must outlive the readers of its frames.
     process.beat(ProcessState::Finished)?;
     while process.keep_running()? {
-        std::thread::sleep(LONGEST_WAIT);
+        std::thread::sleep(MAX_WAIT);
     }
     Ok(())
 }

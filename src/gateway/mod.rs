@@ -27,7 +27,7 @@ use common::gateway::Greeting;
 use common::instance::Instance;
 use common::memory_rank::{self, MemoryRank};
 use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat, ProcessState};
-use common::process::{HEARTBEAT, LONGEST_WAIT};
+use common::process::{HEARTBEAT, MAX_WAIT};
 use common::topics;
 use intake::Said;
 use permissions::Permissions;
@@ -143,7 +143,7 @@ fn give_world(
             }
         }
         given.round_ns.store(monotonic_ns(), Ordering::Relaxed);
-        wake_up.wait(LONGEST_WAIT);
+        wake_up.wait(MAX_WAIT);
     }
     Ok(())
 }
@@ -247,7 +247,7 @@ impl Door {
             fds.push(PollFd::new(&**socket, flags));
         }
         let is_held_back = interests.iter().any(|interest| !interest.reads);
-        let patience = if is_held_back { SHORT_WAIT } else { LONGEST_WAIT };
+        let patience = if is_held_back { SHORT_WAIT } else { MAX_WAIT };
         let patience = Timespec { tv_sec: 0, tv_nsec: patience.as_nanos() as _ };
         match poll(&mut fds, Some(&patience)) {
             Ok(_) => {}

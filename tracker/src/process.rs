@@ -5,7 +5,7 @@ use common::bus::Received;
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{DetectionFrame, FrameHeader, ProcessKind};
-use common::process::{LONGEST_WAIT, Process, ProcessError, ProcessOptions};
+use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 use common::topics;
 
 /// Runs until asked to end.
@@ -36,7 +36,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut frame: Option<Received<u8, FrameHeader>> = None;
     while process.keep_running()? {
         let Some(input) = runs.receive()? else {
-            wake_up.wait(LONGEST_WAIT);
+            wake_up.wait(MAX_WAIT);
             continue;
         };
         let taken_ns = monotonic_ns();

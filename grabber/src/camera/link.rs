@@ -9,7 +9,7 @@ use super::rate_meter::RateMeter;
 use super::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame};
 use common::clock::{monotonic_ns, wall_ns};
 use common::messages::{CameraReport, CameraState, write_text};
-use common::process::LONGEST_WAIT;
+use common::process::MAX_WAIT;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
@@ -64,19 +64,19 @@ impl Link {
         Self { device, fps, numbering, report, phase, failures: 0, incomplete_before: 0 }
     }
 
-    /// Performs one step, which takes at most [`LONGEST_WAIT`].
+    /// Performs one step, which takes at most [`MAX_WAIT`].
     fn step(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, Fault> {
         match &mut self.phase {
             Phase::Waiting { until_ns } => {
                 let left = Duration::from_nanos(until_ns.saturating_sub(monotonic_ns()));
-                std::thread::sleep(left.min(LONGEST_WAIT));
-                if left <= LONGEST_WAIT {
+                std::thread::sleep(left.min(MAX_WAIT));
+                if left <= MAX_WAIT {
                     self.phase = open_on_thread(&self.device);
                 }
                 Ok(None)
             }
             Phase::Opening { session, since_ns } => {
-                match session.recv_timeout(LONGEST_WAIT) {
+                match session.recv_timeout(MAX_WAIT) {
                     Ok(session) => self.start(session?, pool)?,
                     // Giving up would leave the thread with the device and start another one.
                     Err(RecvTimeoutError::Timeout) => {
@@ -114,7 +114,7 @@ impl Link {
 
     fn next_frame(&mut self, pool: &mut FramePool) -> Result<Option<Captured>, Fault> {
         let Phase::Streaming(running) = &mut self.phase else { return Ok(None) };
-        let arrival = running.stream.next(pool, LONGEST_WAIT)?;
+        let arrival = running.stream.next(pool, MAX_WAIT)?;
         let now_ns = monotonic_ns();
         if running.arrived_ns.is_some() && running.rate_meter.measure(now_ns) {
             let fps = running.rate_meter.fps().unwrap_or(0.0);

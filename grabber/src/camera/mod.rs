@@ -124,7 +124,7 @@ pub enum CameraError {
 
 /// A source of frames. It owns their numbers and capture times.
 pub trait Camera {
-    /// Waits for the next frame, if possible for at most [`LONGEST_WAIT`](common::process::LONGEST_WAIT), since
+    /// Waits for the next frame, if possible for at most [`MAX_WAIT`](common::process::MAX_WAIT), since
     /// the process has a heartbeat to send. `None` if there was none.
     ///
     /// An error ends the process, except [`CameraError::NoMemory`], which loses a frame.

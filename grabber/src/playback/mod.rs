@@ -16,7 +16,7 @@ use crate::source::Source;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
 use common::messages::{BayerOrder, Commands, FrameHeader, PixelFormat, TruthFrame};
-use common::process::LONGEST_WAIT;
+use common::process::MAX_WAIT;
 use recording::{Channel, Entry, Reader, Setup, decode_frame, decode_message};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -90,7 +90,7 @@ impl Playback {
     /// Takes in messages up to the next frame.
     fn read(&mut self) -> Result<(), CameraError> {
         while self.next.is_none() && !self.is_over {
-            match self.entries.recv_timeout(LONGEST_WAIT) {
+            match self.entries.recv_timeout(MAX_WAIT) {
                 Ok(entry) => self.note(entry),
                 Err(RecvTimeoutError::Timeout) => return Ok(()),
                 Err(RecvTimeoutError::Disconnected) => self.at_end()?,
@@ -146,8 +146,8 @@ impl Camera for Playback {
         };
         let left = Duration::from_nanos(due.show_ns.saturating_sub(monotonic_ns()));
         self.is_pausing = left > PAUSE;
-        if left > LONGEST_WAIT {
-            std::thread::sleep(LONGEST_WAIT);
+        if left > MAX_WAIT {
+            std::thread::sleep(MAX_WAIT);
             return Ok(None);
         }
         let mut loan = pool.loan(frame.pixels.len())?;

@@ -7,7 +7,7 @@ use common::bus::{BusError, Subscriber};
 use common::clock::monotonic_ns;
 use common::instance::Instance;
 use common::messages::WorldFrame;
-use common::process::{LONGEST_WAIT, Process, ProcessError};
+use common::process::{MAX_WAIT, Process, ProcessError};
 use common::topics;
 use common::wake_up::WakeUp;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -52,7 +52,7 @@ impl Pacer {
         Ok(Some(Self { world, wake_up, under_way: None, steps }))
     }
 
-    /// Waits until the next frame may be shown, but not longer than [`LONGEST_WAIT`]; returns whether it may.
+    /// Waits until the next frame may be shown, but not longer than [`MAX_WAIT`]; returns whether it may.
     pub fn may_show(&mut self) -> Result<bool, BusError> {
         while let Some(received) = self.world.receive()? {
             let seq = received.message().map(|world| world.frame.seq);
@@ -61,7 +61,7 @@ impl Pacer {
         let now_ns = monotonic_ns();
         self.under_way = self.under_way.filter(|&(_, t_ns)| now_ns < t_ns + WORLD_TIMEOUT_NS);
         if self.under_way.is_some() {
-            self.wake_up.wait(LONGEST_WAIT);
+            self.wake_up.wait(MAX_WAIT);
             return Ok(false);
         }
         let Some(steps) = &mut self.steps else { return Ok(true) };
@@ -106,7 +106,7 @@ impl Steps {
     /// Receives requests; waits for one if no step is left.
     fn listen(&mut self) {
         if self.left == 0 {
-            let timeout = Timespec { tv_sec: 0, tv_nsec: LONGEST_WAIT.as_nanos() as _ };
+            let timeout = Timespec { tv_sec: 0, tv_nsec: MAX_WAIT.as_nanos() as _ };
             // An error here has no effect: the function is called again.
             let _ = poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&timeout));
         }
