@@ -18,6 +18,7 @@ use clap::{Args, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
 use common::messages::ProcessKind;
+use common::stages::StageId;
 use grabber::source::Source;
 use std::path::PathBuf;
 
@@ -244,8 +245,8 @@ pub struct StatusArgs {
 #[derive(Debug, Args)]
 pub struct RestartArgs {
     /// Any of grabber, classifier, tracker and filter
-    #[arg(required = true, value_name = "STAGE", value_parser = parse_stage)]
-    pub stages: Vec<ProcessKind>,
+    #[arg(required = true, value_name = "STAGE")]
+    pub stages: Vec<StageId>,
     /// Which group.
     #[command(flatten)]
     pub instance: InstanceArgs,

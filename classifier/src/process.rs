@@ -10,14 +10,15 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Classifier, options, config)?;
+    let input = topics::frames(config.camera.frame_bytes()).in_lane(options.lane);
+    let output = topics::RUNS.in_lane(options.lane);
     // Before its input, so that it sees the output of every input that it sees.
-    let previous = process.bus.newest_only(&topics::RUNS)?;
-    let topic = topics::frames(config.camera.frame_bytes());
-    let frames = process.bus.subscriber_with_history(&topic)?;
-    let mut runs = process.bus.publisher(&topics::RUNS, MAX_RUNS)?;
+    let previous = process.bus.newest_only(&output)?;
+    let frames = process.bus.subscriber_with_history(&input)?;
+    let mut runs = process.bus.publisher(&output, MAX_RUNS)?;
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
-    let mut wake_up = process.wake_up(&topics::FRAMES)?;
+    let mut wake_up = process.wake_up(&input)?;
     process.counters.light = classifier.light();
     common::tell!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {

@@ -20,7 +20,7 @@ use crate::instance::namespace::IPC_VERSION;
 use crate::instance::{Instance, InstanceError, Namespace};
 use crate::memory::{self, SHARED_MEMORY};
 use crate::roster::{NodeKey, Roster};
-use crate::topics::Topic;
+use crate::topics::{Topic, TopicName};
 use crate::wake_up::WakeUp;
 use bytemuck::Pod;
 use iceoryx2::port::DegradationAction;
@@ -57,7 +57,7 @@ pub enum BusError {
     )]
     NoMemory {
         /// Topic, or the process's own node.
-        topic: &'static str,
+        topic: TopicName,
         /// Bytes that are free.
         free: u64,
     },
@@ -67,7 +67,7 @@ pub enum BusError {
     )]
     Full {
         /// Topic.
-        topic: &'static str,
+        topic: TopicName,
         /// The attempted action.
         action: &'static str,
     },
@@ -78,13 +78,13 @@ pub enum BusError {
     )]
     Strange {
         /// Topic.
-        topic: &'static str,
+        topic: TopicName,
     },
     /// iceoryx2 refused; the text has the attempted action and its answer.
     #[error("topic {topic}: {action}: {reason}")]
     Ipc {
         /// Topic, or the process's own node.
-        topic: &'static str,
+        topic: TopicName,
         /// The attempted action.
         action: &'static str,
         /// iceoryx2's answer.
@@ -93,7 +93,7 @@ pub enum BusError {
 }
 
 /// Refuses to create anything when hardly any shared memory is left.
-fn check_memory(topic: &'static str) -> Result<(), BusError> {
+fn check_memory(topic: TopicName) -> Result<(), BusError> {
     memory::check_margin().map_err(|free| BusError::NoMemory { topic, free })
 }
 
@@ -121,12 +121,16 @@ fn populate<E: Message, H: Header>(
     Err(BusError::NoMemory { topic: topic.name, free })
 }
 
-fn failed<E: Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> BusError {
+fn failed<E: Debug>(
+    topic: impl Into<TopicName>,
+    action: &'static str,
+) -> impl FnOnce(E) -> BusError {
+    let topic = topic.into();
     move |error| BusError::Ipc { topic, action, reason: format!("{error:?}") }
 }
 
 fn refused<E: Debug>(
-    topic: &'static str,
+    topic: TopicName,
     action: &'static str,
     is_full: impl FnOnce(&E) -> bool,
 ) -> impl FnOnce(E) -> BusError {
@@ -188,7 +192,7 @@ impl Bus {
         // In a directory of another user joining would fail without a usable error.
         instance.check_directory()?;
         memory::check_place().map_err(InstanceError::from)?;
-        check_memory("node")?;
+        check_memory("node".into())?;
         let namespace = instance.create_namespace()?;
         namespace.check_version()?;
         let config = namespace.ipc_config()?;
@@ -224,7 +228,7 @@ impl Bus {
     /// wait for a free slot; the caller tries again.
     pub fn join_as_reader(instance: &Instance, process: &str) -> Result<Self, BusError> {
         memory::check_room_for_readers()
-            .map_err(|free| BusError::NoMemory { topic: "all", free })?;
+            .map_err(|free| BusError::NoMemory { topic: "all".into(), free })?;
         Ok(Self { patience: Duration::ZERO, ..Self::join(instance, process)? })
     }
 
@@ -352,8 +356,8 @@ impl Bus {
         Ok(WakeUp::new(self.event_count(topic.name)?, strategy))
     }
 
-    fn event_count(&self, topic: &'static str) -> Result<EventCount, BusError> {
-        EventCount::open(&self.namespace.event_count_path(topic))
+    fn event_count(&self, topic: TopicName) -> Result<EventCount, BusError> {
+        EventCount::open(&self.namespace.event_count_path(&topic.to_string()))
             .map_err(failed(topic, "open its event count"))
     }
 
@@ -392,7 +396,7 @@ impl Bus {
             .map_err(failed(topic.name, "open the topic"))
     }
 
-    fn notifier(&self, topic: &'static str) -> Result<Notifier<ipc::Service>, BusError> {
+    fn notifier(&self, topic: TopicName) -> Result<Notifier<ipc::Service>, BusError> {
         self.node
             .service_builder(&service_name(topic)?)
             .event()
@@ -410,6 +414,6 @@ impl Bus {
 /// Processes in one instance, including dead ones that are not cleaned up yet.
 const MAX_NODES: usize = 32;
 
-fn service_name(topic: &'static str) -> Result<ServiceName, BusError> {
-    ServiceName::new(topic).map_err(failed(topic, "name it"))
+fn service_name(topic: TopicName) -> Result<ServiceName, BusError> {
+    ServiceName::new(&topic.to_string()).map_err(failed(topic, "name it"))
 }

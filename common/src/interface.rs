@@ -85,7 +85,7 @@ impl std::fmt::Display for TopicInterface {
 fn of<E: Message, H: Header>(topic: &Topic<E, H>) -> TopicInterface {
     let names = topic.type_names();
     TopicInterface {
-        topic: topic.name.into(),
+        topic: topic.name.to_string(),
         element: names.element.into(),
         element_bytes: size_of::<E>(),
         header: names.header.into(),

@@ -43,6 +43,7 @@ pub mod roster;
 pub mod scheduling;
 mod shared_page;
 pub mod stage_page;
+pub mod stages;
 pub mod tell;
 pub mod top_scale;
 pub mod topics;

@@ -13,7 +13,7 @@
 use crate::bus::{Header, Message};
 use crate::config::Config;
 use crate::messages::MAX_RUNS;
-use crate::topics::{self, Topic};
+use crate::topics::{self, Topic, TopicName};
 use iceoryx2::service::header::publish_subscribe::Header as IpcHeader;
 use std::io;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub const SHARED_MEMORY: &str = "/dev/shm";
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicMemory {
     /// The topic's name.
-    pub topic: &'static str,
+    pub topic: TopicName,
     /// Bytes of one message with all its headers.
     pub message_bytes: u64,
     /// Slots reserved for messages.
@@ -125,7 +125,7 @@ impl GroupMemory {
 
     /// Minimum for starting a process of a stage during a match: its own messages, and the queues that
     /// all others create for a new reader. Those others would die if memory were missing.
-    pub fn start_bytes(&self, topic: &str) -> u64 {
+    pub fn start_bytes(&self, topic: TopicName) -> u64 {
         let own = self.topics.iter().filter(|memory| memory.topic == topic);
         own.map(|memory| memory.usual_slots * memory.ordinary_message_bytes).sum::<u64>()
             + STARTING_BYTES
@@ -312,7 +312,7 @@ mod tests {
     fn frames_dominate_and_what_is_needed_grows_with_them() {
         let memory = GroupMemory::new(&Config::default());
         let frames = memory.topics[0];
-        assert_eq!(frames.topic, "frames");
+        assert_eq!(frames.topic, topics::FRAMES.name);
         assert!(frames.message_bytes > 640 * 480);
         assert!(
             memory.topics.iter().all(|topic| topic.reserved_bytes() <= frames.reserved_bytes())

@@ -17,6 +17,7 @@ use crate::messages::{
 };
 use crate::scheduling;
 use crate::stage_page::StagePage;
+use crate::stages::StageId;
 use crate::topics::{self, Topic};
 use crate::wake_up::WakeUp;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -44,6 +45,8 @@ pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
 pub struct ProcessOptions {
     /// The group it belongs to.
     pub instance: Instance,
+    /// The lane whose frames the process works on.
+    pub lane: u8,
     /// Start as a spare and wait for promotion.
     pub spare: bool,
     /// The process belongs to a supervisor, and ends some time after the supervisor is gone.
@@ -84,7 +87,7 @@ pub struct Process {
     _kept: (KeptTopic<u8, StatusHeader>, KeptTopic<GroupEvent, ()>),
     page: StagePage,
     health: Publisher<Heartbeat, ()>,
-    kind: ProcessKind,
+    stage: StageId,
     stop: Arc<AtomicBool>,
     panic: Arc<AtomicBool>,
     promotion: UnixStream,
@@ -125,29 +128,30 @@ impl Process {
         signal_hook::low_level::pipe::register(signal_hook::consts::SIGUSR1, promoter)
             .map_err(system("handle signals"))?;
 
+        let stage = StageId::new(kind, options.lane);
         for complaint in scheduling::set_up(&config.scheduling, kind) {
-            crate::tell!("{}: {complaint}", kind.name());
+            crate::tell!("{stage}: {complaint}");
         }
         let rank = if options.spare { MemoryRank::Spare } else { MemoryRank::Needed };
         let _ = memory_rank::set(rank);
-        let bus = Bus::join(&options.instance, kind.name())?;
+        let bus = Bus::join(&options.instance, &stage.to_string())?;
         bus.enter_roster();
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
-        let counters = Heartbeat::new(kind as u32, ProcessState::Spare);
+        let counters = Heartbeat::new(stage.number(), ProcessState::Spare);
         Ok(Self {
             bus,
             counters,
             instance: options.instance.clone(),
             _kept: kept,
-            page: StagePage::open(&options.instance, kind)
+            page: StagePage::open(&options.instance, stage)
                 .map_err(system("map the page of the stage"))?,
             health,
-            kind,
+            stage,
             stop,
             panic,
             promotion,
-            fault: fault_from_environment(kind.name()),
+            fault: fault_from_environment(&stage.to_string()),
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
@@ -175,7 +179,7 @@ impl Process {
         if self.lock_memory
             && let Some(complaint) = scheduling::lock_memory()
         {
-            crate::tell!("{}: {complaint}", self.kind.name());
+            crate::tell!("{}: {complaint}", self.stage);
         }
         self.beat(ProcessState::Spare)?;
         if self.spare {
@@ -347,7 +351,7 @@ impl From<&FrameFault> for DropReason {
 /// The frame at which the named part of the group must panic, from [`FAULT_VARIABLE`].
 pub fn fault_from_environment(name: &str) -> Option<u64> {
     let fault = std::env::var(FAULT_VARIABLE).ok()?;
-    let (stage, seq) = fault.split_once('@')?;
+    let (stage, seq) = fault.rsplit_once('@')?;
     if stage == name { seq.parse().ok() } else { None }
 }
 

@@ -10,8 +10,8 @@
 
 use crate::handover::Handover;
 use crate::instance::Instance;
-use crate::messages::ProcessKind;
 use crate::shared_page::{Shareable, SharedPage};
+use crate::stages::StageId;
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -37,9 +37,9 @@ pub struct StagePage {
 
 impl StagePage {
     /// Opens a stage's page in an instance, and creates it if there is none.
-    pub fn open(instance: &Instance, kind: ProcessKind) -> io::Result<Self> {
+    pub fn open(instance: &Instance, stage: StageId) -> io::Result<Self> {
         let namespace = instance.create_namespace().map_err(io::Error::other)?;
-        Ok(Self { page: SharedPage::open(&namespace.stage_page_path(kind.name()))? })
+        Ok(Self { page: SharedPage::open(&namespace.stage_page_path(stage))? })
     }
 
     /// The newest output of all the stage's processes so far; `None` when there is none.
@@ -82,8 +82,8 @@ mod tests {
         let base = std::env::temp_dir().join(format!("tl-page-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();
-        let kind = ProcessKind::Filter;
-        let page = StagePage::open(&instance, kind).unwrap();
+        let tracker = StageId::from_name("tracker@1").unwrap();
+        let page = StagePage::open(&instance, StageId::FILTER).unwrap();
         assert_eq!((page.newest(), page.note(), page.checked_in_ns()), (None, None, 0));
         page.set_newest(0);
         assert_eq!(page.newest(), Some(0));
@@ -92,12 +92,12 @@ mod tests {
         page.leave_note(note);
         page.check_in(5);
         drop(page);
-        let page = StagePage::open(&instance, kind).unwrap();
+        let page = StagePage::open(&instance, StageId::FILTER).unwrap();
         assert_eq!((page.newest(), page.note()), (Some(4711), Some(note)));
         assert_eq!(page.checked_in_ns(), 5);
-        assert_eq!(StagePage::open(&instance, ProcessKind::Tracker).unwrap().newest(), None);
+        assert_eq!(StagePage::open(&instance, tracker).unwrap().newest(), None);
         instance.forget_progress().unwrap();
-        assert_eq!(StagePage::open(&instance, kind).unwrap().newest(), None);
+        assert_eq!(StagePage::open(&instance, StageId::FILTER).unwrap().newest(), None);
         instance.forget_progress().unwrap();
         instance.remove_directory().unwrap();
     }

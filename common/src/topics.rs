@@ -5,15 +5,17 @@
 
 use crate::bus::{Header, Message};
 use crate::messages::*;
+use crate::stages::LANE_MARK;
 use iceoryx2::prelude::ZeroCopySend;
 use schemars::JsonSchema;
+use std::fmt;
 
 /// One topic. A message is a slice of `Element`s with a `Header` beside it. Where the element is a
 /// whole message, the slice has one element.
 #[derive(Debug)]
 pub struct Topic<Element, Header = ()> {
     /// Service name within the instance.
-    pub name: &'static str,
+    pub name: TopicName,
     /// The processes that publish.
     pub writer: &'static str,
     /// The processes that subscribe, extra consumers aside.
@@ -49,6 +51,44 @@ pub struct Topic<Element, Header = ()> {
     pub t_capture_ns: fn(&[Element], &Header) -> u64,
 }
 
+/// The name of a topic: in each lane there is one of `frames`, `runs` and `detections`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TopicName {
+    base: &'static str,
+    lane: u8,
+}
+
+impl TopicName {
+    /// Its name without the lane.
+    pub fn base(self) -> &'static str {
+        self.base
+    }
+}
+
+impl From<&'static str> for TopicName {
+    /// In lane 0.
+    fn from(base: &'static str) -> Self {
+        Self { base, lane: 0 }
+    }
+}
+
+/// `runs` in lane 0, `runs@1` in lane 1.
+impl fmt::Display for TopicName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.lane {
+            0 => f.pad(self.base),
+            lane => f.pad(&format!("{}{LANE_MARK}{lane}", self.base)),
+        }
+    }
+}
+
+impl<Element, Header> Topic<Element, Header> {
+    /// The same topic of another lane.
+    pub fn in_lane(self, lane: u8) -> Self {
+        Self { name: TopicName { lane, ..self.name }, ..self }
+    }
+}
+
 /// The names by which iceoryx2 distinguishes types.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TypeNames {
@@ -80,7 +120,7 @@ const fn topic<Element, Header>(
     buffer: usize,
 ) -> Topic<Element, Header> {
     Topic {
-        name,
+        name: TopicName { base: name, lane: 0 },
         writer,
         readers,
         buffer,
@@ -217,6 +257,13 @@ pub fn visit_all(visitor: &mut impl Visitor) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lanes_have_topics_of_their_own() {
+        assert_eq!(RUNS.name.to_string(), "runs");
+        assert_eq!(RUNS.in_lane(0).name, RUNS.name);
+        assert_eq!(frames(1).in_lane(2).name.to_string(), "frames@2");
+    }
 
     #[test]
     fn fewer_large_frames_are_kept() {

@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 const SILENCE: Duration = Duration::from_millis(500);
 
 /// Runs until asked to end.
-pub fn stand_by(mut process: Process, config: &Config) -> Result<(), ProcessError> {
-    let frames = process.bus.newest_only(&topics::frames(config.camera.frame_bytes()))?;
+pub fn stand_by(mut process: Process, lane: u8, config: &Config) -> Result<(), ProcessError> {
+    let topic = topics::frames(config.camera.frame_bytes()).in_lane(lane);
+    let frames = process.bus.newest_only(&topic)?;
     if !process.activate()? {
         return Ok(());
     }

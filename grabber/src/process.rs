@@ -30,10 +30,10 @@ pub fn run(
 ) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Grabber, options, config)?;
     if grabber.source == Source::External {
-        return external::stand_by(process, config);
+        return external::stand_by(process, options.lane, config);
     }
     let capacity = grabber.source.frame_capacity(&config.camera);
-    let mut pool = FramePool::new(&process.bus, &config.camera, capacity)?;
+    let mut pool = FramePool::new(&process.bus, &config.camera, options.lane, capacity)?;
     let mut truth = process.bus.publisher(&topics::TRUTH, 1)?;
     let mut commands = process.bus.publisher(&topics::COMMANDS, 1)?;
     let command_subscriber = process.bus.subscriber(&topics::COMMANDS)?;

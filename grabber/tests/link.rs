@@ -98,7 +98,7 @@ impl Bench {
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();
         let bus = Bus::join(&instance, "test").unwrap();
-        let pool = FramePool::new(&bus, &CameraConfig::default(), 8).unwrap();
+        let pool = FramePool::new(&bus, &CameraConfig::default(), 0, 8).unwrap();
         let device = Arc::new(Scripted { turns: Mutex::new(turns.into()) });
         Self { link: Link::new(device, 100.0, last), pool, _bus: bus, instance, base }
     }

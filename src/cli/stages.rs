@@ -2,6 +2,7 @@
 
 use super::InstanceArgs;
 use clap::Args;
+use common::stages::MAX_LANES;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use std::path::PathBuf;
@@ -15,6 +16,10 @@ pub struct StageArgs {
     /// Configuration file
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// The camera whose frames it works on, counted from 0
+    #[arg(long, value_name = "NUMBER", default_value_t = 0,
+          value_parser = clap::value_parser!(u8).range(..MAX_LANES as i64))]
+    pub lane: u8,
     /// Connect, then wait for SIGUSR1 before working
     #[arg(long)]
     pub spare: bool,

@@ -27,7 +27,9 @@ mod topics;
 use crate::cli::{Cli, Command, GatewayArgs, GrabberArgs, StageArgs};
 use common::config::Config;
 use common::instance::Instance;
+use common::messages::ProcessKind;
 use common::process::{ProcessError, ProcessOptions};
+use common::stages::StageId;
 use grabber::process::GrabberOptions;
 use std::error::Error;
 use std::path::Path;
@@ -65,9 +67,11 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Recover(args)) => recordings::recover(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
-        Some(Command::Classifier(args)) => stage("classifier", args, classifier::process::run),
-        Some(Command::Tracker(args)) => stage("tracker", args, tracker::process::run),
-        Some(Command::Filter(args)) => stage("filter", args, filter::process::run),
+        Some(Command::Classifier(args)) => {
+            stage(ProcessKind::Classifier, args, classifier::process::run)
+        }
+        Some(Command::Tracker(args)) => stage(ProcessKind::Tracker, args, tracker::process::run),
+        Some(Command::Filter(args)) => stage(ProcessKind::Filter, args, filter::process::run),
         Some(Command::Gateway(args)) => gateway(args),
     }
 }
@@ -83,16 +87,18 @@ fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
 }
 
 fn stage(
-    name: &str,
+    kind: ProcessKind,
     args: StageArgs,
     run: impl FnOnce(&ProcessOptions, &Config) -> Result<(), ProcessError>,
 ) -> Result<ExitCode, CommandError> {
     let config = args.config.as_deref().map(Config::load).transpose()?.unwrap_or_default();
     let instance = Instance::new(&args.instance.instance)?;
     instance.create_directory()?;
-    name_process(name);
-    run(&ProcessOptions { instance, spare: args.spare, supervised: args.supervised }, &config)
-        .map_err(|error| format!("{name}: {error}"))?;
+    let stage = StageId::new(kind, args.lane);
+    name_process(&stage.to_string());
+    let StageArgs { lane, spare, supervised, .. } = args;
+    run(&ProcessOptions { instance, lane, spare, supervised }, &config)
+        .map_err(|error| format!("{stage}: {error}"))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -102,7 +108,9 @@ fn grabber_stage(args: GrabberArgs) -> Result<ExitCode, CommandError> {
         frames: args.frames,
         resume_after: args.resume_after,
     };
-    stage("grabber", args.stage, |process, config| grabber::process::run(process, &options, config))
+    stage(ProcessKind::Grabber, args.stage, |process, config| {
+        grabber::process::run(process, &options, config)
+    })
 }
 
 fn gateway(args: GatewayArgs) -> Result<ExitCode, CommandError> {

@@ -3,11 +3,12 @@
 use super::group::{STATUS_PATIENCE, running};
 use super::{CommandError, ask_program};
 use crate::cli::{RestartArgs, UpgradeArgs};
+use crate::monitor::report::Stage;
 use crate::monitor::{Report, read_status};
 use crate::supervisor::{self, Request, is_same_program, program_of};
 use common::instance::Instance;
 use common::interface::Interface;
-use common::messages::ProcessKind;
+use common::stages::StageId;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
@@ -26,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(20);
 pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let before = active(&status(&instance)?);
-    let stages = args.stages.iter().map(|stage| stage.name().to_string()).collect();
+    let stages = args.stages.iter().map(StageId::to_string).collect();
     ask(&instance, &Request::Restart(stages))?;
 
     let deadline = Instant::now() + RESTART_PATIENCE;
@@ -36,17 +37,18 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     while !waiting.is_empty() {
         // On a busy machine there may be no report just now; that is no reason to give up.
         let now = status(&instance).map(|report| active(&report)).unwrap_or_default();
-        let is_done = |stage: &ProcessKind| {
-            let (old, new) = (before.get(stage.name()), now.get(stage.name()));
+        let is_done = |stage: &StageId| {
+            let name = stage.to_string();
+            let (old, new) = (before.get(&name), now.get(&name));
             new.is_some() && new != old
         };
         for stage in waiting.extract_if(.., |stage| is_done(stage)) {
-            let [old, new] = [&before, &now].map(|pids| pids.get(stage.name()));
+            let [old, new] = [&before, &now].map(|pids| pids.get(&stage.to_string()));
             let [old, new] = [old, new].map(|pid| pid.map_or("none".into(), u32::to_string));
-            say_line!("{}: {old} → {new}", stage.name())?;
+            say_line!("{stage}: {old} → {new}")?;
         }
         if Instant::now() > deadline {
-            let names: Vec<&str> = waiting.iter().map(|stage| stage.name()).collect();
+            let names: Vec<String> = waiting.iter().map(StageId::to_string).collect();
             return Err(format!(
                 "{} not replaced yet; `touchline status --instance {}` tells why",
                 names.join(", "),
@@ -173,15 +175,12 @@ fn status(instance: &Instance) -> Result<Report, CommandError> {
 }
 
 /// The active process of each stage that has one.
-fn active(report: &Report) -> BTreeMap<&'static str, u32> {
-    ProcessKind::ALL
-        .into_iter()
-        .filter_map(|kind| {
-            let processes = &report.stages.get(kind.name())?.processes;
-            let active = processes.iter().find(|process| process.state != "spare")?;
-            Some((kind.name(), active.pid))
-        })
-        .collect()
+fn active(report: &Report) -> BTreeMap<String, u32> {
+    let active = |(name, stage): (&String, &Stage)| {
+        let active = stage.processes.iter().find(|process| process.state != "spare")?;
+        Some((name.clone(), active.pid))
+    };
+    report.stages.iter().filter_map(active).collect()
 }
 
 /// All processes of a group, and what they are.

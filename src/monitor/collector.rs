@@ -19,6 +19,7 @@ use common::config::Config;
 use common::instance::Instance;
 use common::messages::*;
 use common::process::{FAULT_VARIABLE, fault_from_environment};
+use common::stages::{StageGraph, StageId};
 use common::top_scale::TopScale;
 use common::topics;
 use std::collections::{BTreeMap, HashMap, VecDeque};
@@ -93,8 +94,8 @@ struct RateMeter {
     since_ns: u64,
     frames: Rate,
     counted: (u64, u64),
-    cpu_seconds: BTreeMap<ProcessKind, f64>,
-    cpu_percent: BTreeMap<ProcessKind, f64>,
+    cpu_seconds: BTreeMap<StageId, f64>,
+    cpu_percent: BTreeMap<StageId, f64>,
     supervisor_cpu: (f64, f64),
 }
 
@@ -411,12 +412,13 @@ impl Collector {
             let record = self.processes.entry(process.pid).or_default();
             record.usage = usage_of(process.pid).unwrap_or(record.usage);
         }
-        let mut stages: BTreeMap<ProcessKind, Stage> =
-            ProcessKind::ALL.into_iter().map(|kind| (kind, Stage::default())).collect();
+        let graph = StageGraph::SINGLE;
+        let mut stages: BTreeMap<StageId, Stage> =
+            graph.stages().map(|id| (id, Stage::default())).collect();
         for record in self.processes.values() {
             let Some(beat) = &record.beat else { continue };
-            let Some(kind) = ProcessKind::from_number(beat.process) else { continue };
-            let stage = stages.entry(kind).or_default();
+            let Some(id) = StageId::from_number(beat.process) else { continue };
+            let stage = stages.entry(id).or_default();
             stage.frames_in = stage.frames_in.saturating_add(beat.frames_in);
             stage.frames_out = stage.frames_out.saturating_add(beat.frames_out);
             stage.frames_missed = stage.frames_missed.saturating_add(beat.frames_missed);
@@ -428,7 +430,7 @@ impl Collector {
             }
         }
         for process in views {
-            let stage = stages.entry(process.kind).or_default();
+            let stage = stages.entry(process.stage).or_default();
             stage.rss_bytes +=
                 self.processes.get(&process.pid).map_or(0, |record| record.usage.rss_bytes);
             let state = match process.state {
@@ -440,11 +442,11 @@ impl Collector {
             };
             stage.processes.push(Process { pid: process.pid, state: state.into() });
         }
-        for (kind, stage) in &mut stages {
-            stage.restarts = restarts.get(kind).copied().unwrap_or(0);
+        for (id, stage) in &mut stages {
+            stage.restarts = restarts.get(id).copied().unwrap_or(0);
         }
 
-        let grabber = &stages[&ProcessKind::Grabber];
+        let grabber = &stages[&StageId::from(ProcessKind::Grabber)];
         let dropped_by_grabber = grabber.dropped.values().sum();
         let frames = self.flow.frames(dropped_by_grabber, complete);
         let supervisor_cpu_seconds = own_cpu_seconds() - self.supervisor_cpu_before;
@@ -453,7 +455,7 @@ impl Collector {
         let supervisor_cpu_percent = self.rate.supervisor_cpu.1;
         let of_stages: f64 = stages
             .iter()
-            .filter(|(kind, _)| **kind != ProcessKind::Grabber)
+            .filter(|(id, _)| !id.is_grabber())
             .map(|(_, stage)| stage.cpu_percent)
             .sum();
         if now >= self.memory_due_ns && !complete {
@@ -490,7 +492,7 @@ impl Collector {
             rate: self.rate.frames.clone(),
             latency_us: self.latency.report(),
             resources,
-            stages: stages.into_iter().map(|(kind, stage)| (kind.name().into(), stage)).collect(),
+            stages: stages.into_iter().map(|(id, stage)| (id.to_string(), stage)).collect(),
             rejected: self.rejected.clone(),
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
@@ -510,7 +512,7 @@ impl RateMeter {
         now_ns: u64,
         counted: (u64, u64),
         supervisor_cpu_seconds: f64,
-        stages: &mut BTreeMap<ProcessKind, Stage>,
+        stages: &mut BTreeMap<StageId, Stage>,
     ) {
         let elapsed_ns = now_ns.saturating_sub(self.since_ns);
         if elapsed_ns >= RATE_PERIOD_NS {
@@ -525,13 +527,12 @@ impl RateMeter {
                     world: rate(counted.1, self.counted.1),
                 };
             }
-            for (&kind, stage) in stages.iter() {
-                let used = stage.cpu_seconds - self.cpu_seconds.get(&kind).copied().unwrap_or(0.0);
+            for (&id, stage) in stages.iter() {
+                let used = stage.cpu_seconds - self.cpu_seconds.get(&id).copied().unwrap_or(0.0);
                 if !first {
-                    self.cpu_percent
-                        .insert(kind, (used.max(0.0) / seconds * 1000.0).round() / 10.0);
+                    self.cpu_percent.insert(id, (used.max(0.0) / seconds * 1000.0).round() / 10.0);
                 }
-                self.cpu_seconds.insert(kind, stage.cpu_seconds);
+                self.cpu_seconds.insert(id, stage.cpu_seconds);
             }
             let (used, percent) = &mut self.supervisor_cpu;
             if !first {
@@ -541,8 +542,8 @@ impl RateMeter {
             self.since_ns = now_ns;
             self.counted = counted;
         }
-        for (kind, stage) in stages.iter_mut() {
-            stage.cpu_percent = self.cpu_percent.get(kind).copied().unwrap_or(0.0);
+        for (id, stage) in stages.iter_mut() {
+            stage.cpu_percent = self.cpu_percent.get(id).copied().unwrap_or(0.0);
         }
     }
 }

@@ -101,7 +101,7 @@ impl Monitor {
         let thread =
             std::thread::Builder::new().name("monitor".into()).spawn(count).map_err(|error| {
                 BusError::Ipc {
-                    topic: "all",
+                    topic: "all".into(),
                     action: "start the monitor's thread",
                     reason: error.to_string(),
                 }

@@ -8,7 +8,7 @@ use common::clock::monotonic_ns;
 use common::instance::Instance;
 use common::messages::{Attendant, EventKind, Run, RunsHeader};
 use common::roster::NodeKey;
-use common::topics;
+use common::topics::{self, TopicName};
 
 /// From one event about a program to the next.
 const PAUSE_NS: u64 = 10_000_000_000;
@@ -49,7 +49,7 @@ impl StrangerWatch {
         &mut self,
         bus: &Bus,
         view: &GroupView,
-        met: impl IntoIterator<Item = (&'static str, Vec<Stranger>)>,
+        met: impl IntoIterator<Item = (TopicName, Vec<Stranger>)>,
     ) -> Result<(), BusError> {
         while self.runs.receive()?.is_some() {}
         let on_runs = (topics::RUNS.name, self.runs.take_strangers());
@@ -62,7 +62,8 @@ impl StrangerWatch {
         Ok(())
     }
 
-    fn note(&mut self, topic: &str, stranger: Stranger) {
+    fn note(&mut self, topic: TopicName, stranger: Stranger) {
+        let topic = topic.to_string();
         let is_it =
             |known: &&mut Known| known.sender == stranger.sender && known.report.topic == topic;
         if let Some(known) = self.known.iter_mut().find(is_it) {
@@ -78,7 +79,7 @@ impl StrangerWatch {
             // Looked up when there is something to tell.
             name: String::new(),
             program: program_name(pid),
-            topic: topic.into(),
+            topic,
             messages: stranger.messages,
         };
         let sender = stranger.sender;

@@ -3,9 +3,9 @@
 use bytemuck::Zeroable;
 use common::clock::monotonic_ns;
 use common::messages::{
-    Attendant, EventKind, GroupEvent, Heartbeat, ProcessKind, ProcessState, process_number,
-    write_text,
+    Attendant, EventKind, GroupEvent, Heartbeat, ProcessState, process_number, write_text,
 };
+use common::stages::StageId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -78,7 +78,7 @@ impl Event {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcessView {
     /// Its stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// The system's number for it.
     pub pid: u32,
     /// As it last said itself; `None` before its first word.
@@ -108,7 +108,7 @@ pub struct GroupView {
 #[derive(Default)]
 struct Inner {
     processes: Vec<ProcessView>,
-    restarts: BTreeMap<ProcessKind, u64>,
+    restarts: BTreeMap<StageId, u64>,
     lacks: Vec<String>,
     gateway: Option<GatewayView>,
     updated_ns: Option<u64>,
@@ -144,7 +144,7 @@ impl GroupView {
     }
 
     /// Replaces what is known of the processes.
-    pub fn update(&self, processes: Vec<ProcessView>, restarts: BTreeMap<ProcessKind, u64>) {
+    pub fn update(&self, processes: Vec<ProcessView>, restarts: BTreeMap<StageId, u64>) {
         let mut inner = self.lock();
         inner.processes = processes;
         inner.updated_ns = Some(monotonic_ns());
@@ -152,7 +152,7 @@ impl GroupView {
     }
 
     /// The processes, and how often each stage was started again.
-    pub fn processes(&self) -> (Vec<ProcessView>, BTreeMap<ProcessKind, u64>) {
+    pub fn processes(&self) -> (Vec<ProcessView>, BTreeMap<StageId, u64>) {
         let inner = self.lock();
         (inner.processes.clone(), inner.restarts.clone())
     }
@@ -225,7 +225,10 @@ mod tests {
         let evidence = format!("{}the cause", "é".repeat(1000));
         let event = Event::new(EventKind::Ended, "tracker", 7, "killed", &evidence);
         let message = event.message();
-        assert_eq!((message.pid, message.process), (7, ProcessKind::Tracker as u32));
+        assert_eq!(
+            (message.pid, message.process),
+            (7, StageId::from_name("tracker").unwrap().number())
+        );
         assert_eq!(message.kind, EventKind::Ended as u32);
         assert_eq!(read_text(&message.what), "killed");
         let said = read_text(&message.evidence);

@@ -6,7 +6,7 @@ use super::starvation::{ProcessorWait, SchedulerTimes};
 use super::sys::{self, Call};
 use common::descriptors;
 use common::instance::Instance;
-use common::messages::ProcessKind;
+use common::stages::StageId;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -38,7 +38,7 @@ pub struct Launch {
 /// One process of the group.
 pub struct Process {
     /// Its stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// The system's number for it.
     pub pid: u32,
     /// Becomes readable when it ends.
@@ -65,16 +65,19 @@ impl Process {
     /// meantime, a restart never changes the version.
     pub fn start(
         launch: &Launch,
-        kind: ProcessKind,
+        stage: StageId,
         spare: bool,
         last_frame: Option<LastFrame>,
     ) -> io::Result<Self> {
-        let log = Log::new(kind.name());
-        let mut command = command(&launch.instance, kind.name(), &log);
+        let log = Log::new(&stage.to_string());
+        let mut command = command(&launch.instance, stage.kind().name(), &log);
+        if stage.lane() != 0 {
+            command.args(["--lane", &stage.lane().to_string()]);
+        }
         if spare {
             command.arg("--spare");
         }
-        if kind == ProcessKind::Grabber {
+        if stage.is_grabber() {
             command.args(["--source", &launch.source.to_string()]);
             if let Some(frames) = launch.frames {
                 command.args(["--frames", &frames.to_string()]);
@@ -88,7 +91,7 @@ impl Process {
         let pid = child.id();
         match sys::ask(Call::HoldProcess, || hold(Pid::from_child(&child))) {
             Ok(pidfd) => {
-                Ok(Self { kind, pid, pidfd, child: Some(child), log, wait: Default::default() })
+                Ok(Self { stage, pid, pidfd, child: Some(child), log, wait: Default::default() })
             }
             Err(error) => {
                 // Its end would not be noticed.
@@ -99,11 +102,11 @@ impl Process {
     }
 
     /// Takes in a process that another supervisor has started.
-    pub fn adopt(kind: ProcessKind, pid: u32) -> io::Result<Self> {
+    pub fn adopt(stage: StageId, pid: u32) -> io::Result<Self> {
         let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
         let pidfd = sys::ask(Call::HoldProcess, || hold(id))?;
         let log = Log::of_process(pid);
-        Ok(Self { kind, pid, pidfd, child: None, log, wait: Default::default() })
+        Ok(Self { stage, pid, pidfd, child: None, log, wait: Default::default() })
     }
 
     /// Sends a signal. That the process has ended in the meantime is not an error: its end is

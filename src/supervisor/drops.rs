@@ -1,6 +1,7 @@
 //! Which inputs stages have dropped, and why: as events, of which a flood of rubbish makes no flood.
 
-use common::messages::{DropReason, ProcessKind};
+use common::messages::DropReason;
+use common::stages::StageId;
 use std::collections::BTreeMap;
 
 /// Drops by reason, in the order of [`DropReason::ALL`].
@@ -17,7 +18,7 @@ pub struct Drops {
 
 #[derive(Debug)]
 struct Counted {
-    kind: ProcessKind,
+    stage: StageId,
     now: Dropped,
     told: Dropped,
     /// `None` before the first event.
@@ -26,9 +27,9 @@ struct Counted {
 
 /// Something to be told.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tale {
+pub struct DropNotice {
     /// The stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// Its process.
     pub pid: u32,
     /// How many were dropped, and why.
@@ -38,9 +39,9 @@ pub struct Tale {
 impl Drops {
     /// Takes in a process's counters; whether it has since dropped something that no process could have worked
     /// on. An input that only its own count of numbers forbids might be good for another one.
-    pub fn note(&mut self, kind: ProcessKind, pid: u32, dropped: Dropped) -> bool {
+    pub fn note(&mut self, stage: StageId, pid: u32, dropped: Dropped) -> bool {
         let counted = self.processes.entry(pid).or_insert(Counted {
-            kind,
+            stage,
             now: [0; DropReason::ALL.len()],
             told: [0; DropReason::ALL.len()],
             told_ns: None,
@@ -53,23 +54,23 @@ impl Drops {
     }
 
     /// What is to be told now.
-    pub fn tell(&mut self, now_ns: u64) -> Vec<Tale> {
-        let mut tales = Vec::new();
+    pub fn tell(&mut self, now_ns: u64) -> Vec<DropNotice> {
+        let mut notices = Vec::new();
         for (&pid, counted) in &mut self.processes {
             let is_due = counted.told_ns.is_none_or(|told| now_ns.saturating_sub(told) >= PAUSE_NS);
             if is_due && counted.now != counted.told {
-                tales.push(Tale { kind: counted.kind, pid, what: counted.difference() });
+                notices.push(DropNotice { stage: counted.stage, pid, what: counted.difference() });
                 (counted.told, counted.told_ns) = (counted.now, Some(now_ns));
             }
         }
-        tales
+        notices
     }
 
     /// Forgets a process that has ended, and returns what it had not been asked to tell yet.
-    pub fn forget(&mut self, pid: u32) -> Option<Tale> {
+    pub fn forget(&mut self, pid: u32) -> Option<DropNotice> {
         let counted = self.processes.remove(&pid)?;
         let has_more = counted.now != counted.told;
-        has_more.then(|| Tale { kind: counted.kind, pid, what: counted.difference() })
+        has_more.then(|| DropNotice { stage: counted.stage, pid, what: counted.difference() })
     }
 }
 
@@ -90,8 +91,10 @@ impl Counted {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use common::messages::ProcessKind;
 
     const MS: u64 = 1_000_000;
+    const TRACKER: StageId = StageId::new(ProcessKind::Tracker, 0);
 
     fn dropped(wrong_size: u64, bad_header: u64) -> Dropped {
         let mut dropped = Dropped::default();
@@ -100,20 +103,20 @@ mod tests {
         dropped
     }
 
-    fn texts(tales: Vec<Tale>) -> Vec<String> {
-        tales.into_iter().map(|tale| tale.what).collect()
+    fn texts(notices: Vec<DropNotice>) -> Vec<String> {
+        notices.into_iter().map(|notice| notice.what).collect()
     }
 
     #[test]
     fn the_first_drop_is_told_at_once_and_a_flood_once_a_second() {
         let mut drops = Drops::default();
-        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(0, 0)), "nothing happened");
-        assert!(drops.note(ProcessKind::Tracker, 7, dropped(1, 0)));
-        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(1, 0)), "nothing new");
+        assert!(!drops.note(TRACKER, 7, dropped(0, 0)), "nothing happened");
+        assert!(drops.note(TRACKER, 7, dropped(1, 0)));
+        assert!(!drops.note(TRACKER, 7, dropped(1, 0)), "nothing new");
         assert_eq!(texts(drops.tell(0)), ["dropped input: 1 wrong_size"]);
         let mut told = Vec::new();
         for step in 1..=200 {
-            drops.note(ProcessKind::Tracker, 7, dropped(1 + step, step / 10));
+            drops.note(TRACKER, 7, dropped(1 + step, step / 10));
             told.extend(texts(drops.tell(step * 10 * MS)));
         }
         let second = "dropped input: 10 bad_header, 100 wrong_size".to_string();
@@ -123,21 +126,21 @@ mod tests {
     #[test]
     fn what_the_dead_had_not_told_is_told() {
         let mut drops = Drops::default();
-        drops.note(ProcessKind::Filter, 7, dropped(1, 0));
+        drops.note(StageId::FILTER, 7, dropped(1, 0));
         drops.tell(0);
-        drops.note(ProcessKind::Filter, 7, dropped(3, 0));
-        let tale = drops.forget(7).unwrap();
-        assert_eq!((tale.pid, tale.what.as_str()), (7, "dropped input: 2 wrong_size"));
+        drops.note(StageId::FILTER, 7, dropped(3, 0));
+        let notice = drops.forget(7).unwrap();
+        assert_eq!((notice.pid, notice.what.as_str()), (7, "dropped input: 2 wrong_size"));
         assert_eq!(drops.forget(7), None);
         // The number is used again.
-        assert!(drops.note(ProcessKind::Filter, 7, dropped(1, 0)));
+        assert!(drops.note(StageId::FILTER, 7, dropped(1, 0)));
     }
 
     #[test]
     fn an_input_that_another_process_could_work_on_is_not_dealt_with() {
         let mut drops = Drops::default();
-        assert!(!drops.note(ProcessKind::Tracker, 7, dropped(0, 3)), "numbers");
-        assert!(drops.note(ProcessKind::Tracker, 7, dropped(1, 3)), "a wrong size");
+        assert!(!drops.note(TRACKER, 7, dropped(0, 3)), "numbers");
+        assert!(drops.note(TRACKER, 7, dropped(1, 3)), "a wrong size");
         assert_eq!(texts(drops.tell(0)), ["dropped input: 3 bad_header, 1 wrong_size"]);
     }
 }

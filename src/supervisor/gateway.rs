@@ -220,6 +220,7 @@ mod tests {
             ready_timeout_ns: S,
             backoff_ns: S / 10,
             backoff_max_ns: 5 * S,
+            graph: common::stages::StageGraph::SINGLE,
             spares: vec![],
         }
     }

@@ -24,6 +24,7 @@ use crate::monitor::{Event as LogEvent, GroupView};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::messages::{EventKind, ProcessKind, ProcessState};
+use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::process::Signal;
@@ -51,14 +52,16 @@ pub struct Group<'a> {
     policy: Policy,
     processes: HashMap<MemberId, Process>,
     progress: Progress,
-    outputs: [Option<u64>; ProcessKind::ALL.len()],
-    skip_after: HashMap<ProcessKind, u64>,
+    /// The newest frames in what each stage has given out.
+    outputs: StageMap<Numbers>,
+    skip_after: HashMap<StageId, FrameId>,
     drops: Drops,
     states: HashMap<u32, ProcessState>,
-    restarts: BTreeMap<ProcessKind, u64>,
+    restarts: BTreeMap<StageId, u64>,
     start_failures: u32,
     ever_complete: bool,
-    finished: bool,
+    /// Grabbers that have captured all they were asked to.
+    finished: BTreeSet<StageId>,
     last_output: Instant,
     tick: Duration,
     notifier: Notifier,
@@ -124,20 +127,21 @@ impl<'a> Group<'a> {
                 source,
             })?),
         }
-        let progress = match Progress::new(&launch.instance, config) {
+        let graph = StageGraph::SINGLE;
+        let progress = match Progress::new(&launch.instance, config, graph) {
             Err(error) if lives => {
                 begin(SIGHT, error.to_string());
-                Progress::unconnected(&launch.instance, config)
+                Progress::unconnected(&launch.instance, config, graph)
             }
             progress => progress?,
         };
         let restarts = record
             .restarts
             .iter()
-            .filter_map(|(stage, &count)| Some((ProcessKind::from_name(stage)?, count)))
+            .filter_map(|(stage, &count)| Some((StageId::from_name(stage)?, count)))
             .collect();
         view.remember(record.events.clone());
-        let settings = settings(config);
+        let settings = settings(config, graph);
         Ok(Self {
             progress,
             janitor: Janitor::start(&launch.instance),
@@ -146,14 +150,14 @@ impl<'a> Group<'a> {
             tick: tick(&settings),
             policy: Policy::new(settings.clone()),
             processes: HashMap::new(),
-            outputs: [None; ProcessKind::ALL.len()],
+            outputs: StageMap::of_defaults(graph),
             skip_after: HashMap::new(),
             drops: Drops::default(),
             states: HashMap::new(),
             restarts,
             start_failures: 0,
             ever_complete: false,
-            finished: false,
+            finished: BTreeSet::new(),
             last_output: Instant::now(),
             notifier: Notifier::from_environment(),
             view,
@@ -208,7 +212,8 @@ impl<'a> Group<'a> {
                 return Ok(Ending::Upgrade(program));
             }
             let is_time = self.launch.ends_at_ns.is_some_and(|end| monotonic_ns() >= end);
-            let has_finished = until == Until::Finished && self.finished && self.results_are_out();
+            let has_finished =
+                until == Until::Finished && self.has_finished() && self.results_are_out();
             if is_time || has_finished {
                 return Ok(Ending::Over);
             }
@@ -274,12 +279,13 @@ impl<'a> Group<'a> {
     }
 
     fn restart(&mut self, stages: &[String]) -> Answer {
-        let kind_of = |stage: &String| {
-            ProcessKind::from_name(stage).ok_or_else(|| format!("there is no stage {stage:?}"))
+        let id = |name: &String| match name.parse() {
+            Ok(stage) if self.settings.graph.has(stage) => Ok(stage),
+            _ => Err(format!("there is no stage {name:?}")),
         };
-        let kinds = stages.iter().map(kind_of).collect::<Result<BTreeSet<_>, _>>()?;
-        for &kind in &kinds {
-            self.policy.renew_stage(kind, monotonic_ns());
+        let stages = stages.iter().map(id).collect::<Result<BTreeSet<StageId>, _>>()?;
+        for stage in stages {
+            self.policy.renew_stage(stage, monotonic_ns());
         }
         Ok(())
     }
@@ -291,13 +297,13 @@ impl<'a> Group<'a> {
             let Some(process) = self.processes.remove(&id) else { continue };
             self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
             self.states.remove(&process.pid);
-            if let Some(tale) = self.drops.forget(process.pid) {
-                self.log(EventKind::Dropped, tale.kind, tale.pid, &tale.what, "");
+            if let Some(notice) = self.drops.forget(process.pid) {
+                self.log(EventKind::Dropped, notice.stage, notice.pid, &notice.what, "");
             }
-            *self.restarts.entry(process.kind).or_default() += 1;
-            self.log(EventKind::Ended, process.kind, process.pid, &end.how, &end.last_words);
+            *self.restarts.entry(process.stage).or_default() += 1;
+            self.log(EventKind::Ended, process.stage, process.pid, &end.how, &end.last_words);
             let reason = if end.last_words.is_empty() { end.how } else { end.last_words };
-            self.failed_to_start(process.kind, reason)?;
+            self.failed_to_start(process.stage, reason)?;
         }
         Ok(())
     }
@@ -307,14 +313,14 @@ impl<'a> Group<'a> {
         let now = monotonic_ns();
         let Self { progress, policy, outputs, last_output, .. } = self;
         let (new, seen) = progress.outputs();
-        for &Output { kind, seq, t_sent_ns } in new {
-            outputs[kind as usize] = outputs[kind as usize].max(Some(seq));
+        for &Output { stage, frame, t_sent_ns } in new {
+            outputs[stage].raise(frame);
             *last_output = Instant::now();
-            policy.note(Event::Output(kind, seq), t_sent_ns);
+            policy.note(Event::Output(stage, frame), t_sent_ns);
         }
-        for kind in ProcessKind::ALL {
-            let at_ns = progress.pages().checked_in_ns(kind);
-            policy.note(Event::LookedAround(kind, at_ns), now);
+        for stage in self.settings.graph.stages() {
+            let at_ns = progress.pages().checked_in_ns(stage);
+            policy.note(Event::LookedAround(stage, at_ns), now);
         }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;
         let (record_is_due, gateway) = (&self.record_is_due, &mut self.gateway);
@@ -337,20 +343,20 @@ impl<'a> Group<'a> {
             if before != Some(sign.state) {
                 record_is_due.set(true);
             }
-            if drops.note(sign.kind, sign.pid, sign.dropped) {
-                policy.note(Event::Dropped(sign.kind), now);
+            if drops.note(sign.stage, sign.pid, sign.dropped) {
+                policy.note(Event::Dropped(sign.stage), now);
             }
             // A grabber whose camera is away says so; a new one would not find it either.
-            if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Waiting {
-                policy.note(Event::CameraIsAway, now);
+            if sign.stage.is_grabber() && sign.state == ProcessState::Waiting {
+                policy.note(Event::CameraIsAway(sign.stage), now);
             }
-            if sign.kind == ProcessKind::Grabber && sign.state == ProcessState::Finished {
-                policy.note(Event::Finished, now);
-                *finished = true;
+            if sign.stage.is_grabber() && sign.state == ProcessState::Finished {
+                policy.note(Event::Finished(sign.stage), now);
+                finished.insert(sign.stage);
             }
         });
-        for tale in self.drops.tell(now) {
-            self.log(EventKind::Dropped, tale.kind, tale.pid, &tale.what, "");
+        for notice in self.drops.tell(now) {
+            self.log(EventKind::Dropped, notice.stage, notice.pid, &notice.what, "");
         }
         // Connected again, and nothing missed, is another matter than nothing new while unconnected.
         if seen.is_err() || heard.is_err() || self.progress.is_connected() {
@@ -361,28 +367,36 @@ impl<'a> Group<'a> {
     /// On a busy machine a stage may be late because it gets no processor. That is no stall: a
     /// replacement would get none either.
     fn excuse_the_starved(&mut self) {
-        for kind in ProcessKind::ALL {
+        for stage in self.settings.graph.stages() {
             let now_ns = monotonic_ns();
-            let late = self.policy.late(kind, now_ns);
+            let late = self.policy.late(stage, now_ns);
             let Self { processes, reserve, .. } = self;
             if let Some(process) = late.and_then(|id| processes.get_mut(&id)) {
                 // One that has died is noticed by itself.
                 let times = reserve.lend(|| process.processor_times()).ok();
                 let waited_ns = times.map_or(0, |times| process.newly_waited_ns(times, now_ns));
-                self.policy.note(Event::Waited(kind, waited_ns), now_ns);
+                self.policy.note(Event::Waited(stage, waited_ns), now_ns);
             }
         }
     }
 
     fn results_are_out(&self) -> bool {
-        let of = |kind: ProcessKind| self.outputs[kind as usize];
-        of(ProcessKind::Filter) >= of(ProcessKind::Grabber)
-            || self.last_output.elapsed() > LAST_RESULTS
+        let results = self.outputs[StageId::FILTER];
+        let is_out = |lane: u8| {
+            let frames = self.outputs[StageId::new(ProcessKind::Grabber, lane)];
+            results.of(lane) >= frames.of(lane)
+        };
+        self.settings.graph.lanes().all(is_out) || self.last_output.elapsed() > LAST_RESULTS
     }
 
-    fn log(&self, event: EventKind, kind: ProcessKind, pid: u32, what: &str, evidence: &str) {
+    /// Whether every camera has captured all it was asked to.
+    fn has_finished(&self) -> bool {
+        self.finished.len() == self.settings.graph.lanes().count()
+    }
+
+    fn log(&self, event: EventKind, stage: StageId, pid: u32, what: &str, evidence: &str) {
         self.record_is_due.set(true);
-        self.view.log(LogEvent::new(event, kind.name(), pid, what, evidence));
+        self.view.log(LogEvent::new(event, &stage.to_string(), pid, what, evidence));
     }
 }
 
@@ -395,7 +409,7 @@ fn tick(settings: &Settings) -> Duration {
     TICK.min(stall / TICKS_PER_STALL).max(Duration::from_millis(1))
 }
 
-fn settings(config: &Config) -> Settings {
+fn settings(config: &Config, graph: StageGraph) -> Settings {
     let supervisor = &config.supervisor;
     let ns = |ms: f64| (ms * 1e6) as u64;
     let stall_ms =
@@ -407,6 +421,7 @@ fn settings(config: &Config) -> Settings {
         ready_timeout_ns: ns(supervisor.ready_timeout_ms),
         backoff_ns: ns(supervisor.backoff_ms),
         backoff_max_ns: ns(supervisor.backoff_max_ms),
+        graph,
         spares: supervisor.spares.iter().map(|&stage| stage.into()).collect(),
     }
 }

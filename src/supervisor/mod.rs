@@ -43,6 +43,7 @@ use crate::monitor::{GroupView, Monitor, Report};
 use common::bus::BusError;
 use common::config::Config;
 use common::instance::InstanceError;
+use common::stages::StageId;
 use gateway::Gateway;
 use group::{Ending, Group};
 use premises::Premises;
@@ -100,7 +101,7 @@ pub enum SupervisorError {
     #[error("the {stage} does not start: {reason}")]
     NoStart {
         /// Which.
-        stage: &'static str,
+        stage: StageId,
         /// What it said last.
         reason: String,
     },

@@ -18,7 +18,8 @@
 //!   does not look around either is stuck. One that looks around waits for its camera.
 //! * While the supervisor sees only part of what happens, nobody is blamed for what it does not see.
 //! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
-//! * The camera starts last, when everybody downstream is ready to see its first frame.
+//! * A camera starts last, when every stage that works on its frames is ready to see the first one.
+//! * What happens to a stage of one lane concerns its readers only: the other lanes go on.
 
 mod degraded;
 mod dropping;
@@ -29,6 +30,7 @@ mod stalls;
 pub use degraded::{Degraded, Lack};
 
 use common::messages::ProcessKind;
+use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
 use stage::{Member, Stage};
 
 /// Identifies a process from its start to its end; never used twice.
@@ -50,7 +52,9 @@ pub struct Settings {
     pub backoff_ns: u64,
     /// Longest pause.
     pub backoff_max_ns: u64,
-    /// Stages that keep a spare.
+    /// The group's stages.
+    pub graph: StageGraph,
+    /// Kinds of stage that keep a spare.
     pub spares: Vec<ProcessKind>,
 }
 
@@ -62,7 +66,7 @@ pub enum Event {
     /// A process could not be started at all.
     NotStarted(MemberId),
     /// When the working process of a stage has last looked around.
-    LookedAround(ProcessKind, u64),
+    LookedAround(StageId, u64),
     /// A process is gone for certain.
     Exited {
         /// Which.
@@ -70,16 +74,16 @@ pub enum Event {
         /// Whether it fell by itself (a panic, a fault), rather than being ended from outside.
         crashed: bool,
     },
-    /// The newest number on a stage's output topic.
-    Output(ProcessKind, u64),
+    /// A stage's newest output contains this frame.
+    Output(StageId, FrameId),
     /// A stage has dropped input that no process of it could work on.
-    Dropped(ProcessKind),
-    /// The grabber says that its camera is away.
-    CameraIsAway,
+    Dropped(StageId),
+    /// A grabber says that its camera is away.
+    CameraIsAway(StageId),
     /// A stage was ready to run for so long (nanoseconds), but got no processor.
-    Waited(ProcessKind, u64),
-    /// The grabber has captured all it was asked to.
-    Finished,
+    Waited(StageId, u64),
+    /// A grabber has captured all it was asked to.
+    Finished(StageId),
 }
 
 /// Why a process is killed.
@@ -102,8 +106,8 @@ pub enum Action {
     Start {
         /// Name it is known by from now on.
         id: MemberId,
-        /// What it is to be.
-        kind: ProcessKind,
+        /// Its stage.
+        stage: StageId,
         /// Whether it is to wait for promotion.
         spare: bool,
     },
@@ -112,14 +116,14 @@ pub enum Action {
         /// The spare.
         id: MemberId,
         /// Its stage.
-        kind: ProcessKind,
+        stage: StageId,
     },
     /// Kill a process, which cannot refuse.
     Kill {
         /// The process.
         id: MemberId,
         /// Its stage.
-        kind: ProcessKind,
+        stage: StageId,
         /// Why.
         cause: Cause,
     },
@@ -128,14 +132,14 @@ pub enum Action {
         /// The process.
         id: MemberId,
         /// Its stage.
-        kind: ProcessKind,
+        stage: StageId,
     },
     /// Make the next process of a stage skip the first input after this output: two have died of it.
     Skip {
         /// The stage.
-        kind: ProcessKind,
-        /// Its last output.
-        after: u64,
+        stage: StageId,
+        /// The newest frame of that lane in its output.
+        after: FrameId,
     },
     /// Remove from shared memory what dead processes have left.
     CleanUp,
@@ -161,9 +165,8 @@ pub struct Policy {
     settings: Settings,
     /// Heartbeats are not seen.
     is_blind: bool,
-    stages: [Stage; ProcessKind::ALL.len()],
+    stages: StageMap<Stage>,
     next_id: MemberId,
-    finished: bool,
     started_ns: Option<u64>,
     last_tick_ns: u64,
     clean_up_at_ns: Option<u64>,
@@ -173,11 +176,10 @@ impl Policy {
     /// Nothing runs yet; the first [`tick`](Self::tick) starts the group.
     pub fn new(settings: Settings) -> Self {
         Self {
+            stages: StageMap::of_defaults(settings.graph),
             settings,
             is_blind: false,
-            stages: Default::default(),
             next_id: 1,
-            finished: false,
             started_ns: None,
             last_tick_ns: 0,
             clean_up_at_ns: None,
@@ -191,22 +193,20 @@ impl Policy {
             Event::Ready(id) => self.ready(id, now_ns),
             Event::Exited { id, crashed } => self.exited(id, crashed, now_ns),
             Event::NotStarted(id) => self.not_started(id, now_ns),
-            Event::LookedAround(kind, at_ns) => {
-                let stage = &mut self.stages[kind as usize];
+            Event::LookedAround(stage, at_ns) => {
+                let stage = &mut self.stages[stage];
                 stage.checked_in_ns = stage.checked_in_ns.max(at_ns.min(now_ns));
             }
-            Event::Output(kind, seq) => self.output(kind, seq, now_ns),
-            Event::Dropped(kind) => self.dropped(kind, now_ns),
-            Event::CameraIsAway => {
-                self.stages[ProcessKind::Grabber as usize].progress_ns = now_ns;
-            }
-            Event::Waited(kind, waited_ns) => {
-                let stage = &mut self.stages[kind as usize];
+            Event::Output(stage, frame) => self.output(stage, frame, now_ns),
+            Event::Dropped(stage) => self.dropped(stage, now_ns),
+            Event::CameraIsAway(grabber) => self.stages[grabber].progress_ns = now_ns,
+            Event::Waited(stage, waited_ns) => {
+                let stage = &mut self.stages[stage];
                 let excuse = |since_ns: u64| since_ns.saturating_add(waited_ns).min(now_ns);
                 stage.progress_ns = excuse(stage.progress_ns);
                 stage.checked_in_ns = excuse(stage.checked_in_ns);
             }
-            Event::Finished => self.finished = true,
+            Event::Finished(grabber) => self.stages[grabber].has_finished = true,
         }
     }
 
@@ -214,12 +214,12 @@ impl Policy {
     /// from now on; `None` when the stage has no place for it.
     pub fn adopt(
         &mut self,
-        kind: ProcessKind,
+        stage: StageId,
         spare: bool,
         outdated: bool,
         now_ns: u64,
     ) -> Option<MemberId> {
-        let stage = &mut self.stages[kind as usize];
+        let stage = &mut self.stages[stage];
         let slot = if spare { &mut stage.spare } else { &mut stage.active };
         if slot.is_some() {
             return None;
@@ -233,8 +233,8 @@ impl Policy {
 
     /// Has a stage's active process replaced in good order, by its spare where it has one. Where there
     /// is none, because starts have failed again and again, the next start comes at once.
-    pub fn renew_stage(&mut self, kind: ProcessKind, now_ns: u64) {
-        let stage = &mut self.stages[kind as usize];
+    pub fn renew_stage(&mut self, stage: StageId, now_ns: u64) {
+        let stage = &mut self.stages[stage];
         match &mut stage.active {
             Some(active) => active.outdated = true,
             None => {
@@ -247,7 +247,7 @@ impl Policy {
     /// Whether heartbeats are seen. While they are not, nobody can be known to be ready.
     pub fn set_blind(&mut self, is_blind: bool, now_ns: u64) {
         if self.is_blind && !is_blind {
-            for stage in &mut self.stages {
+            for stage in self.stages.values_mut() {
                 for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
                     member.started_ns = now_ns;
                 }
@@ -260,8 +260,8 @@ impl Policy {
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
         let away_ns = now_ns.saturating_sub(self.last_tick_ns);
         if away_ns > OWN_LAG_NS {
-            for kind in ProcessKind::ALL {
-                self.note(Event::Waited(kind, away_ns), now_ns);
+            for stage in self.settings.graph.stages() {
+                self.note(Event::Waited(stage, away_ns), now_ns);
             }
         }
         self.last_tick_ns = now_ns;
@@ -269,11 +269,11 @@ impl Policy {
 
         let mut actions = Vec::new();
         // Against the stream: a stage is there before its input is.
-        for kind in ProcessKind::ALL.into_iter().rev() {
-            self.fill_active(kind, now_ns, &mut actions);
-            self.fill_spare(kind, now_ns, &mut actions);
-            self.kill_the_stuck(kind, now_ns, &mut actions);
-            self.renew(kind, now_ns, &mut actions);
+        for stage in self.settings.graph.stages().rev() {
+            self.fill_active(stage, now_ns, &mut actions);
+            self.fill_spare(stage, now_ns, &mut actions);
+            self.kill_the_stuck(stage, now_ns, &mut actions);
+            self.renew(stage, now_ns, &mut actions);
         }
         if self.clean_up_at_ns.is_some_and(|at| now_ns >= at) {
             self.clean_up_at_ns = None;
@@ -284,13 +284,13 @@ impl Policy {
 
     /// Whether every stage has an active process that is ready.
     pub fn is_complete(&self) -> bool {
-        self.stages.iter().all(Stage::is_working)
+        self.stages.values().all(Stage::is_working)
     }
 
     fn ready(&mut self, id: MemberId, now_ns: u64) {
-        for kind in ProcessKind::ALL {
-            let input = self.input(kind);
-            let stage = &mut self.stages[kind as usize];
+        for stage in self.settings.graph.stages() {
+            let input = self.input(stage);
+            let stage = &mut self.stages[stage];
             for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
                 if member.id == id && !member.ready {
                     // What kills working processes is nothing against the next spare.
@@ -303,20 +303,22 @@ impl Policy {
         }
     }
 
-    fn output(&mut self, kind: ProcessKind, seq: u64, sent_ns: u64) {
+    fn output(&mut self, stage: StageId, frame: FrameId, sent_ns: u64) {
         // The clock of a stage that had nothing to do starts with its input.
-        let next = ProcessKind::ALL.get(kind as usize + 1).copied();
-        let idle = next.filter(|&next| !self.has_input(next));
-        let stage = &mut self.stages[kind as usize];
-        if stage.output < Some(seq) {
-            stage.note_period(seq, sent_ns);
-            stage.output = Some(seq);
+        let readers: Vec<StageId> = self.settings.graph.readers(stage).collect();
+        let idle: Vec<StageId> =
+            readers.into_iter().filter(|&reader| !self.has_input(reader)).collect();
+        let stage = &mut self.stages[stage];
+        let before = stage.output.of(frame.lane);
+        if before < Some(frame.seq) {
+            stage.note_period(frame.seq, before, sent_ns);
+            stage.output.raise(frame);
             stage.dropping = None;
             stage.progress_ns = stage.progress_ns.max(sent_ns);
         }
-        if let Some(next) = idle {
-            let next = &mut self.stages[next as usize];
-            next.progress_ns = next.progress_ns.max(sent_ns);
+        for reader in idle {
+            let reader = &mut self.stages[reader];
+            reader.progress_ns = reader.progress_ns.max(sent_ns);
         }
     }
 
@@ -324,70 +326,70 @@ impl Policy {
         // Not put off by further deaths: in a storm of them, the dead would soon hold every slot that
         // a topic has for publishers.
         self.clean_up_at_ns.get_or_insert(now_ns + SETTLE_NS);
-        let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
-        let settings = &self.settings;
-        for stage in &mut self.stages {
-            let was_active = is_it(&stage.active);
-            let (slot, failures, start_after_ns) = if was_active {
-                (&mut stage.active, &mut stage.failures, &mut stage.start_after_ns)
-            } else if is_it(&stage.spare) {
-                (&mut stage.spare, &mut stage.spare_failures, &mut stage.spare_after_ns)
-            } else {
-                continue;
-            };
-            let Some(member) = slot.take() else { continue };
-            if was_active {
-                stage.dropping = None;
-            }
-            let good_start = now_ns - member.started_ns >= GOOD_START_NS
-                || was_active && stage.output > member.output_at_work;
-            *failures = if good_start { 1 } else { *failures + 1 };
-            *start_after_ns = now_ns + settings.backoff(*failures);
-            if was_active {
-                // Not the fault of a process that somebody kills.
-                let is_its_own_fault = crashed || member.stalled;
-                if is_its_own_fault {
-                    stage.died_on_input();
-                }
-                let had_lived = now_ns - member.started_ns >= GOOD_START_NS;
-                let level = is_its_own_fault.then(|| stage.escalate(had_lived, now_ns)).flatten();
-                if let Some(level) = level {
-                    let pause_ns = settings.backoff(level + 1);
-                    stage.start_after_ns = stage.start_after_ns.max(now_ns + pause_ns);
-                    stage.spare_after_ns = stage.spare_after_ns.max(now_ns + pause_ns);
-                }
-            }
+        let Some((stage, was_active)) = self.stage_of(id) else { return };
+        let input = self.input(stage);
+        let (settings, stage) = (&self.settings, &mut self.stages[stage]);
+        let (slot, failures, start_after_ns) = match was_active {
+            true => (&mut stage.active, &mut stage.failures, &mut stage.start_after_ns),
+            false => (&mut stage.spare, &mut stage.spare_failures, &mut stage.spare_after_ns),
+        };
+        let Some(member) = slot.take() else { return };
+        let had_lived = now_ns - member.started_ns >= GOOD_START_NS;
+        let good_start = had_lived || was_active && member.has_worked(stage.output);
+        *failures = if good_start { 1 } else { *failures + 1 };
+        *start_after_ns = now_ns + settings.backoff(*failures);
+        if !was_active {
+            return;
         }
+        stage.dropping = None;
+        // Not the fault of a process that somebody kills.
+        let is_its_own_fault = crashed || member.stalled;
+        if is_its_own_fault {
+            stage.died_on_input(input);
+        }
+        let level = is_its_own_fault.then(|| stage.escalate(had_lived, now_ns)).flatten();
+        if let Some(level) = level {
+            let pause_ns = settings.backoff(level + 1);
+            stage.start_after_ns = stage.start_after_ns.max(now_ns + pause_ns);
+            stage.spare_after_ns = stage.spare_after_ns.max(now_ns + pause_ns);
+        }
+    }
+
+    /// The stage of a process, and whether the process is its active one.
+    fn stage_of(&self, id: MemberId) -> Option<(StageId, bool)> {
+        let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
+        self.stages.iter().find_map(|(id, stage)| match () {
+            () if is_it(&stage.active) => Some((id, true)),
+            () if is_it(&stage.spare) => Some((id, false)),
+            () => None,
+        })
     }
 
     /// As a process that ended at once, except that there is nothing to be cleaned up after it.
     fn not_started(&mut self, id: MemberId, now_ns: u64) {
-        let is_it = |member: &Option<Member>| member.as_ref().is_some_and(|member| member.id == id);
-        for stage in &mut self.stages {
-            if is_it(&stage.active) {
-                stage.active = None;
-                stage.failures += 1;
-                stage.start_after_ns = now_ns + self.settings.backoff(stage.failures + 1);
-            } else if is_it(&stage.spare) {
-                stage.spare = None;
-                stage.spare_failures += 1;
-                stage.spare_after_ns = now_ns + self.settings.backoff(stage.spare_failures + 1);
-            }
-        }
+        let Some((stage, is_active)) = self.stage_of(id) else { return };
+        let stage = &mut self.stages[stage];
+        let (slot, failures, start_after_ns) = match is_active {
+            true => (&mut stage.active, &mut stage.failures, &mut stage.start_after_ns),
+            false => (&mut stage.spare, &mut stage.spare_failures, &mut stage.spare_after_ns),
+        };
+        *slot = None;
+        *failures += 1;
+        *start_after_ns = now_ns + self.settings.backoff(*failures + 1);
     }
 
-    fn fill_active(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
-        let may_start = self.may_start(kind, now_ns);
-        let stage = &mut self.stages[kind as usize];
+    fn fill_active(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
+        let may_start = self.may_start(id, now_ns);
+        let stage = &mut self.stages[id];
         if stage.active.is_some() {
             return;
         }
         if let Some(after) = stage.skip_after.take() {
-            actions.push(Action::Skip { kind, after });
+            actions.push(Action::Skip { stage: id, after });
         }
         match stage.spare.take() {
             Some(spare) if spare.ready && spare.dying_ns.is_none() => {
-                actions.push(Action::Promote { id: spare.id, kind });
+                actions.push(Action::Promote { id: spare.id, stage: id });
                 stage.active = Some(Member { output_at_work: stage.output, ..spare });
                 stage.progress_ns = now_ns;
                 stage.spare_after_ns = stage.spare_after_ns.max(now_ns + SETTLE_NS);
@@ -395,29 +397,34 @@ impl Policy {
             // Started only lately; it will be ready sooner than another one.
             Some(spare) => stage.spare = Some(spare),
             None if may_start && now_ns >= stage.start_after_ns => {
-                let id = start(&mut self.next_id, kind, false, actions);
-                stage.active = Some(Member::new(id, stage.output, now_ns));
+                let member = start(&mut self.next_id, id, false, actions);
+                stage.active = Some(Member::new(member, stage.output, now_ns));
             }
             None => {}
         }
     }
 
-    fn fill_spare(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
-        let stage = &mut self.stages[kind as usize];
-        if self.settings.spares.contains(&kind)
+    fn fill_spare(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
+        let keeps_spare = self.keeps_spare(id);
+        let stage = &mut self.stages[id];
+        if keeps_spare
             && stage.spare.is_none()
             && stage.is_working()
             && now_ns >= stage.spare_after_ns
         {
-            let id = start(&mut self.next_id, kind, true, actions);
-            stage.spare = Some(Member::new(id, stage.output, now_ns));
+            let member = start(&mut self.next_id, id, true, actions);
+            stage.spare = Some(Member::new(member, stage.output, now_ns));
         }
     }
 
-    fn kill_the_stuck(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
-        let stalled = self.has_stalled(kind, now_ns);
-        let only_drops = self.is_to_be_replaced_for_drops(kind, now_ns);
-        let stage = &mut self.stages[kind as usize];
+    fn keeps_spare(&self, stage: StageId) -> bool {
+        self.settings.spares.contains(&stage.kind())
+    }
+
+    fn kill_the_stuck(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
+        let stalled = self.has_stalled(id, now_ns);
+        let only_drops = self.is_to_be_replaced_for_drops(id, now_ns);
+        let stage = &mut self.stages[id];
         let late = |member: &Member| {
             !member.ready
                 && !self.is_blind
@@ -437,24 +444,24 @@ impl Policy {
             };
             member.dying_ns = Some(now_ns);
             member.stalled |= cause == Cause::Stalled;
-            actions.push(Action::Kill { id: member.id, kind, cause });
+            actions.push(Action::Kill { id: member.id, stage: id, cause });
         }
     }
 
     /// Replaces an outdated spare, then, when its successor is ready, the outdated active process;
     /// one stage at a time, and the grabber, whose replacement costs frames, last.
-    fn renew(&mut self, kind: ProcessKind, now_ns: u64, actions: &mut Vec<Action>) {
-        let is_outdated = |kind: ProcessKind| {
-            let stage = &self.stages[kind as usize];
+    fn renew(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
+        let is_outdated = |stage: StageId| {
+            let stage = &self.stages[stage];
             [&stage.active, &stage.spare].into_iter().flatten().any(|member| member.outdated)
         };
-        let others_first = kind == ProcessKind::Grabber
-            && ProcessKind::ALL[1..].iter().any(|&other| is_outdated(other));
-        if !is_outdated(kind) || others_first || !self.is_complete() {
+        let others_first = id.is_grabber()
+            && self.settings.graph.stages().any(|other| !other.is_grabber() && is_outdated(other));
+        if !is_outdated(id) || others_first || !self.is_complete() {
             return;
         }
-        let keeps_spare = self.settings.spares.contains(&kind);
-        let stage = &mut self.stages[kind as usize];
+        let keeps_spare = self.keeps_spare(id);
+        let stage = &mut self.stages[id];
         let retiring = match (&mut stage.active, &mut stage.spare) {
             (_, Some(spare)) if spare.outdated => spare,
             (Some(active), Some(spare)) if active.outdated && spare.ready => active,
@@ -463,34 +470,43 @@ impl Policy {
         };
         if retiring.dying_ns.is_none() {
             retiring.dying_ns = Some(now_ns);
-            actions.push(Action::Retire { id: retiring.id, kind });
+            actions.push(Action::Retire { id: retiring.id, stage: id });
         }
     }
 
-    /// Newest number on the topic a stage reads; the grabber reads none.
-    fn input(&self, kind: ProcessKind) -> Option<u64> {
-        (kind as usize).checked_sub(1).and_then(|before| self.stages[before].output)
+    /// The newest frames that a stage can read; a grabber reads none.
+    fn input(&self, stage: StageId) -> Numbers {
+        let mut input = Numbers::default();
+        for lane in self.settings.graph.lanes() {
+            let writer = self.settings.graph.input(stage, lane);
+            if let Some(seq) = writer.and_then(|writer| self.stages[writer].output.of(lane)) {
+                input.raise(FrameId { lane, seq });
+            }
+        }
+        input
     }
 
     /// Whether a stage's active process has input that it has neither answered nor dropped. A
     /// camera always has.
-    fn has_input(&self, kind: ProcessKind) -> bool {
-        if kind == ProcessKind::Grabber {
-            return !self.finished;
+    fn has_input(&self, id: StageId) -> bool {
+        let stage = &self.stages[id];
+        if id.is_grabber() {
+            return !stage.has_finished;
         }
-        let stage = &self.stages[kind as usize];
-        let at_ready = stage.active.as_ref().and_then(|active| active.input_at_ready);
-        self.input(kind) > stage.output.max(stage.dropped_up_to).max(at_ready)
+        let at_ready = stage.active.as_ref().map(|active| active.input_at_ready);
+        let done = stage.output.max(stage.dropped_up_to).max(at_ready.unwrap_or_default());
+        self.input(id).are_beyond(done)
     }
 
-    fn may_start(&self, kind: ProcessKind, now_ns: u64) -> bool {
-        if kind != ProcessKind::Grabber {
+    /// A camera starts when every stage that works on its frames is there, or when it has waited long enough.
+    fn may_start(&self, stage: StageId, now_ns: u64) -> bool {
+        if !stage.is_grabber() {
             return true;
         }
         let waited_ns = now_ns - self.started_ns.unwrap_or(now_ns);
-        let rest_is_working =
-            ProcessKind::ALL[1..].iter().all(|&kind| self.stages[kind as usize].is_working());
-        rest_is_working || waited_ns > GRABBER_WAIT_NS
+        let works_for_it = |id: &StageId| id.serves(stage.lane()) && !id.is_grabber();
+        let mut rest = self.settings.graph.stages().filter(works_for_it);
+        rest.all(|id| self.stages[id].is_working()) || waited_ns > GRABBER_WAIT_NS
     }
 }
 
@@ -508,13 +524,13 @@ impl Settings {
 
 fn start(
     next_id: &mut MemberId,
-    kind: ProcessKind,
+    stage: StageId,
     spare: bool,
     actions: &mut Vec<Action>,
 ) -> MemberId {
     let id = *next_id;
     *next_id += 1;
-    actions.push(Action::Start { id, kind, spare });
+    actions.push(Action::Start { id, stage, spare });
     id
 }
 

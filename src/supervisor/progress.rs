@@ -11,6 +11,7 @@ use common::messages::{
     Attendant, DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader,
     WorldFrame,
 };
+use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
 use common::topics;
 use grabber::camera::LastFrame;
 use std::collections::VecDeque;
@@ -28,15 +29,17 @@ pub struct Progress {
     instance: Instance,
     frame_bytes: usize,
     fps: f64,
+    graph: StageGraph,
     topics: Option<Topics>,
     pages: Pages,
     /// How far the stages had come by their pages at the last look: by now the topics must have
     /// shown as much.
-    paged: [Option<u64>; ProcessKind::ALL.len()],
-    seen: [Option<u64>; ProcessKind::ALL.len()],
+    paged: StageMap<Option<u64>>,
+    seen: StageMap<Numbers>,
     /// Connected since the last look: what was published before is in the pages only.
     is_fresh: bool,
-    last_frame: Option<LastFrame>,
+    /// The newest frame of each lane.
+    last_frames: Vec<Option<LastFrame>>,
     /// Reused allocation.
     outputs: Vec<Output>,
     connect_after: Instant,
@@ -45,19 +48,24 @@ pub struct Progress {
 
 /// Connected to the topics: always has the newest message of each, also when the writer is dead.
 struct Topics {
+    lanes: Vec<LaneTopics>,
+    world: Subscriber<WorldFrame, ()>,
+    health: Subscriber<Heartbeat, ()>,
+    /// The frame of each stage's newest output.
+    last_of: StageMap<Option<FrameHeader>>,
+    // Last, so that it outlives the ports.
+    _bus: Bus,
+}
+
+/// Connected to the topics of one lane.
+struct LaneTopics {
     frames: Subscriber<u8, FrameHeader>,
     runs: Subscriber<Run, RunsHeader>,
     detections: Subscriber<DetectionFrame, ()>,
-    world: Subscriber<WorldFrame, ()>,
-    health: Subscriber<Heartbeat, ()>,
     /// In shared memory: a frame that has stalled two processes in a row is some ten frames old by
     /// then.
     recent_frames: VecDeque<Received<u8, FrameHeader>>,
     kept_frames: usize,
-    /// The frame of each stage's newest output.
-    last_of: [Option<FrameHeader>; ProcessKind::ALL.len()],
-    // Last, so that it outlives the ports.
-    _bus: Bus,
 }
 
 /// Something a stage has published.
@@ -66,9 +74,9 @@ pub struct Output {
     /// When, but not later than it was seen: others can publish too, and claim what they like.
     pub t_sent_ns: u64,
     /// The stage.
-    pub kind: ProcessKind,
-    /// The frame's number.
-    pub seq: u64,
+    pub stage: StageId,
+    /// A frame that the output contains.
+    pub frame: FrameId,
 }
 
 /// A sign of life.
@@ -89,7 +97,7 @@ pub struct Sign {
     /// Who sent it.
     pub pid: u32,
     /// Its stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// Where it is in its life.
     pub state: ProcessState,
     /// Inputs it has dropped so far, by reason.
@@ -98,27 +106,28 @@ pub struct Sign {
 
 impl Progress {
     /// Connects.
-    pub fn new(instance: &Instance, config: &Config) -> Result<Self, BusError> {
-        let mut progress = Self::unconnected(instance, config);
+    pub fn new(instance: &Instance, config: &Config, graph: StageGraph) -> Result<Self, BusError> {
+        let mut progress = Self::unconnected(instance, config, graph);
         if let Some(error) = sys::fault(Call::ConnectToTopics) {
             return Err(failed(error));
         }
-        progress.topics = Some(Topics::connect(instance, progress.frame_bytes)?);
+        progress.topics = Some(Topics::connect(instance, progress.frame_bytes, graph)?);
         Ok(progress)
     }
 
     /// Without a connection, for a supervisor that takes over a group and has no memory left for it.
-    pub fn unconnected(instance: &Instance, config: &Config) -> Self {
+    pub fn unconnected(instance: &Instance, config: &Config, graph: StageGraph) -> Self {
         Self {
             instance: instance.clone(),
             frame_bytes: config.camera.frame_bytes(),
             fps: config.camera.fps,
+            graph,
             topics: None,
-            pages: Pages::new(instance),
-            paged: Default::default(),
-            seen: Default::default(),
+            pages: Pages::new(instance, graph),
+            paged: StageMap::of_defaults(graph),
+            seen: StageMap::of_defaults(graph),
             is_fresh: true,
-            last_frame: None,
+            last_frames: graph.lanes().map(|_| None).collect(),
             outputs: Vec::new(),
             connect_after: Instant::now() + RECONNECT,
             pause: RECONNECT,
@@ -144,11 +153,12 @@ impl Progress {
         self.pause = (self.pause * 2).min(RECONNECT_MAX);
         let connected = match sys::fault(Call::ConnectToTopics) {
             Some(error) => Err(error),
-            None => Topics::connect(&self.instance, self.frame_bytes).map_err(io::Error::other),
+            None => Topics::connect(&self.instance, self.frame_bytes, self.graph)
+                .map_err(io::Error::other),
         };
         Some(connected.map(|topics| {
             self.topics = Some(topics);
-            self.paged = ProcessKind::ALL.map(|kind| self.pages.newest(kind));
+            self.paged = StageMap::new(self.graph, |stage| self.pages.newest(stage));
             self.is_fresh = true;
         }))
     }
@@ -162,9 +172,11 @@ impl Progress {
             None => topics.outputs(self.fps, &mut self.outputs),
         };
         if received.is_ok() && !topics.misses_a_writer() {
-            if let Some(frame) = topics.last_of[ProcessKind::Grabber as usize] {
-                let FrameHeader { seq, t_capture_ns, .. } = frame;
-                self.last_frame = Some(LastFrame { seq, t_capture_ns });
+            for (lane, last) in self.graph.lanes().zip(&mut self.last_frames) {
+                let frame = topics.last_of[StageId::new(ProcessKind::Grabber, lane)];
+                if let Some(FrameHeader { seq, t_capture_ns, .. }) = frame {
+                    *last = Some(LastFrame { seq, t_capture_ns });
+                }
             }
             return Ok(());
         }
@@ -184,21 +196,21 @@ impl Progress {
     pub fn outputs(&mut self) -> (&[Output], Result<(), BusError>) {
         let mut outcome = self.receive();
         let now_ns = monotonic_ns();
-        for &Output { kind, seq, .. } in &self.outputs {
-            let seen = &mut self.seen[kind as usize];
-            *seen = (*seen).max(Some(seq));
+        for &Output { stage, frame, .. } in &self.outputs {
+            self.seen[stage].raise(frame);
         }
         let is_connected = self.topics.is_some();
-        for kind in ProcessKind::ALL {
-            let seen = &mut self.seen[kind as usize];
-            if let Some(seq) = self.paged[kind as usize].filter(|&seq| Some(seq) > *seen) {
-                *seen = Some(seq);
-                self.outputs.push(Output { t_sent_ns: now_ns, kind, seq });
+        for stage in self.graph.stages() {
+            let frame = self.paged[stage].map(|seq| FrameId { lane: stage.lane(), seq });
+            if let Some(frame) = frame
+                && self.seen[stage].raise(frame)
+            {
+                self.outputs.push(Output { t_sent_ns: now_ns, stage, frame });
                 if is_connected && !self.is_fresh {
                     outcome = Err(failed("a stage's output cannot be seen"));
                 }
             }
-            self.paged[kind as usize] = self.pages.newest(kind);
+            self.paged[stage] = self.pages.newest(stage);
         }
         if outcome.is_err() {
             self.disconnect();
@@ -223,37 +235,32 @@ impl Progress {
         received
     }
 
-    /// The newest frame seen, from which a new grabber continues the numbers.
-    pub fn last_frame(&self) -> Option<LastFrame> {
-        self.last_frame
+    /// The newest frame seen in a lane, from which a new grabber continues the numbers.
+    pub fn last_frame(&self, lane: u8) -> Option<LastFrame> {
+        *self.last_frames.get(usize::from(lane))?
     }
 
-    /// The first frame after this number, if it is still at hand.
-    pub fn first_frame_after(&self, seq: u64) -> Option<&Received<u8, FrameHeader>> {
-        let recent_frames = &self.topics.as_ref()?.recent_frames;
-        let oldest = recent_frames.front()?.header().seq;
-        if oldest > seq + 1 {
+    /// The first frame of a lane after this one, if it is still at hand.
+    pub fn first_frame_after(&self, frame: FrameId) -> Option<&Received<u8, FrameHeader>> {
+        let lane = self.topics.as_ref()?.lanes.get(usize::from(frame.lane))?;
+        let oldest = lane.recent_frames.front()?.header().seq;
+        if oldest > frame.seq + 1 {
             return None;
         }
-        recent_frames.iter().find(|frame| frame.header().seq > seq)
+        lane.recent_frames.iter().find(|recent| recent.header().seq > frame.seq)
     }
 }
 
-impl Topics {
-    fn connect(instance: &Instance, frame_bytes: usize) -> Result<Self, BusError> {
-        let bus = Bus::join_as_reader(instance, "supervisor")?;
-        let frames = topics::frames(frame_bytes);
+impl LaneTopics {
+    fn connect(bus: &Bus, frame_bytes: usize, lane: u8) -> Result<Self, BusError> {
+        let frames = topics::frames(frame_bytes).in_lane(lane);
         let kept_frames = topics::frames_of_evidence(frames.buffer);
         Ok(Self {
             frames: bus.subscriber(&frames)?,
-            runs: bus.newest_only(&topics::RUNS)?,
-            detections: bus.newest_only(&topics::DETECTIONS)?,
-            world: bus.newest_only(&topics::WORLD)?,
-            health: bus.subscriber(&topics::HEALTH)?,
+            runs: bus.newest_only(&topics::RUNS.in_lane(lane))?,
+            detections: bus.newest_only(&topics::DETECTIONS.in_lane(lane))?,
             recent_frames: VecDeque::with_capacity(kept_frames),
             kept_frames,
-            last_of: [None; ProcessKind::ALL.len()],
-            _bus: bus,
         })
     }
 
@@ -261,6 +268,31 @@ impl Topics {
         self.frames.misses_a_writer()
             || self.runs.misses_a_writer()
             || self.detections.misses_a_writer()
+    }
+}
+
+/// The frame of a result, and when the result was sent.
+type Sent = (FrameHeader, u64);
+
+impl Topics {
+    fn connect(
+        instance: &Instance,
+        frame_bytes: usize,
+        graph: StageGraph,
+    ) -> Result<Self, BusError> {
+        let bus = Bus::join_as_reader(instance, "supervisor")?;
+        let lanes = graph.lanes().map(|lane| LaneTopics::connect(&bus, frame_bytes, lane));
+        Ok(Self {
+            lanes: lanes.collect::<Result<_, _>>()?,
+            world: bus.newest_only(&topics::WORLD)?,
+            health: bus.subscriber(&topics::HEALTH)?,
+            last_of: StageMap::of_defaults(graph),
+            _bus: bus,
+        })
+    }
+
+    fn misses_a_writer(&self) -> bool {
+        self.lanes.iter().any(LaneTopics::misses_a_writer)
             || self.world.misses_a_writer()
             || self.health.misses_a_writer()
     }
@@ -268,50 +300,56 @@ impl Topics {
     /// Takes in what is new on the topics. A number that the stage cannot have reached says nothing: no frame
     /// comes sooner than its camera allows, and no result is of a frame that does not exist.
     fn outputs(&mut self, fps: f64, outputs: &mut Vec<Output>) -> Result<(), BusError> {
+        let Self { lanes, world, last_of, .. } = self;
         // Against the stream, so that the frame of every result has been seen in the end.
-        let mut results: [Option<(FrameHeader, u64)>; ProcessKind::ALL.len()] = Default::default();
-        while let Some(received) = self.world.receive()? {
-            if let Some(world) = received.message() {
-                results[ProcessKind::Filter as usize] = Some((world.frame, world.t_sent_ns));
-            }
+        let mut filtered: Option<Sent> = None;
+        while let Some(received) = world.receive()? {
+            filtered = received.message().map(|it| (it.frame, it.t_sent_ns)).or(filtered);
         }
-        while let Some(received) = self.detections.receive()? {
-            if let Some(it) = received.message() {
-                results[ProcessKind::Tracker as usize] = Some((it.frame, it.t_sent_ns));
+        for (number, lane) in (0..).zip(lanes) {
+            let mut tracked: Option<Sent> = None;
+            while let Some(received) = lane.detections.receive()? {
+                tracked = received.message().map(|it| (it.frame, it.t_sent_ns)).or(tracked);
             }
-        }
-        while let Some(received) = self.runs.receive()? {
-            let header = received.header();
-            results[ProcessKind::Classifier as usize] = Some((header.frame, header.t_sent_ns));
-        }
-        let now_ns = monotonic_ns();
-        let Self { frames, last_of, recent_frames, .. } = self;
-        let mut output = |kind: ProcessKind, frame: &FrameHeader, t_sent_ns: u64| {
-            let last = &mut last_of[kind as usize];
-            let follows = frame.follows(last.as_ref(), now_ns, fps);
-            if follows {
-                *last = Some(*frame);
-                let t_sent_ns = t_sent_ns.min(now_ns);
-                outputs.push(Output { t_sent_ns, kind, seq: frame.seq });
+            let mut classified: Option<Sent> = None;
+            while let Some(received) = lane.runs.receive()? {
+                let header = received.header();
+                classified = Some((header.frame, header.t_sent_ns));
             }
-            follows
-        };
-        while let Some(frame) = frames.receive()? {
-            let header = frame.header();
-            if output(ProcessKind::Grabber, header, header.t_sent_ns) {
-                if recent_frames.len() == self.kept_frames {
-                    recent_frames.pop_front();
+            let now_ns = monotonic_ns();
+            let mut output = |stage: StageId, frame: &FrameHeader, t_sent_ns: u64| {
+                let last = &mut last_of[stage];
+                let follows = frame.follows(last.as_ref(), now_ns, fps);
+                if follows {
+                    *last = Some(*frame);
+                    let frame = FrameId { lane: number, seq: frame.seq };
+                    outputs.push(Output { t_sent_ns: t_sent_ns.min(now_ns), stage, frame });
                 }
-                recent_frames.push_back(frame);
+                follows
+            };
+            while let Some(frame) = lane.frames.receive()? {
+                let header = frame.header();
+                if output(StageId::new(ProcessKind::Grabber, number), header, header.t_sent_ns) {
+                    if lane.recent_frames.len() == lane.kept_frames {
+                        lane.recent_frames.pop_front();
+                    }
+                    lane.recent_frames.push_back(frame);
+                }
             }
-        }
-        let newest = recent_frames.back().map(|frame| frame.header().seq);
-        for (kind, result) in ProcessKind::ALL.into_iter().zip(results) {
-            // Before the first frame is seen nothing is known of frames.
-            if let Some((frame, t_sent_ns)) = result
-                && newest.is_none_or(|newest| frame.seq <= newest)
-            {
-                output(kind, &frame, t_sent_ns);
+            let newest = lane.recent_frames.back().map(|frame| frame.header().seq);
+            let results = [
+                (ProcessKind::Classifier, classified),
+                (ProcessKind::Tracker, tracked),
+                // A `world` is about a frame of the first lane.
+                (ProcessKind::Filter, filtered.filter(|_| number == 0)),
+            ];
+            for (kind, result) in results {
+                // Before the first frame is seen nothing is known of frames.
+                if let Some((frame, t_sent_ns)) = result
+                    && newest.is_none_or(|newest| frame.seq <= newest)
+                {
+                    output(StageId::new(kind, number), &frame, t_sent_ns);
+                }
             }
         }
         Ok(())
@@ -320,10 +358,10 @@ impl Topics {
     fn heartbeats(&self, report: &mut impl FnMut(Beat)) -> Result<(), BusError> {
         while let Some(received) = self.health.receive()? {
             let Some(beat) = received.message() else { continue };
-            let kind = ProcessKind::from_number(beat.process);
+            let stage = StageId::from_number(beat.process);
             let state = ProcessState::from_number(beat.state);
-            if let (Some(kind), Some(state)) = (kind, state) {
-                report(Beat::Stage(Sign { pid: beat.pid, kind, state, dropped: beat.dropped }));
+            if let (Some(stage), Some(state)) = (stage, state) {
+                report(Beat::Stage(Sign { pid: beat.pid, stage, state, dropped: beat.dropped }));
             } else if beat.process == Attendant::Gateway as u32 {
                 report(Beat::Gateway { pid: beat.pid });
             }
@@ -333,5 +371,5 @@ impl Topics {
 }
 
 fn failed(reason: impl ToString) -> BusError {
-    BusError::Ipc { topic: "all", action: "look at the stages", reason: reason.to_string() }
+    BusError::Ipc { topic: "all".into(), action: "look at the stages", reason: reason.to_string() }
 }

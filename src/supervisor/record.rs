@@ -8,8 +8,8 @@ use super::Launch;
 use super::sys::{self, Call};
 use crate::monitor::Event;
 use common::instance::Instance;
-use common::messages::ProcessKind;
 use common::private;
+use common::stages::StageId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -62,8 +62,9 @@ impl Record {
     }
 
     /// Whether a process is recorded as a spare; `None` when it is not recorded.
-    pub fn is_spare(&self, kind: ProcessKind, pid: u32) -> Option<bool> {
-        let it = |member: &&Member| member.pid == pid && member.stage == kind.name();
+    pub fn is_spare(&self, stage: StageId, pid: u32) -> Option<bool> {
+        let stage = stage.to_string();
+        let it = |member: &&Member| member.pid == pid && member.stage == stage;
         self.members.iter().find(it).map(|member| member.spare)
     }
 
@@ -85,7 +86,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::EventKind;
+    use common::messages::{EventKind, ProcessKind};
 
     #[test]
     fn what_was_written_is_read_and_rubbish_is_not() {
@@ -103,8 +104,8 @@ mod tests {
         };
         record.write(&instance).unwrap();
         assert_eq!(Record::read(&instance), Some(record.clone()));
-        assert_eq!(record.is_spare(ProcessKind::Tracker, 12), Some(true));
-        assert_eq!(record.is_spare(ProcessKind::Filter, 12), None, "the number is used again");
+        assert_eq!(record.is_spare(ProcessKind::Tracker.into(), 12), Some(true));
+        assert_eq!(record.is_spare(StageId::FILTER, 12), None, "the number is used again");
         fs::write(instance.record_path(), b"{\"source\":").unwrap();
         assert_eq!(Record::read(&instance), None);
         instance.remove_directory().unwrap();

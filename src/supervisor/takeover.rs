@@ -6,8 +6,8 @@ use common::bus::participants::{self, LivingProcess};
 use common::config::{Config, commented_toml};
 use common::instance::Instance;
 use common::memory::{self, GroupMemory};
-use common::messages::ProcessKind;
 use common::private;
+use common::stages::StageId;
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Write;
 use std::path::Path;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inherited {
     /// Its stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// The system's number for it.
     pub pid: u32,
     /// Whether it is a spare, according to the record; `None` when that does not say.
@@ -57,10 +57,10 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             // The dead supervisor's places on the topics are needed. Programs of others may have left
             // so much that clearing it would take longer than a stage can do without a supervisor.
             let is_ours =
-                |name: &str| OWN_NAMES.contains(&name) || ProcessKind::from_name(name).is_some();
+                |name: &str| OWN_NAMES.contains(&name) || StageId::from_name(name).is_some();
             warn(participants::remove_dead_named(instance, is_ours));
             let recorded = |stage: Inherited| Inherited {
-                spare: record.is_spare(stage.kind, stage.pid),
+                spare: record.is_spare(stage.stage, stage.pid),
                 ..stage
             };
             let stages = stages.into_iter().map(recorded).collect();
@@ -171,8 +171,8 @@ const OWN_NAMES: [&str; 2] = ["supervisor", "monitor"];
 
 fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {
     let stage = |process: LivingProcess| {
-        let kind = ProcessKind::from_name(&process.name)?;
-        Some(Inherited { kind, pid: process.pid, spare: None })
+        let stage = StageId::from_name(&process.name)?;
+        Some(Inherited { stage, pid: process.pid, spare: None })
     };
     let mut stages: Vec<Inherited> =
         participants::living(instance)?.into_iter().filter_map(stage).collect();

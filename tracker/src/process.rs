@@ -11,15 +11,17 @@ use common::topics;
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
     let mut process = Process::start(ProcessKind::Tracker, options, config)?;
+    let input = topics::RUNS.in_lane(options.lane);
+    let output = topics::DETECTIONS.in_lane(options.lane);
     // Before its input: no output is missed whose input is not.
-    let previous = process.bus.newest_only(&topics::DETECTIONS)?;
-    let runs = process.bus.subscriber_with_history(&topics::RUNS)?;
-    let frames = process.bus.subscriber_with_history(&topics::FRAMES)?;
+    let previous = process.bus.newest_only(&output)?;
+    let runs = process.bus.subscriber_with_history(&input)?;
+    let frames = process.bus.subscriber_with_history(&topics::FRAMES.in_lane(options.lane))?;
     let world = process.bus.newest_only(&topics::WORLD)?;
-    let mut detections = process.bus.publisher(&topics::DETECTIONS, 1)?;
+    let mut detections = process.bus.publisher(&output, 1)?;
     let mut tracker =
         Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
-    let mut wake_up = process.wake_up(&topics::RUNS)?;
+    let mut wake_up = process.wake_up(&input)?;
     if !process.activate()? {
         return Ok(());
     }

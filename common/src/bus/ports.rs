@@ -4,7 +4,7 @@ use super::strangers::{Stranger, Strangers};
 use super::{BusError, Header, Message, failed};
 use crate::eventcount::EventCount;
 use crate::roster::{NodeKey, Roster};
-use crate::topics::Topic;
+use crate::topics::{Topic, TopicName};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IpcPublisher;
 use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Publisher<E: Message, H: Header> {
     port: IpcPublisher<ipc::Service, [E], H>,
     bell: Rc<Bell>,
-    topic: &'static str,
+    topic: TopicName,
 }
 
 /// Wakes the processes that sleep on a topic.
@@ -49,7 +49,7 @@ impl<E: Message, H: Header> Publisher<E, H> {
         port: IpcPublisher<ipc::Service, [E], H>,
         published: EventCount,
         notifier: Option<Notifier<ipc::Service>>,
-        topic: &'static str,
+        topic: TopicName,
     ) -> Self {
         Self { port, bell: Rc::new(Bell { published, notifier }), topic }
     }
@@ -81,7 +81,7 @@ impl<E: Message> Publisher<E, ()> {
 pub struct Loan<E: Message, H: Header> {
     sample: SampleMutUninit<ipc::Service, [MaybeUninit<E>], H>,
     bell: Rc<Bell>,
-    topic: &'static str,
+    topic: TopicName,
 }
 
 impl<E: Message, H: Header> Loan<E, H> {
@@ -125,7 +125,7 @@ impl<E: Message, H: Header> Loan<E, H> {
 /// of our own.
 pub struct Subscriber<E: Message, H: Header> {
     port: IpcSubscriber<ipc::Service, [E], H>,
-    topic: &'static str,
+    topic: TopicName,
     seq: fn(&[E], &H) -> u64,
     /// Most messages in the queue.
     capacity: usize,

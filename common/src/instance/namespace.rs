@@ -16,8 +16,8 @@ mod services;
 
 use super::{Instance, InstanceError, io_error, remove};
 use crate::memory::{self, SHARED_MEMORY};
-use crate::messages::ProcessKind;
 use crate::private::{self, OthersMay};
+use crate::stages::{MAX_LANES, StageGraph, StageId};
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
@@ -92,7 +92,7 @@ impl Namespace {
     }
 
     /// Page shared by a stage's processes and the supervisor.
-    pub fn stage_page_path(&self, stage: &str) -> PathBuf {
+    pub fn stage_page_path(&self, stage: StageId) -> PathBuf {
         self.directory.join(format!("{stage}.page"))
     }
 
@@ -163,7 +163,7 @@ impl Namespace {
 
     /// Removes the stage pages of an earlier group.
     fn forget_progress(&self) -> Result<(), InstanceError> {
-        for stage in ProcessKind::ALL.map(ProcessKind::name) {
+        for stage in StageGraph::with_lanes(MAX_LANES).stages() {
             let path = self.stage_page_path(stage);
             remove(fs::remove_file(&path), &path)?;
         }

@@ -18,10 +18,15 @@ impl FramePool {
     /// Frames a camera may hold at the same time, including those being published.
     pub const CAPACITY: usize = topics::FRAMES.loaned;
 
-    /// Memory for frames of up to `capacity` bytes, on the topic `frames` of a group with this camera.
-    pub fn new(bus: &Bus, camera: &CameraConfig, capacity: usize) -> Result<Self, BusError> {
-        let publisher = bus.publisher(&topics::frames(camera.frame_bytes()), capacity)?;
-        Ok(Self { publisher })
+    /// Memory for frames of up to `capacity` bytes, on the topic `frames` of a lane with this camera.
+    pub fn new(
+        bus: &Bus,
+        camera: &CameraConfig,
+        lane: u8,
+        capacity: usize,
+    ) -> Result<Self, BusError> {
+        let topic = topics::frames(camera.frame_bytes()).in_lane(lane);
+        Ok(Self { publisher: bus.publisher(&topic, capacity)? })
     }
 
     /// Borrows memory for a frame.

@@ -117,7 +117,7 @@ fn ipc_toml(instance: &Instance) -> Result<String, CommandError> {
 fn row<E: Message, H: Header>(topic: &'static Topic<E, H>) -> Row {
     let names = topic.type_names();
     Row {
-        name: topic.name,
+        name: topic.name.base(),
         writer: topic.writer,
         readers: topic.readers,
         element: names.element,

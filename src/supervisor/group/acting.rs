@@ -10,6 +10,7 @@ use common::config::Config;
 use common::handover::Handover;
 use common::memory::{self, GroupMemory};
 use common::messages::{EventKind, ProcessKind};
+use common::stages::{FrameId, StageId};
 use common::topics;
 use rustix::process::Signal;
 use std::io;
@@ -22,19 +23,19 @@ const SIGNALS: &str = "signal a process";
 impl Group<'_> {
     pub(super) fn act(&mut self, action: Action) -> Result<(), SupervisorError> {
         match action {
-            Action::Start { id, kind, spare } => self.start(id, kind, spare)?,
-            Action::Promote { id, kind } => {
-                self.hand_over(kind);
+            Action::Start { id, stage, spare } => self.start(id, stage, spare)?,
+            Action::Promote { id, stage } => {
+                self.hand_over(stage);
                 if let Some(process) = self.processes.get(&id) {
                     let pid = process.pid;
                     self.signal(id, Signal::USR1);
-                    self.log(EventKind::Promoted, kind, pid, "promoted from spare", "");
+                    self.log(EventKind::Promoted, stage, pid, "promoted from spare", "");
                 }
             }
-            Action::Kill { id, kind, cause } => {
+            Action::Kill { id, stage, cause } => {
                 if let Some(process) = self.processes.get(&id) {
                     let (event, what) = match cause {
-                        Cause::Stalled if kind == ProcessKind::Grabber => {
+                        Cause::Stalled if stage.is_grabber() => {
                             (EventKind::Stalled, "killed: it gives no frames")
                         }
                         Cause::Stalled => {
@@ -48,18 +49,18 @@ impl Group<'_> {
                             (EventKind::Killed, "killed: it did not end when asked to")
                         }
                     };
-                    self.log(event, kind, process.pid, what, "");
+                    self.log(event, stage, process.pid, what, "");
                     self.signal(id, Signal::KILL);
                 }
             }
-            Action::Retire { id, kind } => {
+            Action::Retire { id, stage } => {
                 if let Some(process) = self.processes.get(&id) {
                     let what = "asked to end: its successor is ready";
-                    self.log(EventKind::Retired, kind, process.pid, what, "");
+                    self.log(EventKind::Retired, stage, process.pid, what, "");
                     self.signal(id, Signal::TERM);
                 }
             }
-            Action::Skip { kind, after } => self.skip(kind, after),
+            Action::Skip { stage, after } => self.skip(stage, after),
             Action::CleanUp => self.janitor.call(),
         }
         Ok(())
@@ -70,23 +71,23 @@ impl Group<'_> {
     pub(super) fn start(
         &mut self,
         id: MemberId,
-        kind: ProcessKind,
+        stage: StageId,
         spare: bool,
     ) -> Result<(), SupervisorError> {
         if !spare {
-            self.hand_over(kind);
+            self.hand_over(stage);
         }
         let Self { launch, config, progress, reserve, .. } = self;
-        let last_frame = progress.last_frame();
-        let started = room_for(launch, config, kind)
-            .and_then(|()| reserve.lend(|| Process::start(launch, kind, spare, last_frame)));
+        let last_frame = progress.last_frame(stage.lane());
+        let started = room_for(launch, config, stage)
+            .and_then(|()| reserve.lend(|| Process::start(launch, stage, spare, last_frame)));
         let failure = started.as_ref().err().map(ToString::to_string);
         let outcome = started.map(|process| drop(self.processes.insert(id, process)));
-        self.attempted(&format!("start the {}", kind.name()), outcome);
+        self.attempted(&format!("start the {stage}"), outcome);
         match failure {
             Some(reason) => {
                 self.policy.note(Event::NotStarted(id), monotonic_ns());
-                self.failed_to_start(kind, reason)
+                self.failed_to_start(stage, reason)
             }
             None => Ok(()),
         }
@@ -95,13 +96,13 @@ impl Group<'_> {
     /// Before anything ever worked, somebody is waiting to be told what is wrong.
     pub(super) fn failed_to_start(
         &mut self,
-        kind: ProcessKind,
+        stage: StageId,
         reason: String,
     ) -> Result<(), SupervisorError> {
         self.start_failures += u32::from(!self.ever_complete);
         match self.ever_complete || self.start_failures < HOPELESS_STARTS {
             true => Ok(()),
-            false => Err(SupervisorError::NoStart { stage: kind.name(), reason }),
+            false => Err(SupervisorError::NoStart { stage, reason }),
         }
     }
 
@@ -123,16 +124,18 @@ impl Group<'_> {
 
     /// Tells the process of a stage that is about to work how far the last one came. That one is
     /// confirmed dead, and all it has published was looked at since.
-    pub(super) fn hand_over(&mut self, kind: ProcessKind) {
-        let Some(resume_after) = self.outputs[kind as usize] else { return };
+    pub(super) fn hand_over(&mut self, stage: StageId) {
+        let lane = stage.lane();
+        let Some(resume_after) = self.outputs[stage].of(lane) else { return };
         // Stays until there is a later output: this process may die, or not even start.
-        let skip_next = self.skip_after.get(&kind) == Some(&resume_after);
-        self.progress.pages().leave_note(kind, Handover { resume_after, skip_next });
+        let last = FrameId { lane, seq: resume_after };
+        let skip_next = self.skip_after.get(&stage) == Some(&last);
+        self.progress.pages().leave_note(stage, Handover { resume_after, skip_next });
     }
 
     /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
-    pub(super) fn skip(&mut self, kind: ProcessKind, after: u64) {
-        self.skip_after.insert(kind, after);
+    pub(super) fn skip(&mut self, stage: StageId, after: FrameId) {
+        self.skip_after.insert(stage, after);
         let what = match self.progress.first_frame_after(after) {
             Some(frame) => {
                 let kept = match evidence::save_frame(&self.launch.instance, frame) {
@@ -142,15 +145,17 @@ impl Group<'_> {
                 let seq = frame.header().seq;
                 format!("frame {seq} has killed two processes and is skipped; {kept}")
             }
-            None => format!("the frame after {after} has killed two processes and is skipped"),
+            None => {
+                format!("the frame after {} has killed two processes and is skipped", after.seq)
+            }
         };
-        self.log(EventKind::Poisonous, kind, 0, &what, "");
+        self.log(EventKind::Poisonous, stage, 0, &what, "");
     }
 }
 
 /// Whether there is the shared memory that a new process takes, in itself and in all that connect to it.
-fn room_for(launch: &Launch, config: &Config, kind: ProcessKind) -> io::Result<()> {
-    let topic = match kind {
+fn room_for(launch: &Launch, config: &Config, stage: StageId) -> io::Result<()> {
+    let topic = match stage.kind() {
         ProcessKind::Grabber => topics::FRAMES.name,
         ProcessKind::Classifier => topics::RUNS.name,
         ProcessKind::Tracker => topics::DETECTIONS.name,

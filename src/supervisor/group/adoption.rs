@@ -60,7 +60,7 @@ impl Group<'_> {
             // It cannot be known that they are silent. One that is the only one of its stage works.
             for stage in silent.values() {
                 let is_alone =
-                    !inherited.iter().any(|it| it.kind == stage.kind && it.pid != stage.pid);
+                    !inherited.iter().any(|it| it.stage == stage.stage && it.pid != stage.pid);
                 let state = if is_alone { ProcessState::Active } else { ProcessState::Spare };
                 self.take_in(stage, state);
             }
@@ -68,35 +68,35 @@ impl Group<'_> {
         }
         for stage in silent.values() {
             let what = "killed: it did not answer the new supervisor";
-            self.log(EventKind::Killed, stage.kind, stage.pid, what, "");
+            self.log(EventKind::Killed, stage.stage, stage.pid, what, "");
             takeover::kill(stage.pid);
         }
         self.act(Action::CleanUp)
     }
 
-    fn take_in(&mut self, stage: &Inherited, state: ProcessState) {
-        let &Inherited { kind, pid, .. } = stage;
-        let process = match self.hold(stage) {
+    fn take_in(&mut self, inherited: &Inherited, state: ProcessState) {
+        let &Inherited { stage, pid, .. } = inherited;
+        let process = match self.hold(inherited) {
             Ok(process) => process,
             // It has just ended.
             Err(error) if error.raw_os_error() == Some(Errno::SRCH.raw_os_error()) => return,
             Err(error) => {
                 // Left alone it would work beside its successor.
                 let what = format!("killed: it cannot be taken over: {error}");
-                self.log(EventKind::Killed, kind, pid, &what, "");
+                self.log(EventKind::Killed, stage, pid, &what, "");
                 return takeover::kill(pid);
             }
         };
         let outdated = !is_same_program(Path::new("/proc/self/exe"), &children::program_of(pid));
         let spare = state == ProcessState::Spare;
-        match self.policy.adopt(kind, spare, outdated, monotonic_ns()) {
+        match self.policy.adopt(stage, spare, outdated, monotonic_ns()) {
             Some(id) => {
-                self.log(EventKind::TakenOver, kind, pid, "taken over", "");
+                self.log(EventKind::TakenOver, stage, pid, "taken over", "");
                 self.states.insert(pid, state);
                 self.processes.insert(id, process);
             }
             None => {
-                self.log(EventKind::Killed, kind, pid, "killed: there is another one", "");
+                self.log(EventKind::Killed, stage, pid, "killed: there is another one", "");
                 // One that is still there for want of a signal is in nobody's way.
                 let _ = process.signal(Signal::KILL);
             }
@@ -104,11 +104,11 @@ impl Group<'_> {
     }
 
     /// What is refused now may be granted a moment later.
-    fn hold(&mut self, stage: &Inherited) -> io::Result<Process> {
+    fn hold(&mut self, inherited: &Inherited) -> io::Result<Process> {
         let mut attempts = 0;
         loop {
             attempts += 1;
-            match self.reserve.lend(|| Process::adopt(stage.kind, stage.pid)) {
+            match self.reserve.lend(|| Process::adopt(inherited.stage, inherited.pid)) {
                 Err(error)
                     if attempts < HOLD_ATTEMPTS
                         && error.raw_os_error() != Some(Errno::SRCH.raw_os_error()) =>

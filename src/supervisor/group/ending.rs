@@ -4,7 +4,6 @@ use super::{Group, TICK};
 use crate::supervisor::GRACE;
 use crate::supervisor::children::Process;
 use crate::supervisor::policy::MemberId;
-use common::messages::ProcessKind;
 use rustix::process::Signal;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -25,14 +24,12 @@ impl Group<'_> {
     /// Ends the camera, lets the last frame's results come out, and ends everybody else.
     pub fn end_all(mut self) {
         self.notifier.stopping();
-        for process in
-            self.processes.values().filter(|process| process.kind == ProcessKind::Grabber)
-        {
+        for process in self.processes.values().filter(|process| process.stage.is_grabber()) {
             let _ = process.signal(Signal::TERM);
         }
         let deadline = Instant::now() + DRAIN;
         let is_capturing = |processes: &HashMap<MemberId, Process>| {
-            processes.values().any(|process| process.kind == ProcessKind::Grabber)
+            processes.values().any(|process| process.stage.is_grabber())
         };
         while Instant::now() < deadline
             && (is_capturing(&self.processes) || !self.results_are_out())

@@ -8,7 +8,8 @@ use crate::supervisor::policy::{Degraded, Lack};
 use crate::supervisor::record::{Member, Record};
 use crate::supervisor::reserve::raise_limit;
 use common::clock::monotonic_ns;
-use common::messages::{Attendant, EventKind, ProcessKind, ProcessState};
+use common::messages::{Attendant, EventKind, ProcessState};
+use common::stages::StageId;
 use std::time::{Duration, Instant};
 
 /// A record that could not be written is tried again so much later.
@@ -90,12 +91,12 @@ impl Group<'_> {
         if Instant::now() < self.record_after || !self.record_is_due.replace(false) {
             return;
         }
-        let by_name = |(kind, &count): (&ProcessKind, &u64)| (kind.name().to_string(), count);
+        let by_name = |(stage, &count): (&StageId, &u64)| (stage.to_string(), count);
         let member = |process: &Process| {
             // One that has not said its first word is still starting.
             let state = self.states.get(&process.pid)?;
             Some(Member {
-                stage: process.kind.name().into(),
+                stage: process.stage.to_string(),
                 pid: process.pid,
                 spare: *state == ProcessState::Spare,
             })
@@ -121,7 +122,7 @@ impl Group<'_> {
         let in_s = |ns: u64| format!("next try in {:.1} s", ns as f64 / 1e9);
         let lack = |it: Degraded| {
             let next = in_s(it.next_start_in_ns);
-            let stage = it.kind.name();
+            let stage = it.stage;
             match it.what {
                 Lack::Process(failures) => {
                     format!(
@@ -152,12 +153,12 @@ impl Group<'_> {
             .processes
             .values()
             .map(|process| ProcessView {
-                kind: process.kind,
+                stage: process.stage,
                 pid: process.pid,
                 state: self.states.get(&process.pid).copied(),
             })
             .collect();
-        processes.sort_by_key(|process| (process.kind, process.pid));
+        processes.sort_by_key(|process| (process.stage, process.pid));
         self.view.update(processes, self.restarts.clone());
         self.view.update_lacks(self.lacks());
         if let Some(gateway) = &self.gateway {

@@ -1,7 +1,7 @@
 //! Degraded groups: stages and spares that are missing because starts keep failing, or that do nothing. The group is kept alive, and says so.
 
 use super::Policy;
-use common::messages::ProcessKind;
+use common::stages::StageId;
 
 /// Failures in a row after which a stage counts as not working, rather than as being replaced.
 const DEGRADED: u32 = 3;
@@ -10,7 +10,7 @@ const DEGRADED: u32 = 3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Degraded {
     /// The stage.
-    pub kind: ProcessKind,
+    pub stage: StageId,
     /// How.
     pub what: Lack,
     /// When the next attempt is due, from now on in nanoseconds.
@@ -34,11 +34,10 @@ pub enum Lack {
 impl Policy {
     /// Stages of which something is missing, and what.
     pub fn degraded(&self, now_ns: u64) -> Vec<Degraded> {
-        let lack = |kind: ProcessKind| {
-            let stage = &self.stages[kind as usize];
+        let lack = |(id, stage): (StageId, &super::Stage)| {
             let (what, at_ns) = if stage.failures >= DEGRADED && !stage.is_working() {
                 (Lack::Process(stage.failures), stage.start_after_ns)
-            } else if self.only_drops(kind, now_ns) {
+            } else if self.only_drops(id, now_ns) {
                 (Lack::Output, now_ns)
             } else if stage.spare_failures >= DEGRADED
                 && !stage.spare.as_ref().is_some_and(|spare| spare.ready)
@@ -52,8 +51,8 @@ impl Policy {
                 return None;
             };
             let next_start_in_ns = at_ns.saturating_sub(now_ns);
-            Some(Degraded { kind, what, next_start_in_ns })
+            Some(Degraded { stage: id, what, next_start_in_ns })
         };
-        ProcessKind::ALL.into_iter().filter_map(lack).collect()
+        self.stages.iter().filter_map(lack).collect()
     }
 }

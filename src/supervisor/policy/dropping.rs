@@ -6,7 +6,7 @@
 //! no better, and the group counts as degraded.
 
 use super::Policy;
-use common::messages::ProcessKind;
+use common::stages::StageId;
 
 /// Drops without an output in between for so long, and so many of them, are no chance.
 const ONLY_DROPS_NS: u64 = 2_000_000_000;
@@ -25,9 +25,9 @@ pub struct Dropping {
 
 impl Policy {
     /// A stage has dropped its input so far.
-    pub(super) fn dropped(&mut self, kind: ProcessKind, now_ns: u64) {
-        let input = self.input(kind);
-        let stage = &mut self.stages[kind as usize];
+    pub(super) fn dropped(&mut self, id: StageId, now_ns: u64) {
+        let input = self.input(id);
+        let stage = &mut self.stages[id];
         stage.dropped_up_to = input;
         stage.progress_ns = now_ns;
         let begin = Dropping { since_ns: now_ns, last_ns: now_ns, reports: 0 };
@@ -38,9 +38,9 @@ impl Policy {
     }
 
     /// Whether a stage drops everything it gets. What a grabber drops says something of its camera only.
-    pub(super) fn only_drops(&self, kind: ProcessKind, now_ns: u64) -> bool {
-        kind != ProcessKind::Grabber
-            && self.stages[kind as usize].dropping.is_some_and(|dropping| {
+    pub(super) fn only_drops(&self, id: StageId, now_ns: u64) -> bool {
+        !id.is_grabber()
+            && self.stages[id].dropping.is_some_and(|dropping| {
                 dropping.last_ns.saturating_sub(dropping.since_ns) > ONLY_DROPS_NS
                     && dropping.reports >= FEWEST_DROPS
                     && now_ns.saturating_sub(dropping.last_ns) < RECENT_NS
@@ -48,9 +48,9 @@ impl Policy {
     }
 
     /// Whether the process of a stage that drops everything is to be replaced.
-    pub(super) fn is_to_be_replaced_for_drops(&self, kind: ProcessKind, now_ns: u64) -> bool {
-        let stage = &self.stages[kind as usize];
+    pub(super) fn is_to_be_replaced_for_drops(&self, id: StageId, now_ns: u64) -> bool {
+        let stage = &self.stages[id];
         let has_worked = |active: &super::Member| active.has_worked(stage.output);
-        self.only_drops(kind, now_ns) && stage.active.as_ref().is_some_and(has_worked)
+        self.only_drops(id, now_ns) && stage.active.as_ref().is_some_and(has_worked)
     }
 }

@@ -3,6 +3,7 @@
 use super::MemberId;
 use super::dropping::Dropping;
 use super::intensity::Intensity;
+use common::stages::{FrameId, Numbers};
 
 /// So many deaths in a row on the same input are not chance.
 const POISONOUS: u32 = 2;
@@ -17,9 +18,9 @@ pub struct Member {
     /// Connected to all its topics.
     pub ready: bool,
     /// Newest input at the moment it got ready; what came before never reached it.
-    pub input_at_ready: Option<u64>,
+    pub input_at_ready: Numbers,
     /// The stage's newest output when it began to work.
-    pub output_at_work: Option<u64>,
+    pub output_at_work: Numbers,
     /// Runs a program that has been replaced.
     pub outdated: bool,
     /// Since when it is to end.
@@ -40,17 +41,21 @@ pub struct Stage {
     pub start_after_ns: u64,
     pub spare_failures: u32,
     pub spare_after_ns: u64,
-    /// Newest number on its output topic.
-    pub output: Option<u64>,
+    /// The newest frames that its output contains.
+    pub output: Numbers,
     /// Newest input at the moment it reported a drop; that much it has dealt with.
-    pub dropped_up_to: Option<u64>,
+    pub dropped_up_to: Numbers,
     /// Its drops since its last output; `None` when there was none.
     pub dropping: Option<Dropping>,
     /// How many processes in a row have died after the same output, and after which.
     pub deaths: u32,
-    pub output_at_death: Option<u64>,
-    /// To be skipped: the input after this output.
-    pub skip_after: Option<u64>,
+    pub output_at_death: Numbers,
+    /// Inputs that were skipped without another output since.
+    skipped: usize,
+    /// To be skipped: the input after this frame.
+    pub skip_after: Option<FrameId>,
+    /// A grabber has captured all it was asked to.
+    pub has_finished: bool,
     /// Last time at which the stage did something, or had nothing to do.
     pub progress_ns: u64,
     /// Last time at which its active process looked around.
@@ -74,12 +79,13 @@ impl Stage {
         self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
     }
 
-    /// Takes an output into the period. To be called before it becomes the newest.
-    pub fn note_period(&mut self, seq: u64, sent_ns: u64) {
+    /// Takes an output into the period: a frame number, and the one before it in the same lane. To be called
+    /// before it becomes the newest.
+    pub fn note_period(&mut self, seq: u64, last: Option<u64>, sent_ns: u64) {
         let before = self.sent_ns.replace(sent_ns);
         let has_worked = self.active.as_ref().is_some_and(|active| active.has_worked(self.output));
         // Between two processes there is a gap that says nothing of the camera.
-        let (Some(before_ns), Some(last), true) = (before, self.output, has_worked) else {
+        let (Some(before_ns), Some(last), true) = (before, last, has_worked) else {
             self.period_ns = None;
             return;
         };
@@ -99,31 +105,46 @@ impl Stage {
         (self.escalation > 0).then_some(self.escalation)
     }
 
-    /// A process of this stage has died by the fault of its input, as far as one can tell.
-    pub fn died_on_input(&mut self) {
-        let Some(output) = self.output else { return };
-        self.deaths = if self.output_at_death == Some(output) { self.deaths + 1 } else { 1 };
-        self.output_at_death = Some(output);
+    /// A process of this stage has died by the fault of its input, as far as one can tell. Where the stage reads
+    /// several lanes, it is not known which of the waiting frames it was: each time, that of another lane is
+    /// skipped.
+    pub fn died_on_input(&mut self, input: Numbers) {
+        if !self.output.are_beyond(Numbers::default()) {
+            return;
+        }
+        if self.output_at_death == self.output {
+            self.deaths += 1;
+        } else {
+            (self.deaths, self.skipped) = (1, 0);
+        }
+        self.output_at_death = self.output;
         if self.deaths >= POISONOUS {
             self.deaths = 0;
-            self.skip_after = Some(output);
+            let worked_on = |lane| self.output.of(lane).map(|seq| FrameId { lane, seq });
+            let mut suspects: Vec<FrameId> =
+                input.ahead_of(self.output).filter_map(worked_on).collect();
+            if suspects.is_empty() {
+                suspects = self.output.ahead_of(Numbers::default()).filter_map(worked_on).collect();
+            }
+            self.skip_after = suspects.get(self.skipped % suspects.len().max(1)).copied();
+            self.skipped += 1;
         }
     }
 }
 
 impl Member {
     /// Whether it has given output since it began to work.
-    pub fn has_worked(&self, output: Option<u64>) -> bool {
-        output > self.output_at_work
+    pub fn has_worked(&self, output: Numbers) -> bool {
+        output.are_beyond(self.output_at_work)
     }
 
     /// Just started.
-    pub fn new(id: MemberId, output_at_work: Option<u64>, now_ns: u64) -> Self {
+    pub fn new(id: MemberId, output_at_work: Numbers, now_ns: u64) -> Self {
         Self {
             id,
             started_ns: now_ns,
             ready: false,
-            input_at_ready: None,
+            input_at_ready: Numbers::default(),
             output_at_work,
             outdated: false,
             dying_ns: None,

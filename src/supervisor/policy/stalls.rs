@@ -1,7 +1,7 @@
 //! Which stages are behind, and since when.
 
 use super::{MemberId, Policy};
-use common::messages::ProcessKind;
+use common::stages::StageId;
 
 /// A stage that is behind for this part of its deadline is late. Healthy ones never are.
 const LATE_PART: u64 = 4;
@@ -13,49 +13,49 @@ const STUCK_PERIODS: u64 = 5;
 impl Policy {
     /// The active process of a stage that is so far behind that it may be about to stall: from here on
     /// its waiting for a processor matters.
-    pub fn late(&self, kind: ProcessKind, now_ns: u64) -> Option<MemberId> {
-        let stage = &self.stages[kind as usize];
+    pub fn late(&self, id: StageId, now_ns: u64) -> Option<MemberId> {
+        let stage = &self.stages[id];
         let behind_ns = now_ns.saturating_sub(stage.progress_ns);
-        let deadline_ns = match (kind, stage.period_ns) {
-            (ProcessKind::Grabber, Some(period_ns)) => self.stuck_deadline_ns(period_ns),
-            _ => self.stall_deadline_ns(kind),
+        let deadline_ns = match stage.period_ns.filter(|_| id.is_grabber()) {
+            Some(period_ns) => self.stuck_deadline_ns(period_ns),
+            None => self.stall_deadline_ns(id),
         };
-        let is_late = self.has_input(kind) && behind_ns > deadline_ns / LATE_PART;
+        let is_late = self.has_input(id) && behind_ns > deadline_ns / LATE_PART;
         stage.active.as_ref().filter(|_| is_late).map(|active| active.id)
     }
 
     /// When a stage that is behind will have stalled, from now on in nanoseconds; `None` while none is
     /// behind. Looking just then, rather than some time after, makes outages shorter.
     pub fn stall_due_in_ns(&self, now_ns: u64) -> Option<u64> {
-        let due_ns = ProcessKind::ALL
-            .into_iter()
-            .filter(|&kind| {
-                let stage = &self.stages[kind as usize];
-                let has_pace = kind != ProcessKind::Grabber || stage.period_ns.is_some();
-                stage.is_working() && has_pace && self.has_input(kind)
+        let due_ns = self
+            .stages
+            .iter()
+            .filter(|(id, stage)| {
+                let has_pace = !id.is_grabber() || stage.period_ns.is_some();
+                stage.is_working() && has_pace && self.has_input(*id)
             })
-            .map(|kind| self.stalls_at_ns(kind) + 1);
+            .map(|(id, _)| self.stalls_at_ns(id) + 1);
         due_ns.min().map(|due_ns| due_ns.saturating_sub(now_ns))
     }
 
     /// Whether the active process has input it should have dealt with by now. "No input" is no
     /// stall, and counts as progress so that the deadline starts when input comes.
-    pub(super) fn has_stalled(&mut self, kind: ProcessKind, now_ns: u64) -> bool {
-        let has_input = self.has_input(kind);
-        let stage = &mut self.stages[kind as usize];
+    pub(super) fn has_stalled(&mut self, id: StageId, now_ns: u64) -> bool {
+        let has_input = self.has_input(id);
+        let stage = &mut self.stages[id];
         if !has_input || !stage.is_working() {
             stage.progress_ns = now_ns;
         }
-        now_ns > self.stalls_at_ns(kind)
+        now_ns > self.stalls_at_ns(id)
     }
 
     /// When the active process of a stage that has input will have stalled, if it gives no sign before.
-    pub(super) fn stalls_at_ns(&self, kind: ProcessKind) -> u64 {
-        let stage = &self.stages[kind as usize];
-        let silent_ns = stage.progress_ns.saturating_add(self.stall_deadline_ns(kind));
+    pub(super) fn stalls_at_ns(&self, id: StageId) -> u64 {
+        let stage = &self.stages[id];
+        let silent_ns = stage.progress_ns.saturating_add(self.stall_deadline_ns(id));
         let has_worked =
             stage.active.as_ref().is_some_and(|active| active.has_worked(stage.output));
-        match stage.period_ns.filter(|_| kind == ProcessKind::Grabber && has_worked) {
+        match stage.period_ns.filter(|_| id.is_grabber() && has_worked) {
             // A camera may pause, but a process that has one looks around meanwhile.
             Some(period_ns) => {
                 let sign_ns = stage.progress_ns.max(stage.checked_in_ns);
@@ -72,13 +72,13 @@ impl Policy {
     }
 
     /// How long the active process of a stage may be behind.
-    pub(super) fn stall_deadline_ns(&self, kind: ProcessKind) -> u64 {
-        let deadline_ns = match kind {
-            ProcessKind::Grabber => self.settings.grabber_stall_ns,
-            _ => self.settings.stall_ns,
+    pub(super) fn stall_deadline_ns(&self, id: StageId) -> u64 {
+        let deadline_ns = match id.is_grabber() {
+            true => self.settings.grabber_stall_ns,
+            false => self.settings.stall_ns,
         };
         // A process that has just begun has a backlog to go through, and its memory to touch.
-        let stage = &self.stages[kind as usize];
+        let stage = &self.stages[id];
         let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
         if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns }
     }

@@ -2,9 +2,18 @@
 
 use super::*;
 
-const MS: u64 = 1_000_000;
+mod lanes;
 
-fn settings(spares: &[ProcessKind]) -> Settings {
+use std::collections::BTreeSet;
+
+const MS: u64 = 1_000_000;
+const GRAPH: StageGraph = StageGraph::SINGLE;
+const GRABBER: StageId = StageId::new(ProcessKind::Grabber, 0);
+const CLASSIFIER: StageId = StageId::new(ProcessKind::Classifier, 0);
+const TRACKER: StageId = StageId::new(ProcessKind::Tracker, 0);
+const FILTER: StageId = StageId::FILTER;
+
+fn settings(graph: StageGraph, spares: &[StageId]) -> Settings {
     Settings {
         stall_ns: 40 * MS,
         grabber_stall_ns: 1000 * MS,
@@ -12,7 +21,8 @@ fn settings(spares: &[ProcessKind]) -> Settings {
         ready_timeout_ns: 10_000 * MS,
         backoff_ns: 100 * MS,
         backoff_max_ns: 5000 * MS,
-        spares: spares.to_vec(),
+        graph,
+        spares: spares.iter().map(|stage| stage.kind()).collect(),
     }
 }
 
@@ -24,9 +34,13 @@ struct Play {
 }
 
 impl Play {
-    fn new(spares: &[ProcessKind]) -> Self {
-        let mut play =
-            Self { policy: Policy::new(settings(spares)), now_ns: 1000 * MS, actions: vec![] };
+    fn new(spares: &[StageId]) -> Self {
+        Self::with(GRAPH, spares)
+    }
+
+    fn with(graph: StageGraph, spares: &[StageId]) -> Self {
+        let policy = Policy::new(settings(graph, spares));
+        let mut play = Self { policy, now_ns: 1000 * MS, actions: vec![] };
         play.run(200);
         assert!(play.policy.is_complete());
         play
@@ -52,25 +66,30 @@ impl Play {
         new
     }
 
-    fn output(&mut self, kind: ProcessKind, seq: u64) {
-        self.policy.note(Event::Output(kind, seq), self.now_ns);
+    fn output(&mut self, stage: StageId, seq: u64) {
+        let frame = FrameId { lane: stage.lane(), seq };
+        self.policy.note(Event::Output(stage, frame), self.now_ns);
     }
 
-    fn exit(&mut self, kind: ProcessKind) {
-        self.end(kind, false);
+    fn exit(&mut self, stage: StageId) {
+        self.end(stage, false);
     }
 
-    fn end(&mut self, kind: ProcessKind, crashed: bool) {
-        let id = self.policy.stages[kind as usize].active.as_ref().unwrap().id;
+    fn end(&mut self, stage: StageId, crashed: bool) {
+        let id = self.policy.stages[stage].active.as_ref().unwrap().id;
         self.policy.note(Event::Exited { id, crashed }, self.now_ns);
     }
 }
 
-fn started(actions: &[Action]) -> Vec<(ProcessKind, bool)> {
+fn first_lane(seq: u64) -> FrameId {
+    FrameId { lane: 0, seq }
+}
+
+fn started(actions: &[Action]) -> Vec<(StageId, bool)> {
     actions
         .iter()
         .filter_map(|action| match *action {
-            Action::Start { kind, spare, .. } => Some((kind, spare)),
+            Action::Start { stage, spare, .. } => Some((stage, spare)),
             _ => None,
         })
         .collect()
@@ -79,9 +98,8 @@ fn started(actions: &[Action]) -> Vec<(ProcessKind, bool)> {
 #[test]
 fn the_camera_starts_when_everybody_downstream_is_ready() {
     let play = Play::new(&[]);
-    let order: Vec<_> = started(&play.actions).into_iter().map(|(kind, _)| kind).collect();
-    use ProcessKind::*;
-    assert_eq!(order, [Filter, Tracker, Classifier, Grabber]);
+    let order: Vec<_> = started(&play.actions).into_iter().map(|(stage, _)| stage).collect();
+    assert_eq!(order, [FILTER, TRACKER, CLASSIFIER, GRABBER]);
 }
 
 #[test]
@@ -89,37 +107,34 @@ fn a_dead_stage_is_started_again_at_once_and_then_ever_more_slowly() {
     let mut play = Play::new(&[]);
     let mut pauses = vec![];
     for _ in 0..5 {
-        play.exit(ProcessKind::Tracker);
+        play.exit(TRACKER);
         let died = play.now_ns;
         while started(&play.run(5)).is_empty() {}
         pauses.push((play.now_ns - died) / MS);
     }
     assert_eq!(pauses, [5, 100, 200, 400, 800]);
     play.run(6000);
-    play.exit(ProcessKind::Tracker);
-    assert_eq!(started(&play.run(5)), [(ProcessKind::Tracker, false)]);
+    play.exit(TRACKER);
+    assert_eq!(started(&play.run(5)), [(TRACKER, false)]);
 }
 
 #[test]
 fn a_spare_takes_over_and_the_next_one_is_started_later() {
-    let mut play = Play::new(&[ProcessKind::Filter]);
-    play.exit(ProcessKind::Filter);
+    let mut play = Play::new(&[FILTER]);
+    play.exit(FILTER);
     let actions = play.run(5);
-    assert!(
-        matches!(actions[..], [Action::Promote { kind: ProcessKind::Filter, .. }]),
-        "{actions:?}"
-    );
-    assert_eq!(started(&play.run(200)), [(ProcessKind::Filter, true)]);
+    assert!(matches!(actions[..], [Action::Promote { stage: FILTER, .. }]), "{actions:?}");
+    assert_eq!(started(&play.run(200)), [(FILTER, true)]);
 }
 
 #[test]
 fn input_without_output_is_a_stall_but_no_input_is_not() {
     let mut play = Play::new(&[]);
-    for kind in [ProcessKind::Grabber, ProcessKind::Classifier] {
-        play.output(kind, 7);
+    for stage in [GRABBER, CLASSIFIER] {
+        play.output(stage, 7);
     }
     play.run(500);
-    play.output(ProcessKind::Grabber, 8);
+    play.output(GRABBER, 8);
     let kills = |actions: &[Action]| {
         actions.iter().filter(|action| matches!(action, Action::Kill { .. })).count()
     };
@@ -128,7 +143,7 @@ fn input_without_output_is_a_stall_but_no_input_is_not() {
     assert!(
         actions.iter().any(|action| matches!(
             action,
-            Action::Kill { kind: ProcessKind::Classifier, cause: Cause::Stalled, .. }
+            Action::Kill { stage: CLASSIFIER, cause: Cause::Stalled, .. }
         )),
         "{actions:?}"
     );
@@ -138,8 +153,8 @@ fn input_without_output_is_a_stall_but_no_input_is_not() {
 fn dropping_bad_input_is_progress() {
     let mut play = Play::new(&[]);
     for seq in 0..50 {
-        play.output(ProcessKind::Grabber, seq);
-        play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+        play.output(GRABBER, seq);
+        play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
         let actions = play.run(10);
         assert!(actions.is_empty(), "{actions:?}");
     }
@@ -153,95 +168,95 @@ fn a_stage_that_drops_everything_is_replaced_once_and_then_degraded() {
         let mut kills = vec![];
         for _ in 0..times {
             seq += 1;
-            play.output(ProcessKind::Grabber, seq);
-            play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+            play.output(GRABBER, seq);
+            play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
             let actions = play.run(15);
             kills.extend(actions.into_iter().filter_map(|action| match action {
-                Action::Kill { kind, cause, .. } => Some((kind, cause)),
+                Action::Kill { stage, cause, .. } => Some((stage, cause)),
                 _ => None,
             }));
         }
         kills
     };
-    for kind in ProcessKind::ALL {
-        play.output(kind, 0);
+    for stage in GRAPH.stages() {
+        play.output(stage, 0);
     }
     assert_eq!(drop_all(&mut play, 60), [], "it may be a few bad frames");
     assert_eq!(play.policy.degraded(play.now_ns), []);
-    assert_eq!(drop_all(&mut play, 120), [(ProcessKind::Classifier, Cause::OnlyDrops)]);
+    assert_eq!(drop_all(&mut play, 120), [(CLASSIFIER, Cause::OnlyDrops)]);
     assert_eq!(drop_all(&mut play, 400), [], "another one would do no better");
     let [degraded] = play.policy.degraded(play.now_ns)[..] else { panic!("it is said") };
-    assert_eq!((degraded.kind, degraded.what), (ProcessKind::Classifier, Lack::Output));
-    play.output(ProcessKind::Classifier, 700);
+    assert_eq!((degraded.stage, degraded.what), (CLASSIFIER, Lack::Output));
+    play.output(CLASSIFIER, 700);
     assert_eq!(play.policy.degraded(play.now_ns), []);
 }
 
 #[test]
 fn drops_long_ago_are_no_reason_to_replace_anybody() {
     let mut play = Play::new(&[]);
-    for kind in ProcessKind::ALL {
-        play.output(kind, 0);
+    for stage in GRAPH.stages() {
+        play.output(stage, 0);
     }
     for seq in 1..=30 {
-        play.output(ProcessKind::Grabber, seq);
-        play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+        play.output(GRABBER, seq);
+        play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
     }
     let wait = |play: &mut Play| {
         for _ in 0..100 {
-            play.policy.note(Event::CameraIsAway, play.now_ns);
-            play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+            play.policy.note(Event::CameraIsAway(GRABBER), play.now_ns);
+            play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
             let actions = play.run(50);
             assert!(actions.is_empty(), "{actions:?}");
         }
     };
     wait(&mut play);
-    play.output(ProcessKind::Grabber, 31);
-    play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+    play.output(GRABBER, 31);
+    play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
     wait(&mut play);
 }
 
 #[test]
 fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
     let mut play = Play::new(&[]);
-    play.output(ProcessKind::Grabber, 5);
-    play.policy.note(Event::Dropped(ProcessKind::Classifier), play.now_ns);
+    play.output(GRABBER, 5);
+    play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
     assert!(play.run(500).is_empty(), "the last frame was dropped");
-    play.output(ProcessKind::Grabber, 6);
-    play.exit(ProcessKind::Classifier);
+    play.output(GRABBER, 6);
+    play.exit(CLASSIFIER);
     let actions = play.run(50);
-    assert_eq!(started(&actions), [(ProcessKind::Classifier, false)]);
+    assert_eq!(started(&actions), [(CLASSIFIER, false)]);
     assert!(play.run(500).iter().all(|action| *action == Action::CleanUp), "6 was before it");
-    play.output(ProcessKind::Grabber, 7);
+    play.output(GRABBER, 7);
     let actions = play.run(250);
     assert!(actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
 }
 
 #[test]
 fn what_has_killed_twice_is_skipped() {
-    let mut play = Play::new(&[ProcessKind::Tracker]);
-    play.output(ProcessKind::Tracker, 41);
-    play.output(ProcessKind::Classifier, 42);
+    let mut play = Play::new(&[TRACKER]);
+    play.output(TRACKER, 41);
+    play.output(CLASSIFIER, 42);
     let skips = |actions: &[Action]| {
-        actions.contains(&Action::Skip { kind: ProcessKind::Tracker, after: 41 })
+        actions.contains(&Action::Skip { stage: TRACKER, after: FrameId { lane: 0, seq: 41 } })
     };
-    play.end(ProcessKind::Tracker, true);
+    play.end(TRACKER, true);
     assert!(!skips(&play.run(20)), "once is chance");
-    play.end(ProcessKind::Tracker, true);
+    play.end(TRACKER, true);
     let actions = play.run(150);
     let first = actions.iter().find(|action| **action != Action::CleanUp);
     assert!(
-        matches!(first, Some(Action::Skip { after: 41, .. })),
+        matches!(first, Some(Action::Skip { after: FrameId { lane: 0, seq: 41 }, .. })),
         "the successor must find it before it works: {actions:?}"
     );
 }
 
 #[test]
 fn kills_from_outside_are_not_blamed_on_the_input() {
-    let mut play = Play::new(&[ProcessKind::Tracker]);
-    play.output(ProcessKind::Tracker, 41);
-    play.output(ProcessKind::Classifier, 42);
+    let mut play = Play::new(&[TRACKER]);
+    play.output(TRACKER, 41);
+    play.output(CLASSIFIER, 42);
     for round in 0..3 {
-        play.exit(ProcessKind::Tracker);
+        play.exit(TRACKER);
         let actions = play.run(150 << round);
         assert!(!actions.iter().any(|action| matches!(action, Action::Skip { .. })));
     }
@@ -249,32 +264,31 @@ fn kills_from_outside_are_not_blamed_on_the_input() {
 
 #[test]
 fn outdated_processes_are_renewed_stage_by_stage() {
-    use ProcessKind::*;
-    let spares = [Classifier, Tracker, Filter];
+    let spares = [CLASSIFIER, TRACKER, FILTER];
     let mut play =
-        Play { policy: Policy::new(settings(&spares)), now_ns: 1000 * MS, actions: vec![] };
-    for kind in ProcessKind::ALL {
-        assert!(play.policy.adopt(kind, false, true, play.now_ns).is_some());
-        assert!(play.policy.adopt(kind, false, true, play.now_ns).is_none(), "one is enough");
-        if spares.contains(&kind) {
-            play.policy.adopt(kind, true, true, play.now_ns);
+        Play { policy: Policy::new(settings(GRAPH, &spares)), now_ns: 1000 * MS, actions: vec![] };
+    for stage in GRAPH.stages() {
+        assert!(play.policy.adopt(stage, false, true, play.now_ns).is_some());
+        assert!(play.policy.adopt(stage, false, true, play.now_ns).is_none(), "one is enough");
+        if spares.contains(&stage) {
+            play.policy.adopt(stage, true, true, play.now_ns);
         }
     }
     let actions = play.run(3000);
-    let retired: Vec<ProcessKind> = actions
+    let retired: Vec<StageId> = actions
         .iter()
         .filter_map(|action| match *action {
-            Action::Retire { kind, .. } => Some(kind),
+            Action::Retire { stage, .. } => Some(stage),
             _ => None,
         })
         .collect();
     assert_eq!(retired.len(), 7, "{retired:?}");
-    assert_eq!(retired.last(), Some(&Grabber));
+    assert_eq!(retired.last(), Some(&GRABBER));
     assert!(play.policy.is_complete());
     assert!(
         !actions.iter().any(|action| matches!(
             action,
-            Action::Start { kind: Classifier | Tracker | Filter, spare: false, .. }
+            Action::Start { stage: CLASSIFIER | TRACKER | FILTER, spare: false, .. }
         )),
         "each was handed over to a spare: {actions:?}"
     );
@@ -282,53 +296,50 @@ fn outdated_processes_are_renewed_stage_by_stage() {
 
 #[test]
 fn a_stage_is_renewed_on_request_by_its_spare_and_only_once() {
-    let mut play = Play::new(&[ProcessKind::Filter]);
-    play.policy.renew_stage(ProcessKind::Filter, play.now_ns);
+    let mut play = Play::new(&[FILTER]);
+    play.policy.renew_stage(FILTER, play.now_ns);
     let actions = play.run(20);
     assert!(
         matches!(
             actions[..],
-            [
-                Action::Retire { kind: ProcessKind::Filter, .. },
-                Action::Promote { kind: ProcessKind::Filter, .. }
-            ]
+            [Action::Retire { stage: FILTER, .. }, Action::Promote { stage: FILTER, .. }]
         ),
         "{actions:?}"
     );
-    assert_eq!(started(&play.run(300)), [(ProcessKind::Filter, true)], "and all is as before");
+    assert_eq!(started(&play.run(300)), [(FILTER, true)], "and all is as before");
 }
 
 #[test]
 fn a_stage_without_spare_is_renewed_by_a_new_start() {
     let mut play = Play::new(&[]);
     play.run(500);
-    play.policy.renew_stage(ProcessKind::Grabber, play.now_ns);
-    assert_eq!(started(&play.run(20)), [(ProcessKind::Grabber, false)]);
+    play.policy.renew_stage(GRABBER, play.now_ns);
+    assert_eq!(started(&play.run(20)), [(GRABBER, false)]);
 }
 
 #[test]
 fn a_stage_that_waits_for_its_next_start_is_started_at_once_on_request() {
     let mut play = Play::new(&[]);
     for _ in 0..5 {
-        play.exit(ProcessKind::Tracker);
+        play.exit(TRACKER);
         while started(&play.run(5)).is_empty() {}
     }
-    play.exit(ProcessKind::Tracker);
+    play.exit(TRACKER);
     assert!(started(&play.run(100)).is_empty(), "it waits");
-    play.policy.renew_stage(ProcessKind::Tracker, play.now_ns);
-    assert_eq!(started(&play.run(5)), [(ProcessKind::Tracker, false)]);
+    play.policy.renew_stage(TRACKER, play.now_ns);
+    assert_eq!(started(&play.run(5)), [(TRACKER, false)]);
 }
 
 #[test]
 fn time_without_a_processor_does_not_count() {
     let mut play = Play::new(&[]);
-    play.output(ProcessKind::Grabber, 1);
+    play.output(GRABBER, 1);
     let mut excused = 0;
     for _ in 0..25 {
         let actions = play.run(15);
         assert!(actions.is_empty(), "{actions:?}");
-        if play.policy.late(ProcessKind::Classifier, play.now_ns).is_some() {
-            play.policy.note(Event::Waited(ProcessKind::Classifier, 15 * MS), play.now_ns);
+        if play.policy.late(CLASSIFIER, play.now_ns).is_some() {
+            play.policy.note(Event::Waited(CLASSIFIER, 15 * MS), play.now_ns);
             excused += 1;
         }
     }
@@ -338,7 +349,7 @@ fn time_without_a_processor_does_not_count() {
 #[test]
 fn nobody_is_blamed_when_the_whole_machine_was_away() {
     let mut play = Play::new(&[]);
-    play.output(ProcessKind::Grabber, 1);
+    play.output(GRABBER, 1);
     play.now_ns += 3000 * MS;
     let actions = play.run(20);
     assert!(!actions.iter().any(|action| matches!(action, Action::Kill { .. })), "{actions:?}");
@@ -349,8 +360,8 @@ fn cleaning_up_is_not_put_off_by_further_deaths() {
     let mut play = Play::new(&[]);
     play.run(500);
     let mut actions = vec![];
-    for kind in [ProcessKind::Classifier, ProcessKind::Tracker, ProcessKind::Filter] {
-        play.exit(kind);
+    for stage in [CLASSIFIER, TRACKER, FILTER] {
+        play.exit(stage);
         actions.extend(play.run(50));
     }
     assert!(actions.contains(&Action::CleanUp), "{actions:?}");
@@ -360,30 +371,29 @@ fn cleaning_up_is_not_put_off_by_further_deaths() {
 fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
     let mut play = Play::new(&[]);
     play.run(500);
-    play.exit(ProcessKind::Classifier);
+    play.exit(CLASSIFIER);
     assert!(!play.run(50).contains(&Action::CleanUp));
     assert!(play.run(100).contains(&Action::CleanUp));
 }
 
 #[test]
 fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
-    use ProcessKind::*;
     let mut play = Play::new(&[]);
-    for kind in ProcessKind::ALL {
-        play.output(kind, 1);
+    for stage in GRAPH.stages() {
+        play.output(stage, 1);
     }
     play.run(5);
     let last_look_ns = play.now_ns;
     let sent_ns = |ms: u64| last_look_ns + ms * MS;
     // Seen 20 ms later: one frame is answered, the other not.
-    for (kind, seq, ms) in [(Grabber, 2, 3), (Classifier, 2, 4), (Grabber, 3, 15)] {
-        play.policy.note(Event::Output(kind, seq), sent_ns(ms));
+    for (stage, seq, ms) in [(GRABBER, 2, 3), (CLASSIFIER, 2, 4), (GRABBER, 3, 15)] {
+        play.policy.note(Event::Output(stage, first_lane(seq)), sent_ns(ms));
     }
     assert!(play.policy.tick(sent_ns(20)).is_empty());
     let due_ns = play.policy.stall_due_in_ns(sent_ns(20)).unwrap();
     assert_eq!(due_ns, (4 + 40 - 20) * MS + 1, "the tracker's: it was given frame 2 at 4 ms");
-    for kind in [Tracker, Filter] {
-        play.policy.note(Event::Output(kind, 2), sent_ns(5));
+    for stage in [TRACKER, FILTER] {
+        play.policy.note(Event::Output(stage, first_lane(2)), sent_ns(5));
     }
     let due_ns = play.policy.stall_due_in_ns(sent_ns(20)).unwrap();
     assert_eq!(due_ns, (15 + 40 - 20) * MS + 1, "the classifier's: it was given frame 3 at 15 ms");
@@ -392,28 +402,26 @@ fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
 #[test]
 fn who_is_only_at_work_is_not_late() {
     let mut play = Play::new(&[]);
-    for kind in ProcessKind::ALL {
-        play.output(kind, 1);
+    for stage in GRAPH.stages() {
+        play.output(stage, 1);
     }
     play.run(5);
-    play.output(ProcessKind::Grabber, 2);
-    let is_late = |play: &Play, ms| {
-        play.policy.late(ProcessKind::Classifier, play.now_ns + ms * MS).is_some()
-    };
+    play.output(GRABBER, 2);
+    let is_late = |play: &Play, ms| play.policy.late(CLASSIFIER, play.now_ns + ms * MS).is_some();
     assert!(!is_late(&play, 9) && is_late(&play, 11));
-    assert!(play.policy.late(ProcessKind::Tracker, play.now_ns + 11 * MS).is_none());
+    assert!(play.policy.late(TRACKER, play.now_ns + 11 * MS).is_none());
 }
 
 #[test]
 fn it_is_known_when_a_stage_will_have_stalled() {
     let mut play = Play::new(&[]);
     assert_eq!(play.policy.stall_due_in_ns(play.now_ns), None);
-    for kind in ProcessKind::ALL {
-        play.output(kind, 1);
+    for stage in GRAPH.stages() {
+        play.output(stage, 1);
     }
     play.run(5);
     assert_eq!(play.policy.stall_due_in_ns(play.now_ns), None, "all is dealt with");
-    play.output(ProcessKind::Grabber, 2);
+    play.output(GRABBER, 2);
     let due_ns = play.policy.stall_due_in_ns(play.now_ns).unwrap();
     assert!((1..=40 * MS + 1).contains(&due_ns), "{due_ns}");
     // Not before, but then.
@@ -429,17 +437,17 @@ fn it_is_known_when_a_stage_will_have_stalled() {
 fn stream(play: &mut Play, frames: std::ops::Range<u64>) {
     for seq in frames {
         let sent_ns = play.now_ns;
-        for kind in ProcessKind::ALL {
-            play.policy.note(Event::Output(kind, seq), sent_ns);
+        for stage in GRAPH.stages() {
+            play.policy.note(Event::Output(stage, first_lane(seq)), sent_ns);
         }
         play.now_ns += 5 * MS / 2;
         play.run(10);
     }
 }
 
-fn kills(actions: &[Action]) -> Vec<(ProcessKind, Cause)> {
+fn kills(actions: &[Action]) -> Vec<(StageId, Cause)> {
     let kill = |action: &Action| match *action {
-        Action::Kill { kind, cause, .. } => Some((kind, cause)),
+        Action::Kill { stage, cause, .. } => Some((stage, cause)),
         _ => None,
     };
     actions.iter().filter_map(kill).collect()
@@ -452,19 +460,19 @@ fn a_grabber_that_is_stuck_is_noticed_by_the_rate_of_its_camera() {
     let frozen_ns = play.now_ns;
     assert_eq!(kills(&play.run(80)), [], "a hiccup");
     let killed = kills(&play.run(30));
-    assert_eq!(killed, [(ProcessKind::Grabber, Cause::Stalled)]);
+    assert_eq!(killed, [(GRABBER, Cause::Stalled)]);
     assert!(play.now_ns - frozen_ns <= 115 * MS, "five periods, at least 100 ms");
 
     // Ten frames a second: five periods are half a second.
     let mut play = Play::new(&[]);
     for seq in 0..40 {
-        for kind in ProcessKind::ALL {
-            play.output(kind, seq);
+        for stage in GRAPH.stages() {
+            play.output(stage, seq);
         }
         play.run(100);
     }
     assert_eq!(kills(&play.run(380)), []);
-    assert_eq!(kills(&play.run(40)), [(ProcessKind::Grabber, Cause::Stalled)]);
+    assert_eq!(kills(&play.run(40)), [(GRABBER, Cause::Stalled)]);
 }
 
 #[test]
@@ -472,37 +480,37 @@ fn a_grabber_that_waits_for_its_camera_is_not_stuck() {
     let mut play = Play::new(&[]);
     stream(&mut play, 0..40);
     for _ in 0..18 {
-        play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+        play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
         assert_eq!(kills(&play.run(50)), [], "it looks around");
     }
     for _ in 0..4 {
-        play.policy.note(Event::LookedAround(ProcessKind::Grabber, play.now_ns), play.now_ns);
+        play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
         play.run(50);
     }
     let killed = kills(&play.actions);
-    assert_eq!(killed, [(ProcessKind::Grabber, Cause::Stalled)], "but not for ever");
+    assert_eq!(killed, [(GRABBER, Cause::Stalled)], "but not for ever");
 }
 
 #[test]
 fn the_first_frame_of_a_grabber_may_take_its_time() {
     let mut play = Play::new(&[]);
     stream(&mut play, 0..40);
-    play.exit(ProcessKind::Grabber);
-    assert_eq!(started(&play.run(5)), [(ProcessKind::Grabber, false)]);
+    play.exit(GRABBER);
+    assert_eq!(started(&play.run(5)), [(GRABBER, false)]);
     assert_eq!(kills(&play.run(900)), [], "its camera has to be opened");
 }
 
 #[test]
 fn what_cannot_be_started_is_tried_again_with_pauses_and_named() {
-    let mut play = Play::new(&[ProcessKind::Tracker]);
-    play.policy.note(Event::Finished, play.now_ns);
-    play.exit(ProcessKind::Tracker);
+    let mut play = Play::new(&[TRACKER]);
+    play.policy.note(Event::Finished(GRABBER), play.now_ns);
+    play.exit(TRACKER);
     let mut attempts = vec![];
     while attempts.len() < 6 {
         play.now_ns += 5 * MS;
         for action in play.policy.tick(play.now_ns) {
             match action {
-                Action::Start { id, kind: ProcessKind::Tracker, .. } => {
+                Action::Start { id, stage: TRACKER, .. } => {
                     attempts.push(play.now_ns);
                     play.policy.note(Event::NotStarted(id), play.now_ns);
                 }
@@ -515,27 +523,27 @@ fn what_cannot_be_started_is_tried_again_with_pauses_and_named() {
     assert_eq!(pauses, [100, 200, 400, 800, 1600]);
     let degraded = play.policy.degraded(play.now_ns);
     assert_eq!(degraded.len(), 1, "{degraded:?}");
-    assert_eq!((degraded[0].kind, degraded[0].what), (ProcessKind::Tracker, Lack::Spare(6)));
+    assert_eq!((degraded[0].stage, degraded[0].what), (TRACKER, Lack::Spare(6)));
     assert!(play.policy.is_complete(), "the spare has taken over");
-    assert_eq!(started(&play.run(4000)), [(ProcessKind::Tracker, true)]);
+    assert_eq!(started(&play.run(4000)), [(TRACKER, true)]);
     assert_eq!(play.policy.degraded(play.now_ns), []);
 }
 
 #[test]
 fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_not() {
     let die = |every_ms: u64, deaths: u64| {
-        let mut play = Play::new(&[ProcessKind::Tracker]);
+        let mut play = Play::new(&[TRACKER]);
         let mut seq = 0;
         for _ in 0..deaths {
             for _ in 0..every_ms / 10 {
                 seq += 1;
-                for kind in ProcessKind::ALL {
-                    play.output(kind, seq);
+                for stage in GRAPH.stages() {
+                    play.output(stage, seq);
                 }
                 play.run(10);
             }
-            if play.policy.stages[ProcessKind::Tracker as usize].active.is_some() {
-                play.end(ProcessKind::Tracker, true);
+            if play.policy.stages[TRACKER].active.is_some() {
+                play.end(TRACKER, true);
             }
         }
         play
@@ -548,7 +556,7 @@ fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_n
     let starts = started(&storm.actions).len();
     assert!(starts < 60, "{starts} starts in 20 seconds");
     assert!(!storm.policy.degraded(storm.now_ns).is_empty());
-    storm.policy.note(Event::Finished, storm.now_ns);
+    storm.policy.note(Event::Finished(GRABBER), storm.now_ns);
     storm.run(12_000);
     assert!(storm.policy.is_complete(), "it is not given up");
     assert_eq!(storm.policy.degraded(storm.now_ns), []);
@@ -557,8 +565,8 @@ fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_n
 #[test]
 fn while_nothing_is_heard_nobody_is_killed_for_not_being_ready() {
     let mut play = Play::new(&[]);
-    play.policy.note(Event::Finished, play.now_ns);
-    play.exit(ProcessKind::Tracker);
+    play.policy.note(Event::Finished(GRABBER), play.now_ns);
+    play.exit(TRACKER);
     let start = |play: &mut Play, ms: u64| {
         for _ in 0..ms / 5 {
             play.now_ns += 5 * MS;
@@ -571,5 +579,5 @@ fn while_nothing_is_heard_nobody_is_killed_for_not_being_ready() {
     assert_eq!(start(&mut play, 15_000), []);
     play.policy.set_blind(false, play.now_ns);
     assert_eq!(start(&mut play, 9000), [], "its time begins now");
-    assert_eq!(start(&mut play, 2000), [(ProcessKind::Tracker, Cause::NotReady)]);
+    assert_eq!(start(&mut play, 2000), [(TRACKER, Cause::NotReady)]);
 }
