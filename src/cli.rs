@@ -9,12 +9,13 @@ mod topics;
 pub use calibrate::CalibrateArgs;
 pub use pictures::{DetectArgs, LearnArgs, ScoreArgs};
 pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
-pub use stages::{GatewayArgs, GrabberArgs, StageArgs};
+pub use stages::{AttendantArgs, GrabberArgs, StageArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
+use crate::attendants::{self, Row};
 use crate::commands::chaos::Disturbance;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use common::config::Preset;
 use common::instance::DEFAULT_INSTANCE;
 use common::messages::ProcessKind;
@@ -31,6 +32,37 @@ pub struct Cli {
     /// What to do; `run` when nothing is said.
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+/// What the program is to do, as its arguments say.
+pub enum Invocation {
+    /// A command for people, or a stage's process.
+    Cli(Cli),
+    /// An attendant's process.
+    Attendant(&'static Row, AttendantArgs),
+}
+
+/// Reads the command line. Where it is none, says so and ends the program.
+pub fn parse() -> Invocation {
+    let matches = command().get_matches();
+    let attendant =
+        matches.subcommand().and_then(|(name, rest)| Some((attendants::named(name)?, rest)));
+    match attendant {
+        Some((row, rest)) => {
+            let args = AttendantArgs::from_arg_matches(rest).unwrap_or_else(|error| error.exit());
+            Invocation::Attendant(row, args)
+        }
+        None => {
+            Invocation::Cli(Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()))
+        }
+    }
+}
+
+/// The whole command line: each attendant has a subcommand of its name.
+fn command() -> clap::Command {
+    let attendant =
+        |row: &Row| AttendantArgs::augment_args(clap::Command::new(row.name()).about(row.about));
+    Cli::command().subcommands(attendants::TABLE.iter().map(attendant))
 }
 
 /// What to do.
@@ -164,8 +196,6 @@ pub enum Command {
     Tracker(StageArgs),
     /// The filter stage alone: detections → world.
     Filter(StageArgs),
-    /// The gateway alone: `world` and `commands` for users of the group `access.group`.
-    Gateway(GatewayArgs),
 }
 
 /// Arguments of `run`.
@@ -244,9 +274,9 @@ pub struct StatusArgs {
 /// Arguments of `restart`.
 #[derive(Debug, Args)]
 pub struct RestartArgs {
-    /// Any of grabber, classifier, tracker and filter
-    #[arg(required = true, value_name = "STAGE")]
-    pub stages: Vec<StageId>,
+    /// Any of grabber, classifier, tracker, filter and the group's attendants, such as the gateway
+    #[arg(required = true, value_name = "PROCESS", value_parser = parse_process)]
+    pub processes: Vec<String>,
     /// Which group.
     #[command(flatten)]
     pub instance: InstanceArgs,
@@ -468,6 +498,18 @@ fn presets() -> impl TypedValueParser<Value = Preset> {
     })
 }
 
+fn parse_process(name: &str) -> Result<String, String> {
+    let is_attendant = attendants::named(name).is_some();
+    match StageId::from_name(name) {
+        None if !is_attendant => {
+            let kinds = ProcessKind::ALL.map(ProcessKind::name);
+            let names = kinds.into_iter().chain(attendants::TABLE.iter().map(Row::name));
+            Err(format!("use {}", names.collect::<Vec<_>>().join(", ")))
+        }
+        _ => Ok(name.into()),
+    }
+}
+
 fn parse_stage(text: &str) -> Result<ProcessKind, String> {
     ProcessKind::from_name(text)
         .ok_or_else(|| format!("use {}", ProcessKind::ALL.map(ProcessKind::name).join(", ")))
@@ -476,10 +518,9 @@ fn parse_stage(text: &str) -> Result<ProcessKind, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 }

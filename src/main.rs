@@ -6,6 +6,7 @@
 // A process outlives whoever reads what it says: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+mod attendants;
 mod cli;
 mod commands;
 mod drawing;
@@ -15,11 +16,14 @@ mod recorder;
 mod replay;
 mod supervisor;
 
-use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match commands::execute(cli::Cli::parse()) {
+    let outcome = match cli::parse() {
+        cli::Invocation::Cli(cli) => commands::execute(cli),
+        cli::Invocation::Attendant(row, args) => commands::attend(row, args),
+    };
+    match outcome {
         Ok(code) => code,
         Err(error) => {
             // A complaint about a configuration begins with file and line, as editors expect it.

@@ -15,6 +15,7 @@
 // A process must survive the reader of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod attendant;
 pub mod body;
 pub mod bus;
 pub mod calibration;
@@ -34,6 +35,7 @@ mod lens;
 pub mod memory;
 pub mod memory_rank;
 pub mod messages;
+pub mod orphan;
 pub mod prefetch;
 pub mod private;
 pub mod process;

@@ -15,6 +15,7 @@ use crate::messages::{
     DropReason, FrameFault, FrameHeader, GroupEvent, Heartbeat, ProcessKind, ProcessState,
     StatusHeader,
 };
+use crate::orphan::Orphanhood;
 use crate::scheduling;
 use crate::stage_page::StagePage;
 use crate::stages::StageId;
@@ -81,7 +82,6 @@ pub struct Process {
     pub bus: Bus,
     /// Counters so far; sent with every heartbeat.
     pub counters: Heartbeat,
-    instance: Instance,
     /// Topics known otherwise only to the supervisor, which may be killed and started again at any
     /// time.
     _kept: (KeptTopic<u8, StatusHeader>, KeptTopic<GroupEvent, ()>),
@@ -93,12 +93,11 @@ pub struct Process {
     promotion: UnixStream,
     spare: bool,
     supervised: bool,
+    orphanhood: Orphanhood,
     /// Promoted, or started as the active process.
     is_at_work: bool,
     fault: Option<u64>,
     skip_next: bool,
-    orphan_timeout: Duration,
-    orphaned_since_ns: Option<u64>,
     wake_up: WakeUpStrategy,
     lock_memory: bool,
     done_by_predecessor: Option<u64>,
@@ -142,7 +141,6 @@ impl Process {
         Ok(Self {
             bus,
             counters,
-            instance: options.instance.clone(),
             _kept: kept,
             page: StagePage::open(&options.instance, stage)
                 .map_err(system("map the page of the stage"))?,
@@ -155,9 +153,8 @@ impl Process {
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
+            orphanhood: Orphanhood::new(&options.instance, config, options.supervised),
             is_at_work: false,
-            orphan_timeout: Duration::from_secs_f64(config.supervisor.orphan_timeout_s),
-            orphaned_since_ns: None,
             wake_up: scheduling::wake_up_strategy(&config.scheduling),
             lock_memory: config.scheduling.lock_memory,
             done_by_predecessor: None,
@@ -230,12 +227,7 @@ impl Process {
             return Ok(true);
         }
         self.publish_heartbeat(now)?;
-        if !self.supervised || self.instance.is_supervised() {
-            self.orphaned_since_ns = None;
-            return Ok(true);
-        }
-        let since = *self.orphaned_since_ns.get_or_insert(now);
-        Ok(now - since < self.orphan_timeout.as_nanos() as u64)
+        Ok(self.orphanhood.may_go_on(now))
     }
 
     /// Reports a change of state at once.
@@ -355,6 +347,6 @@ pub fn fault_from_environment(name: &str) -> Option<u64> {
     if stage == name { seq.parse().ok() } else { None }
 }
 
-fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {
+pub(crate) fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {
     move |source| ProcessError::System { action, source }
 }

@@ -28,9 +28,9 @@ pub struct StageArgs {
     pub supervised: bool,
 }
 
-/// Arguments of the gateway.
+/// Arguments of an attendant.
 #[derive(Debug, Args)]
-pub struct GatewayArgs {
+pub struct AttendantArgs {
     /// Which group.
     #[command(flatten)]
     pub instance: InstanceArgs,

@@ -24,7 +24,9 @@ mod step;
 mod stress;
 mod topics;
 
-use crate::cli::{Cli, Command, GatewayArgs, GrabberArgs, StageArgs};
+use crate::attendants::Row;
+use crate::cli::{AttendantArgs, Cli, Command, GrabberArgs, StageArgs};
+use crate::supervisor::process_name;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::ProcessKind;
@@ -72,7 +74,6 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         }
         Some(Command::Tracker(args)) => stage(ProcessKind::Tracker, args, tracker::process::run),
         Some(Command::Filter(args)) => stage(ProcessKind::Filter, args, filter::process::run),
-        Some(Command::Gateway(args)) => gateway(args),
     }
 }
 
@@ -113,19 +114,19 @@ fn grabber_stage(args: GrabberArgs) -> Result<ExitCode, CommandError> {
     })
 }
 
-fn gateway(args: GatewayArgs) -> Result<ExitCode, CommandError> {
+/// Runs an attendant's process.
+pub fn attend(row: &Row, args: AttendantArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     instance.check_directory()?;
     let config = Config::load(&args.config.unwrap_or_else(|| instance.config_path()))?;
-    name_process(crate::gateway::NAME);
-    crate::gateway::run(&instance, &config, args.supervised)
-        .map_err(|error| format!("{}: {error}", crate::gateway::NAME))?;
+    name_process(row.name());
+    (row.run)(&instance, &config, args.supervised)
+        .map_err(|error| format!("{}: {error}", row.name()))?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// What `ps` and `top` show; the file's name would be the same for every stage.
-fn name_process(stage: &str) {
-    if let Ok(name) = std::ffi::CString::new(format!("tl-{stage}")) {
+fn name_process(name: &str) {
+    if let Ok(name) = std::ffi::CString::new(process_name(name)) {
         // Cosmetic: a process without a name works as well.
         let _ = rustix::thread::set_name(&name);
     }

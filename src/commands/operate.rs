@@ -8,7 +8,6 @@ use crate::monitor::{Report, read_status};
 use crate::supervisor::{self, Request, is_same_program, program_of};
 use common::instance::Instance;
 use common::interface::Interface;
-use common::stages::StageId;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
@@ -23,35 +22,32 @@ const UPGRADE_PATIENCE: Duration = Duration::from_secs(120);
 /// Between two looks at a change that takes its time.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Replaces the active processes of stages.
+/// Replaces the processes that work for stages and attendants.
 pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let before = active(&status(&instance)?);
-    let stages = args.stages.iter().map(StageId::to_string).collect();
-    ask(&instance, &Request::Restart(stages))?;
+    ask(&instance, &Request::Restart(args.processes.clone()))?;
 
     let deadline = Instant::now() + RESTART_PATIENCE;
-    let mut waiting = args.stages;
+    let mut waiting = args.processes;
     waiting.sort();
     waiting.dedup();
     while !waiting.is_empty() {
         // On a busy machine there may be no report just now; that is no reason to give up.
         let now = status(&instance).map(|report| active(&report)).unwrap_or_default();
-        let is_done = |stage: &StageId| {
-            let name = stage.to_string();
-            let (old, new) = (before.get(&name), now.get(&name));
+        let is_done = |name: &String| {
+            let (old, new) = (before.get(name), now.get(name));
             new.is_some() && new != old
         };
-        for stage in waiting.extract_if(.., |stage| is_done(stage)) {
-            let [old, new] = [&before, &now].map(|pids| pids.get(&stage.to_string()));
+        for name in waiting.extract_if(.., |name| is_done(name)) {
+            let [old, new] = [&before, &now].map(|pids| pids.get(&name));
             let [old, new] = [old, new].map(|pid| pid.map_or("none".into(), u32::to_string));
-            say_line!("{stage}: {old} → {new}")?;
+            say_line!("{name}: {old} → {new}")?;
         }
         if Instant::now() > deadline {
-            let names: Vec<String> = waiting.iter().map(StageId::to_string).collect();
             return Err(format!(
                 "{} not replaced yet; `touchline status --instance {}` tells why",
-                names.join(", "),
+                waiting.join(", "),
                 instance.name()
             )
             .into());
@@ -174,13 +170,15 @@ fn status(instance: &Instance) -> Result<Report, CommandError> {
     })
 }
 
-/// The active process of each stage that has one.
+/// The process that works for each stage and attendant that has one.
 fn active(report: &Report) -> BTreeMap<String, u32> {
     let active = |(name, stage): (&String, &Stage)| {
         let active = stage.processes.iter().find(|process| process.state != "spare")?;
         Some((name.clone(), active.pid))
     };
-    report.stages.iter().filter_map(active).collect()
+    let stages = report.stages.iter().filter_map(active);
+    let attendants = report.attendants.iter();
+    stages.chain(attendants.filter_map(|(name, it)| Some((name.clone(), it.pid?)))).collect()
 }
 
 /// All processes of a group, and what they are.

@@ -19,15 +19,16 @@ mod ration;
 mod seats;
 mod users;
 
+use crate::attendants::Row;
 use clients::{Arrival, Clients, Heard, Interest};
+use common::attendant::AttendantProcess;
 use common::bus::{Bus, BusError, Publisher};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::gateway::Greeting;
 use common::instance::Instance;
-use common::memory_rank::{self, MemoryRank};
-use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat, ProcessState};
-use common::process::{HEARTBEAT, MAX_WAIT};
+use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat};
+use common::process::{MAX_WAIT, ProcessError};
 use common::topics;
 use intake::Said;
 use permissions::Permissions;
@@ -42,8 +43,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// As which it joins the group.
-pub const NAME: &str = "gateway";
 /// New clients are let in at most so many at a time.
 const ADMITTED_AT_A_TIME: usize = 4;
 /// When there is something to be said that may not be said yet.
@@ -67,6 +66,9 @@ pub enum GatewayError {
     /// Shared memory.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// Its process.
+    #[error(transparent)]
+    Process(#[from] ProcessError),
     /// Signals or waiting.
     #[error("{0}: {1}")]
     System(&'static str, std::io::Error),
@@ -84,30 +86,46 @@ struct Given {
     newest: AtomicU64,
 }
 
-/// Runs until it is told to end, or its group is gone.
-pub fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), GatewayError> {
-    let name = config.access.group().ok_or(GatewayError::NotConfigured)?;
-    // The match can do without it; that it cannot be said is no reason not to work.
-    let _ = memory_rank::set(MemoryRank::Attendant);
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| GatewayError::System("handle signals", error))?;
+/// Its row in the table of attendants.
+pub const ROW: Row = Row {
+    attendant: Attendant::Gateway,
+    about: "The gateway alone: `world` and `commands` for users of the group `access.group`",
+    prepare: |instance, config| Ok(prepare(instance, config)?),
+    run: |instance, config, supervised| Ok(run(instance, config, supervised)?),
+    remove: Instance::remove_gateway_directory,
+};
+
+/// Prepares the way for the configured group of users; `false` when there is none.
+fn prepare(instance: &Instance, config: &Config) -> Result<bool, PlaceError> {
+    let Some(group) = config.access.group() else {
+        // Left by an earlier group with another configuration.
+        instance.remove_gateway_directory()?;
+        return Ok(false);
+    };
+    Permissions::of(&config.access)?;
+    if let Some(closed) = place::prepare(instance, group)? {
+        common::tell!("touchline: {}", place::advice(&closed, group));
     }
+    Ok(true)
+}
+
+/// Runs until it is told to end, or its group is gone.
+fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), GatewayError> {
+    let name = config.access.group().ok_or(GatewayError::NotConfigured)?;
+    let process = AttendantProcess::start(Attendant::Gateway, instance, config, supervised)?;
+    let stop = process.stop();
     let clients = Clients::new(config.camera.fps, monotonic_ns());
     let clients = Arc::new(clients.map_err(system("make an event"))?);
     let given = Arc::new(Given::default());
-    let door = Door::open(instance, config, name, Arc::clone(&clients))?;
+    let listener = Listener::open(&process, instance, config, name, Arc::clone(&clients))?;
     let thread = {
         let (instance, stop) = (instance.clone(), Arc::clone(&stop));
         let (clients, given) = (Arc::clone(&clients), Arc::clone(&given));
         let fps = config.camera.fps;
         std::thread::spawn(move || give_world(&instance, fps, &clients, &given, &stop))
     };
-    let orphan_timeout = Duration::from_secs_f64(config.supervisor.orphan_timeout_s);
-    let begun_ns = monotonic_ns();
-    given.round_ns.store(begun_ns, Ordering::Relaxed);
-    let outcome = door.tend(&stop, &given, || thread.is_finished(), supervised, orphan_timeout);
+    given.round_ns.store(monotonic_ns(), Ordering::Relaxed);
+    let outcome = listener.tend(process, &given, || thread.is_finished());
     stop.store(true, Ordering::Relaxed);
     // One that is stuck cannot be waited for, and ends with the process.
     match outcome {
@@ -127,7 +145,7 @@ fn give_world(
     given: &Given,
     stop: &AtomicBool,
 ) -> Result<(), GatewayError> {
-    let bus = Bus::join(instance, NAME)?;
+    let bus = Bus::join(instance, Attendant::Gateway.name())?;
     let worlds = bus.subscriber(&topics::WORLD)?;
     let mut wake_up = bus.wake_up(&topics::WORLD)?;
     let mut last: Option<FrameHeader> = None;
@@ -149,7 +167,7 @@ fn give_world(
 }
 
 /// The socket, and what is said there.
-struct Door {
+struct Listener {
     instance: Instance,
     socket: OwnedFd,
     clients: Arc<Clients>,
@@ -159,15 +177,13 @@ struct Door {
     told: BTreeSet<u32>,
     greeting: Vec<u8>,
     commands: Publisher<Commands, ()>,
-    health: Publisher<Heartbeat, ()>,
     next_id: u64,
     lines_left: u32,
-    // Last, so that it outlives the ports.
-    _bus: Bus,
 }
 
-impl Door {
+impl Listener {
     fn open(
+        process: &AttendantProcess,
         instance: &Instance,
         config: &Config,
         name: &str,
@@ -175,10 +191,6 @@ impl Door {
     ) -> Result<Self, GatewayError> {
         let group = place::group_number(name)?;
         place::prepare(instance, name)?;
-        let bus = Bus::join(instance, NAME)?;
-        bus.enter_roster();
-        let (commands, health) =
-            (bus.publisher(&topics::COMMANDS, 1)?, bus.publisher(&topics::HEALTH, 1)?);
         Ok(Self {
             socket: place::open(instance, group)?,
             instance: instance.clone(),
@@ -187,44 +199,26 @@ impl Door {
             permissions: Permissions::of(&config.access)?,
             told: BTreeSet::new(),
             greeting: serde_json::to_vec(&Greeting::new(instance.name())).unwrap_or_default(),
-            commands,
-            health,
+            commands: process.bus.publisher(&topics::COMMANDS, 1)?,
             next_id: 0,
             lines_left: MOST_LINES,
-            _bus: bus,
         })
     }
 
     /// Lets clients in and listens to them.
     fn tend(
         mut self,
-        stop: &AtomicBool,
+        mut process: AttendantProcess,
         given: &Given,
         is_finished: impl Fn() -> bool,
-        supervised: bool,
-        orphan_timeout: Duration,
     ) -> Result<(), GatewayError> {
-        let (mut beat_ns, mut orphaned_since_ns) = (0, None);
-        while !stop.load(Ordering::Relaxed) {
-            let now_ns = monotonic_ns();
-            if now_ns.saturating_sub(beat_ns) >= HEARTBEAT.as_nanos() as u64 {
-                beat_ns = now_ns;
-                self.beat(given, now_ns)?;
-                let round_ns = given.round_ns.load(Ordering::Relaxed);
-                if is_finished() {
-                    return Err(GatewayError::Stuck("has ended"));
-                }
-                if now_ns.saturating_sub(round_ns) > LONGEST_ROUND_NS {
-                    return Err(GatewayError::Stuck("does not get on"));
-                }
-                if !supervised || self.instance.is_supervised() {
-                    orphaned_since_ns = None;
-                } else {
-                    let since_ns = *orphaned_since_ns.get_or_insert(now_ns);
-                    if now_ns - since_ns > orphan_timeout.as_nanos() as u64 {
-                        return Ok(());
-                    }
-                }
+        while process.keep_running(|beat| self.count(given, beat))? {
+            if is_finished() {
+                return Err(GatewayError::Stuck("has ended"));
+            }
+            let round_ns = given.round_ns.load(Ordering::Relaxed);
+            if monotonic_ns().saturating_sub(round_ns) > LONGEST_ROUND_NS {
+                return Err(GatewayError::Stuck("does not get on"));
             }
             self.round()?;
         }
@@ -331,29 +325,24 @@ impl Door {
     fn say(&mut self, what: String) {
         if self.lines_left > 0 {
             self.lines_left -= 1;
-            common::tell!("{NAME}: {what}");
+            common::tell!("{}: {what}", Attendant::Gateway.name());
         }
     }
 
-    fn beat(&mut self, given: &Given, now_ns: u64) -> Result<(), GatewayError> {
+    /// Enters in a heartbeat what clients have been given and what they have sent.
+    fn count(&self, given: &Given, beat: &mut Heartbeat) {
         let counters = self.clients.counters();
-        let frames = given.frames.load(Ordering::Relaxed);
-        let mut beat = Heartbeat {
-            t_sent_ns: now_ns,
-            clients: counters.clients,
-            frames_in: frames,
-            frames_out: counters.given,
-            frames_missed: counters.lost,
-            ..Heartbeat::new(Attendant::Gateway as u32, ProcessState::Active)
-        };
-        if frames > 0 {
+        beat.clients = counters.clients;
+        beat.frames_in = given.frames.load(Ordering::Relaxed);
+        beat.frames_out = counters.given;
+        beat.frames_missed = counters.lost;
+        if beat.frames_in > 0 {
             beat.seq_in = given.newest.load(Ordering::Relaxed);
             beat.seq_out = beat.seq_in;
         }
         beat.dropped[DropReason::WrongSize as usize] = counters.wrong_size;
         beat.dropped[DropReason::BadHeader as usize] = counters.impossible;
         beat.dropped[DropReason::NotPermitted as usize] = counters.not_permitted;
-        Ok(self.health.publish(&beat)?)
     }
 }
 

@@ -7,12 +7,13 @@ use super::commanders::CommanderWatch;
 use super::flow::{Flow, Sight};
 use super::latency::LatencyMeter;
 use super::report::{
-    Accuracy, Camera, Found, Gateway, Light, Process, Rate, Report, Resources, Stage, Tops,
+    Accuracy, AttendantState, Camera, Found, Gateway, Light, Process, Rate, Report, Resources,
+    Stage, Tops,
 };
 use super::strangers::StrangerWatch;
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
-use super::view::{Event, GroupView};
+use super::view::{AttendantView, Event, GroupView};
 use common::bus::{Bus, BusError, Header, Message, Subscriber};
 use common::clock::monotonic_ns;
 use common::config::Config;
@@ -130,6 +131,11 @@ impl Collector {
                 robots_configured: config.robots.identities.len() as u32,
                 ..Found::default()
             },
+            gateway: config.access.group().map(|group| Gateway {
+                group: group.into(),
+                socket: instance.gateway_path().display().to_string(),
+                ..Gateway::default()
+            }),
             ..Report::default()
         };
         let collector = Self {
@@ -288,19 +294,18 @@ impl Collector {
     }
 
     /// The gateway, as the supervisor and it itself see it.
-    fn gateway(&self) -> Option<Gateway> {
-        let view = self.view.gateway()?;
-        let own = self.gateway.filter(|beat| Some(beat.pid) == view.pid);
+    fn gateway(&self, attendants: &BTreeMap<String, AttendantState>) -> Option<Gateway> {
+        let known = attendants.get(Attendant::Gateway.name()).copied().unwrap_or_default();
+        let own = self.gateway.filter(|beat| Some(beat.pid) == known.pid);
         Some(Gateway {
-            group: view.group,
-            socket: view.socket,
-            pid: view.pid,
-            restarts: view.restarts,
+            pid: known.pid,
+            restarts: known.restarts,
             clients: own.map_or(0, |beat| beat.clients),
             given: own.map_or(0, |beat| beat.frames_out),
             lost: own.map_or(0, |beat| beat.frames_missed),
             not_permitted: own.map_or(0, |beat| beat.dropped[DropReason::NotPermitted as usize]),
             refused: own.map_or(0, |beat| beat.dropped.iter().fold(0, |a, b| b.saturating_add(a))),
+            ..self.base.gateway.clone()?
         })
     }
 
@@ -483,6 +488,10 @@ impl Collector {
                 .push("count: a process's messages cannot be seen, and count as not seen".into());
         }
         let camera = Camera { device: self.camera.device(), ..self.base.camera.clone() };
+        let state = |view: AttendantView| {
+            (view.name.into(), AttendantState { pid: view.pid, restarts: view.restarts })
+        };
+        let attendants: BTreeMap<_, _> = self.view.attendants().into_iter().map(state).collect();
         Report {
             camera,
             elapsed_s: ((now - self.started_ns) as f64 / 1e7).round() / 100.0,
@@ -496,7 +505,8 @@ impl Collector {
             rejected: self.rejected.clone(),
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
-            gateway: self.gateway(),
+            gateway: self.gateway(&attendants),
+            attendants,
             commanders: self.commanders.report(),
             strangers: self.strangers.report(),
             events: self.view.events(),

@@ -5,7 +5,7 @@ use common::bus::{Bus, BusError, Subscriber, participants};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::instance::Instance;
-use common::messages::{Commands, Team};
+use common::messages::{Attendant, Commands, Team};
 use common::roster::NodeKey;
 use common::topics;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -118,7 +118,7 @@ fn commanders(senders: &HashMap<Sender, Known>, now_ns: u64, timeout_ns: u64) ->
             let names = |robots: Vec<(&(u32, u32), &u64)>| -> Vec<String> {
                 robots.into_iter().map(|(robot, _)| robot_name(*robot)).collect()
             };
-            let is_gateway = known.name == crate::gateway::NAME;
+            let is_gateway = known.name == Attendant::Gateway.name();
             let commander = Commander {
                 pid: sender.node.pid(),
                 name: known.name.clone(),

@@ -22,7 +22,7 @@ mod view;
 
 pub use console::{Output, summary};
 pub use report::Report;
-pub use view::{Event, GatewayView, GroupView, ProcessView};
+pub use view::{AttendantView, Event, GroupView, ProcessView};
 
 use collector::Collector;
 use common::bus::{Bus, BusError, Publisher};

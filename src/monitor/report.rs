@@ -53,6 +53,9 @@ pub struct Report {
     /// Errors against the truth; absent where nobody knows it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<Accuracy>,
+    /// Processes that serve people and programs, by name: which of them the group has.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub attendants: BTreeMap<String, AttendantState>,
     /// The gateway; absent where nobody but the owner may attach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gateway: Option<Gateway>,
@@ -245,6 +248,16 @@ pub struct Process {
     pub pid: u32,
     /// `starting`, `spare`, `active`, `waiting` (for its camera) or `finished`.
     pub state: String,
+}
+
+/// A process that serves people or programs, and that no stage needs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct AttendantState {
+    /// The system's number for its process; absent while there is none.
+    pub pid: Option<u32>,
+    /// How often it was started again.
+    pub restarts: u64,
 }
 
 /// What lets other users attach. Counters start with its process.

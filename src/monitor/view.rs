@@ -85,13 +85,11 @@ pub struct ProcessView {
     pub state: Option<ProcessState>,
 }
 
-/// The gateway, in a group that other users may attach to.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct GatewayView {
-    /// Who may attach.
-    pub group: String,
-    /// Where.
-    pub socket: String,
+/// An attendant of the group.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AttendantView {
+    /// Its name.
+    pub name: &'static str,
     /// The system's number for it; `None` while it does not run.
     pub pid: Option<u32>,
     /// How often it was started again.
@@ -110,7 +108,7 @@ struct Inner {
     processes: Vec<ProcessView>,
     restarts: BTreeMap<StageId, u64>,
     lacks: Vec<String>,
-    gateway: Option<GatewayView>,
+    attendants: Vec<AttendantView>,
     updated_ns: Option<u64>,
     events: VecDeque<Event>,
     /// Events of this supervisor.
@@ -172,14 +170,14 @@ impl GroupView {
         self.lock().lacks.clone()
     }
 
-    /// Replaces what is known of the gateway.
-    pub fn update_gateway(&self, gateway: GatewayView) {
-        self.lock().gateway = Some(gateway);
+    /// Replaces what is known of the attendants.
+    pub fn update_attendants(&self, attendants: Vec<AttendantView>) {
+        self.lock().attendants = attendants;
     }
 
-    /// The gateway, where there is one.
-    pub fn gateway(&self) -> Option<GatewayView> {
-        self.lock().gateway.clone()
+    /// The attendants.
+    pub fn attendants(&self) -> Vec<AttendantView> {
+        self.lock().attendants.clone()
     }
 
     /// Whether the supervisor has looked after its group just now.

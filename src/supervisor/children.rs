@@ -163,6 +163,14 @@ pub fn command(instance: &Instance, name: &str, log: &Log) -> Command {
     command
 }
 
+/// What `ps` and `top` show for a process of the group, as far as the system keeps it: its file is the same for
+/// every one.
+pub fn process_name(name: &str) -> String {
+    let mut shown = format!("tl-{name}");
+    shown.truncate(15);
+    shown
+}
+
 /// How a child ended, if it has.
 pub fn end_of(child: &mut Child, log: &Log) -> Option<End> {
     let status = sys::ask(Call::ReapProcess, || child.try_wait()).ok().flatten()?;

@@ -5,10 +5,10 @@ mod adoption;
 mod ending;
 mod upkeep;
 
+use super::attendants::Attendants;
 use super::children::{Launch, Process};
 use super::control::{Answer, Control, Request};
 use super::drops::Drops;
-use super::gateway::Gateway;
 use super::janitor::Janitor;
 use super::notify::Notifier;
 use super::policy::{Event, MemberId, Policy, Settings};
@@ -77,8 +77,7 @@ pub struct Group<'a> {
     record_is_due: Cell<bool>,
     record_after: Instant,
     janitor: Janitor,
-    /// Lets other users in, where that is configured.
-    gateway: Option<Gateway>,
+    attendants: Attendants,
     settings: Settings,
 }
 
@@ -108,7 +107,7 @@ impl<'a> Group<'a> {
         signals: Signals,
         premises: &'a mut Premises,
         inheritance: &Inheritance,
-        gateway: Option<Gateway>,
+        attendants: Attendants,
     ) -> Result<Self, SupervisorError> {
         let (record, lives) = (&inheritance.record, inheritance.lives());
         if lives {
@@ -168,7 +167,7 @@ impl<'a> Group<'a> {
             unsent: Vec::new(),
             record_is_due: Cell::new(true),
             record_after: Instant::now(),
-            gateway,
+            attendants,
             settings,
         })
     }
@@ -201,7 +200,7 @@ impl<'a> Group<'a> {
                 self.act(action)?;
             }
             self.send_again();
-            self.tend_gateway();
+            self.tend_attendants();
             self.tend_itself();
             self.notifier.alive(Instant::now());
             let upgrade = self.serve_requests();
@@ -278,14 +277,20 @@ impl<'a> Group<'a> {
         upgrade
     }
 
-    fn restart(&mut self, stages: &[String]) -> Answer {
+    /// Has the processes of stages and attendants replaced: of all that are named, or of none.
+    fn restart(&mut self, names: &[String]) -> Answer {
+        let (attendants, stages): (Vec<_>, Vec<_>) =
+            names.iter().partition(|name| self.attendants.has(name));
         let id = |name: &String| match name.parse() {
             Ok(stage) if self.settings.graph.has(stage) => Ok(stage),
-            _ => Err(format!("there is no stage {name:?}")),
+            _ => Err(format!("the group has no process {name:?} that could be replaced")),
         };
-        let stages = stages.iter().map(id).collect::<Result<BTreeSet<StageId>, _>>()?;
+        let stages = stages.into_iter().map(id).collect::<Result<BTreeSet<StageId>, _>>()?;
         for stage in stages {
             self.policy.renew_stage(stage, monotonic_ns());
+        }
+        for name in attendants {
+            self.attendants.restart(name, monotonic_ns());
         }
         Ok(())
     }
@@ -323,13 +328,11 @@ impl<'a> Group<'a> {
             policy.note(Event::LookedAround(stage, at_ns), now);
         }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;
-        let (record_is_due, gateway) = (&self.record_is_due, &mut self.gateway);
+        let (record_is_due, attendants) = (&self.record_is_due, &mut self.attendants);
         let heard = progress.heartbeats(|beat| {
             let sign = match beat {
                 Beat::Stage(sign) => sign,
-                Beat::Gateway { pid } => {
-                    return gateway.iter_mut().for_each(|it| it.heard(pid, now));
-                }
+                Beat::Attendant { pid } => return attendants.heard(pid, now),
             };
             // Heartbeats of processes that are not ours, or no longer alive, say nothing.
             let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)

@@ -5,18 +5,18 @@
 //! processor, [`control`] listens to requests and [`signals`] to signals, [`takeover`] deals with what an
 //! earlier supervisor has left, of which [`record`] tells, [`evidence`] keeps what a bug report needs,
 //! [`drops`] tells which input was dropped and why, [`janitor`] removes what the dead leave, [`premises`]
-//! puts back what somebody removes, [`gateway`] lets other users in;
+//! puts back what somebody removes, [`attendants`] keeps the processes running that serve people;
 //! [`group`] ties them together while a group lives, and this file is its beginning and
 //! its end.
 //!
 //! Nothing that the system refuses ends a match. All that can be refused is asked for through [`sys`],
 //! tried again, and said by [`troubles`]; for want of descriptors there is a [`reserve`].
 
+mod attendants;
 mod children;
 mod control;
 mod drops;
 mod evidence;
-mod gateway;
 mod group;
 mod janitor;
 mod log;
@@ -33,18 +33,18 @@ mod sys;
 mod takeover;
 mod troubles;
 
-pub use children::{Launch, is_same_program, program_of};
+pub use children::{Launch, is_same_program, process_name, program_of};
 pub use control::{Request, ask};
 pub use evidence::directory as evidence_directory;
 pub use record::Record;
 
-use crate::gateway::place::PlaceError;
+use crate::attendants::{AttendantError, TABLE};
 use crate::monitor::{GroupView, Monitor, Report};
+use attendants::Attendants;
 use common::bus::BusError;
 use common::config::Config;
 use common::instance::InstanceError;
 use common::stages::StageId;
-use gateway::Gateway;
 use group::{Ending, Group};
 use premises::Premises;
 use signals::Signals;
@@ -62,9 +62,9 @@ pub enum SupervisorError {
     /// Runtime directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// Other users cannot be let in.
-    #[error(transparent)]
-    Access(#[from] PlaceError),
+    /// An attendant cannot do its work.
+    #[error("{0}")]
+    Attendant(AttendantError),
     /// Somebody else supervises it.
     #[error(
         "the group {0:?} is running already; look at it with `touchline status --instance {0}`, end \
@@ -172,16 +172,10 @@ fn supervise(
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
     let lives = inheritance.lives();
-    let gateway = match Gateway::prepare(&launch.instance, config) {
-        // A match that goes on is worth more than those who cannot watch it.
-        Err(error) if lives => {
-            common::tell!("touchline: {error}; nobody but the owner can attach");
-            None
-        }
-        prepared => prepared?,
-    };
+    let attendants =
+        Attendants::prepare(&launch.instance, config, lives).map_err(SupervisorError::Attendant)?;
     let mut group =
-        Group::new(launch, config, Arc::clone(&view), signals, premises, &inheritance, gateway)?;
+        Group::new(launch, config, Arc::clone(&view), signals, premises, &inheritance, attendants)?;
     let mut monitor = match start_monitor(Arc::clone(&view)) {
         // It only counts.
         Err(error) if lives => {

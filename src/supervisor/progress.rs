@@ -84,8 +84,8 @@ pub struct Output {
 pub enum Beat {
     /// Of a stage's process.
     Stage(Sign),
-    /// Of the gateway.
-    Gateway {
+    /// Of an attendant.
+    Attendant {
         /// Who sent it.
         pid: u32,
     },
@@ -362,8 +362,8 @@ impl Topics {
             let state = ProcessState::from_number(beat.state);
             if let (Some(stage), Some(state)) = (stage, state) {
                 report(Beat::Stage(Sign { pid: beat.pid, stage, state, dropped: beat.dropped }));
-            } else if beat.process == Attendant::Gateway as u32 {
-                report(Beat::Gateway { pid: beat.pid });
+            } else if beat.process != Attendant::Supervisor as u32 {
+                report(Beat::Attendant { pid: beat.pid });
             }
         }
         Ok(())

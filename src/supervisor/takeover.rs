@@ -1,6 +1,6 @@
 //! What an earlier supervisor has left behind: a group to take over, processes to end, or rubbish.
 
-use super::{GRACE, Launch, Record, SupervisorError, gateway};
+use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants};
 use common::bus::BusError;
 use common::bus::participants::{self, LivingProcess};
 use common::config::{Config, commented_toml};
@@ -45,7 +45,7 @@ impl Inheritance {
 /// others that have attached to the group are left alone.
 pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, SupervisorError> {
     let instance = &launch.instance;
-    gateway::end_earlier(instance)?;
+    attendants::end_earlier(instance)?;
     let stages = living_stages(instance)?;
     if !stages.is_empty() {
         let record = Record::read(instance).unwrap_or_default();
@@ -143,7 +143,9 @@ pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
         return Ok(());
     }
     clean_slate(instance)?;
-    instance.remove_gateway_directory()?;
+    for row in &TABLE {
+        (row.remove)(instance)?;
+    }
     if others(instance)?.is_empty() {
         instance.remove_directory()?;
     } else {

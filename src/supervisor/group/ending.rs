@@ -14,10 +14,8 @@ const DRAIN: Duration = Duration::from_millis(100);
 impl Group<'_> {
     /// Leaves the group to whoever comes next, in a state that can be taken over.
     pub fn leave(mut self) {
-        // A process of the other program is to serve the clients, who come again.
-        if let Some(gateway) = self.gateway.take() {
-            gateway.end();
-        }
+        // Processes of the other program are to serve the clients, which come again.
+        self.attendants.end();
         self.janitor.finish();
     }
 
@@ -55,9 +53,7 @@ impl Group<'_> {
             self.processes.retain(|_, process| process.reap().is_none());
         }
         // Last: whatever has come out has been given to its clients.
-        if let Some(gateway) = self.gateway.take() {
-            gateway.end();
-        }
+        self.attendants.end();
         self.janitor.finish();
     }
 }

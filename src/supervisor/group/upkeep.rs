@@ -75,13 +75,14 @@ impl Group<'_> {
         }
     }
 
-    /// Begins when the group is complete: other users come after the match.
-    pub(super) fn tend_gateway(&mut self) {
-        let Some(gateway) = self.gateway.as_mut().filter(|_| self.ever_complete) else { return };
-        if let Some(it) = gateway.tend(&self.settings, monotonic_ns()) {
+    /// Begins when the group is complete: whatever serves people comes after the match.
+    pub(super) fn tend_attendants(&mut self) {
+        if !self.ever_complete {
+            return;
+        }
+        for it in self.attendants.tend(&self.settings, monotonic_ns()) {
             self.record_is_due.set(true);
-            let stage = crate::gateway::NAME;
-            self.view.log(LogEvent::new(it.kind, stage, it.pid, &it.what, &it.evidence));
+            self.view.log(LogEvent::new(it.kind, it.name, it.pid, &it.what, &it.evidence));
         }
     }
 
@@ -161,8 +162,6 @@ impl Group<'_> {
         processes.sort_by_key(|process| (process.stage, process.pid));
         self.view.update(processes, self.restarts.clone());
         self.view.update_lacks(self.lacks());
-        if let Some(gateway) = &self.gateway {
-            self.view.update_gateway(gateway.view());
-        }
+        self.view.update_attendants(self.attendants.view());
     }
 }

@@ -1,0 +1,318 @@
+//! Keeps the attendants running. Nothing that happens to them concerns the stages, so they have rules of their own: an
+//! attendant is started when the group is complete, and started again, with growing pauses, when it has ended or
+//! gives no sign of life.
+
+use super::children::{self, End};
+use super::log::Log;
+use super::policy::Settings;
+use super::sys::{self, Call};
+use super::{GRACE, SupervisorError};
+use crate::attendants::{AttendantError, Row, TABLE};
+use crate::monitor::AttendantView;
+use common::bus::participants;
+use common::config::Config;
+use common::instance::Instance;
+use common::messages::EventKind;
+use std::fs;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+/// An attendant gives a sign ten times a second; so long a silence is no busy machine any more.
+const SILENCE_NS: u64 = 5_000_000_000;
+/// It holds nothing that would be lost with it.
+const LAST_MOMENTS: Duration = Duration::from_millis(300);
+const LAST_MOMENTS_NS: u64 = LAST_MOMENTS.as_nanos() as u64;
+/// Uptime that resets the back-off.
+const GOOD_START_NS: u64 = 10_000_000_000;
+
+/// The attendants of a group.
+pub struct Attendants(Vec<Supervised>);
+
+/// One of them, and its process.
+struct Supervised {
+    row: &'static Row,
+    instance: Instance,
+    running: Option<Running>,
+    rules: Rules,
+    starts: u64,
+    /// When a user has asked for another process: the end of this one is no failure.
+    restart_ns: Option<u64>,
+}
+
+struct Running {
+    child: Child,
+    log: Log,
+}
+
+/// What has happened to an attendant.
+pub struct Happened {
+    /// Its name.
+    pub name: &'static str,
+    /// What kind of thing.
+    pub kind: EventKind,
+    /// Its process; 0 for none.
+    pub pid: u32,
+    /// In words.
+    pub what: String,
+    /// The last lines it wrote.
+    pub evidence: String,
+}
+
+impl Attendants {
+    /// Prepares the attendants that the configuration asks for. One that cannot be prepared ends the start, unless the
+    /// group `lives` already: then the match goes on without it.
+    pub fn prepare(
+        instance: &Instance,
+        config: &Config,
+        lives: bool,
+    ) -> Result<Self, AttendantError> {
+        let mut attendants = vec![];
+        for row in &TABLE {
+            match (row.prepare)(instance, config) {
+                Ok(true) => attendants.push(Supervised::new(row, instance)),
+                Ok(false) => {}
+                Err(error) if lives => {
+                    common::tell!(
+                        "touchline: {error}; the match goes on without the {}",
+                        row.name()
+                    );
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Self(attendants))
+    }
+
+    /// One of them has given a sign of life.
+    pub fn heard(&mut self, pid: u32, now_ns: u64) {
+        for attendant in self.0.iter_mut().filter(|attendant| attendant.pid() == Some(pid)) {
+            attendant.rules.heard_ns = now_ns;
+        }
+    }
+
+    /// Does what there is to do; returns what has happened.
+    pub fn tend(&mut self, settings: &Settings, now_ns: u64) -> Vec<Happened> {
+        self.0.iter_mut().filter_map(|attendant| attendant.tend(settings, now_ns)).collect()
+    }
+
+    /// Whether the group has the attendant of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|attendant| attendant.row.name() == name)
+    }
+
+    /// Replaces the process of the attendant of this name, or starts it at once where it waits for its next start.
+    pub fn restart(&mut self, name: &str, now_ns: u64) {
+        for attendant in self.0.iter_mut().filter(|attendant| attendant.row.name() == name) {
+            match attendant.pid() {
+                Some(pid) => {
+                    attendant.restart_ns = Some(now_ns);
+                    super::takeover::terminate(pid);
+                }
+                None => attendant.rules = Rules { start_after_ns: now_ns, ..Rules::default() },
+            }
+        }
+    }
+
+    /// As the report shows them.
+    pub fn view(&self) -> Vec<AttendantView> {
+        let view = |attendant: &Supervised| AttendantView {
+            name: attendant.row.name(),
+            pid: attendant.pid(),
+            restarts: attendant.starts.saturating_sub(1),
+        };
+        self.0.iter().map(view).collect()
+    }
+
+    /// Ends them, in order if they listen.
+    pub fn end(&mut self) {
+        for running in self.0.iter().filter_map(|attendant| attendant.running.as_ref()) {
+            super::takeover::terminate(running.child.id());
+        }
+        let deadline = Instant::now() + LAST_MOMENTS;
+        for running in self.0.iter_mut().filter_map(|attendant| attendant.running.as_mut()) {
+            while Instant::now() < deadline && matches!(running.child.try_wait(), Ok(None)) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            let _ = running.child.kill();
+            let _ = running.child.wait();
+        }
+        self.0.clear();
+    }
+}
+
+impl Supervised {
+    fn new(row: &'static Row, instance: &Instance) -> Self {
+        let rules = Rules::default();
+        Self { row, instance: instance.clone(), running: None, rules, starts: 0, restart_ns: None }
+    }
+
+    fn pid(&self) -> Option<u32> {
+        self.running.as_ref().map(|running| running.child.id())
+    }
+
+    fn tend(&mut self, settings: &Settings, now_ns: u64) -> Option<Happened> {
+        let happened = self.reap(settings, now_ns);
+        if happened.is_some() {
+            return happened;
+        }
+        match &mut self.running {
+            Some(running) if self.rules.is_silent(now_ns) => {
+                self.rules.heard_ns = now_ns;
+                let pid = running.child.id();
+                // It is our child, and was not waited for: the number is still its own.
+                let _ = running.child.kill();
+                Some(self.happened(EventKind::Killed, pid, "killed: it gave no sign of life", ""))
+            }
+            Some(running) if self.restart_ns.is_some_and(|at| now_ns > at + LAST_MOMENTS_NS) => {
+                let _ = running.child.kill();
+                None
+            }
+            None if self.rules.may_start(now_ns) => self.start(settings, now_ns),
+            _ => None,
+        }
+    }
+
+    fn start(&mut self, settings: &Settings, now_ns: u64) -> Option<Happened> {
+        self.starts += 1;
+        self.rules.started(now_ns);
+        let log = Log::new(self.row.name());
+        let mut command = children::command(&self.instance, self.row.name(), &log);
+        common::descriptors::keep_from_programs_run_now();
+        match sys::ask(Call::StartProcess, || command.spawn()) {
+            Ok(child) => {
+                self.running = Some(Running { child, log });
+                None
+            }
+            Err(error) => {
+                self.rules.ended(settings, now_ns);
+                let what = format!("cannot be started: {error}");
+                Some(self.happened(EventKind::Other, 0, &what, ""))
+            }
+        }
+    }
+
+    fn reap(&mut self, settings: &Settings, now_ns: u64) -> Option<Happened> {
+        let running = self.running.as_mut()?;
+        let End { how, last_words, .. } = children::end_of(&mut running.child, &running.log)?;
+        let pid = running.child.id();
+        self.running = None;
+        if self.restart_ns.take().is_some() {
+            self.rules = Rules { start_after_ns: now_ns, ..Rules::default() };
+            return Some(self.happened(EventKind::Retired, pid, "ended: asked to restart", ""));
+        }
+        self.rules.ended(settings, now_ns);
+        Some(self.happened(EventKind::Ended, pid, &how, &last_words))
+    }
+
+    fn happened(&self, kind: EventKind, pid: u32, what: &str, evidence: &str) -> Happened {
+        Happened { name: self.row.name(), kind, pid, what: what.into(), evidence: evidence.into() }
+    }
+}
+
+/// When to start an attendant, and when to give it up. No clock, no process.
+#[derive(Debug, Default)]
+struct Rules {
+    failures: u32,
+    started_ns: u64,
+    start_after_ns: u64,
+    heard_ns: u64,
+}
+
+impl Rules {
+    fn started(&mut self, now_ns: u64) {
+        (self.started_ns, self.heard_ns) = (now_ns, now_ns);
+    }
+
+    fn ended(&mut self, settings: &Settings, now_ns: u64) {
+        let good_start = now_ns.saturating_sub(self.started_ns) >= GOOD_START_NS;
+        self.failures = if good_start { 1 } else { self.failures + 1 };
+        self.start_after_ns = now_ns + settings.backoff(self.failures);
+    }
+
+    fn may_start(&self, now_ns: u64) -> bool {
+        now_ns >= self.start_after_ns
+    }
+
+    fn is_silent(&self, now_ns: u64) -> bool {
+        now_ns.saturating_sub(self.heard_ns) > SILENCE_NS
+    }
+}
+
+/// Ends the attendants that an earlier supervisor has started: their clients come again. Nothing that lives
+/// on under a dead supervisor depends on them.
+pub fn end_earlier(instance: &Instance) -> Result<(), SupervisorError> {
+    let deadline = Instant::now() + GRACE;
+    loop {
+        let living = participants::living(instance)?;
+        // Programs of others may call themselves what they like.
+        let is_ours = |pid: u32, name: &str| {
+            let comm = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+            comm.trim_end() == children::process_name(name)
+        };
+        let is_attendant = |name: &str| TABLE.iter().any(|row| row.name() == name);
+        let mut is_over = true;
+        for process in
+            living.iter().filter(|it| is_attendant(&it.name) && is_ours(it.pid, &it.name))
+        {
+            is_over = false;
+            super::takeover::kill(process.pid);
+        }
+        if is_over || Instant::now() > deadline {
+            return Ok(());
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000_000;
+
+    fn settings() -> Settings {
+        Settings {
+            stall_ns: S,
+            grabber_stall_ns: S,
+            grabber_stuck_ns: S,
+            ready_timeout_ns: S,
+            backoff_ns: S / 10,
+            backoff_max_ns: 5 * S,
+            graph: common::stages::StageGraph::SINGLE,
+            spares: vec![],
+        }
+    }
+
+    #[test]
+    fn one_that_falls_is_started_at_once_and_one_that_keeps_falling_ever_later() {
+        let (mut rules, settings) = (Rules::default(), settings());
+        let mut now_ns = 100 * S;
+        assert!(rules.may_start(now_ns));
+        let mut pauses = Vec::new();
+        for _ in 0..10 {
+            rules.started(now_ns);
+            now_ns += S / 100;
+            rules.ended(&settings, now_ns);
+            let fell_ns = now_ns;
+            while !rules.may_start(now_ns) {
+                now_ns += S / 100;
+            }
+            pauses.push((now_ns - fell_ns) * 10 / S);
+        }
+        assert_eq!(pauses, [0, 1, 2, 4, 8, 16, 32, 50, 50, 50]);
+        rules.started(now_ns);
+        now_ns += GOOD_START_NS;
+        rules.ended(&settings, now_ns);
+        assert!(rules.may_start(now_ns), "it had worked well");
+    }
+
+    #[test]
+    fn silence_is_noticed() {
+        let mut rules = Rules::default();
+        rules.started(S);
+        assert!(!rules.is_silent(S + SILENCE_NS));
+        assert!(rules.is_silent(S + SILENCE_NS + 1));
+        rules.heard_ns = S + SILENCE_NS;
+        assert!(!rules.is_silent(S + SILENCE_NS + 1));
+    }
+}
