@@ -257,7 +257,7 @@ impl Namespace {
         let directory = make_directory()?;
         let fill = || {
             let prefix = free_prefix()?;
-            seed::make(&directory, &prefix)?;
+            seed::make(&prefix)?;
             let namespace = Self {
                 directory: directory.clone(),
                 prefix,

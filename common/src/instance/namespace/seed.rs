@@ -1,88 +1,67 @@
-//! The one iceoryx2 segment that has a fixed name after the prefix.
+//! The one segment of iceoryx2's that has a fixed name after the prefix.
 //!
-//! Every process that joins a group draws a number from it. The first process creates it, readable and
-//! writable for all users, so another user that opens it at that moment could truncate it later, while
-//! a process joins. So the segment is created under another prefix, and copied to its final name for
-//! this user alone before the prefix is used.
+//! Every process that joins a group draws its number from it. iceoryx2 makes it when the first one joins, readable and
+//! writable for everybody on the machine: another user who opens it then can truncate it later, and every process that
+//! joins afterwards waits for ever. So it is written here first, byte for byte as iceoryx2 would leave it, for this user
+//! alone. Name and bytes belong to one version of iceoryx2; a test compares them with those that it makes.
 
-use super::{config_for, free_prefix};
 use crate::memory::SHARED_MEMORY;
 use crate::private;
-use iceoryx2::prelude::*;
-use std::fs;
 use std::io::{self, Write};
-use std::path::{Path as FilePath, PathBuf};
+use std::path::Path;
 
-/// End of the segment's name.
+/// Its name after the prefix.
+const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
+/// How its name ends.
 const SUFFIX: &str = ".global_mgmt";
+/// The version of iceoryx2 that has made it (0.10.0), and how many numbers have been drawn.
+const WORDS: [u64; 2] = [0x000a_0000, 1];
 
-/// Whether a file is such a segment.
-pub fn is_seed(path: &FilePath) -> bool {
+/// Whether this is such a segment.
+pub fn is_seed(path: &Path) -> bool {
     path.to_string_lossy().ends_with(SUFFIX)
 }
 
-/// The iceoryx2 version that created it, which is part of its name: `…node.0_10_0.global_mgmt`.
-pub fn version(path: &FilePath) -> Option<String> {
+/// The version of iceoryx2 that has made it, which is in its name: `…node.0_10_0.global_mgmt`.
+pub fn version(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_str()?.strip_suffix(SUFFIX)?;
     let (_, version) = name.rsplit_once('.')?;
     Some(version.replace('_', "."))
 }
 
-/// Number of races that another user must win to change the copy.
-const ATTEMPTS: u32 = 100;
+/// Makes it for a prefix.
+pub fn make(prefix: &str) -> io::Result<()> {
+    let target = Path::new(SHARED_MEMORY).join(format!("{prefix}{NAME}"));
+    private::create_new_file(&target)?.write_all(&WORDS.map(u64::to_ne_bytes).concat())
+}
 
-/// Creates the segment for a prefix, with the help of a directory that is empty before and after. Its
-/// content says only that one process has joined, so two new segments are equal unless another user
-/// changed one before it was read; the first two equal ones in a row are accepted. With a truncated
-/// segment, or one filled with garbage, iceoryx2 would wait for ever.
-pub fn make(directory: &FilePath, prefix: &str) -> io::Result<()> {
-    let mut last = None;
-    for _ in 0..ATTEMPTS {
-        let made = Some(made_apart(directory)?);
-        if made == last
-            && let Some((suffix, bytes)) = made
-        {
-            let target = FilePath::new(SHARED_MEMORY).join(format!("{prefix}{suffix}"));
-            return private::create_new_file(&target)?.write_all(&bytes);
+#[cfg(test)]
+mod tests {
+    use super::super::{config_for, free_prefix};
+    use super::*;
+    use iceoryx2::prelude::*;
+    use std::fs;
+
+    #[test]
+    fn it_is_as_iceoryx2_makes_it() {
+        let place = std::env::temp_dir().join(format!("tl-seed-{}", std::process::id()));
+        let prefix = free_prefix().unwrap();
+        let node = NodeBuilder::new()
+            .config(&config_for(&place, &prefix).unwrap())
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>();
+        drop(node.unwrap());
+        let entries = fs::read_dir(SHARED_MEMORY).unwrap().flatten();
+        let is_it = |name: &String| name.starts_with(&prefix) && name.ends_with(SUFFIX);
+        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let made: Vec<String> = names.filter(is_it).collect();
+        let bytes = |name: &String| fs::read(Path::new(SHARED_MEMORY).join(name)).unwrap();
+        let found: Vec<(String, Vec<u8>)> =
+            made.iter().map(|name| (name.replacen(&prefix, "", 1), bytes(name))).collect();
+        for name in &made {
+            fs::remove_file(Path::new(SHARED_MEMORY).join(name)).unwrap();
         }
-        last = made;
+        fs::remove_dir_all(&place).unwrap();
+        assert_eq!(found, [(NAME.into(), WORDS.map(u64::to_ne_bytes).concat())]);
     }
-    Err(io::Error::other(format!(
-        "another program keeps changing the new segment in {SHARED_MEMORY}"
-    )))
-}
-
-/// Creates a segment under an unused prefix and removes it again. Returns its name without the prefix,
-/// and its bytes.
-fn made_apart(directory: &FilePath) -> io::Result<(String, Vec<u8>)> {
-    let prefix = free_prefix()?;
-    let place = directory.join("seed");
-    let made = make_under(&place, &prefix).and_then(|()| {
-        let path = of_prefix(&prefix)?.pop();
-        let path = path.ok_or_else(|| io::Error::other("iceoryx2 has made no such segment"))?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok((name.replacen(&prefix, "", 1), fs::read(&path)?))
-    });
-    for path in of_prefix(&prefix)? {
-        let _ = fs::remove_file(path);
-    }
-    let _ = fs::remove_dir_all(&place);
-    made
-}
-
-/// Lets a node join and leave, which creates the segment.
-fn make_under(place: &FilePath, prefix: &str) -> io::Result<()> {
-    set_log_level(LogLevel::Fatal);
-    let config = config_for(place, prefix).map_err(io::Error::other)?;
-    let node = NodeBuilder::new()
-        .config(&config)
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<ipc::Service>();
-    node.map(drop).map_err(|error| io::Error::other(format!("{error:?}")))
-}
-
-fn of_prefix(prefix: &str) -> io::Result<Vec<PathBuf>> {
-    let entries = fs::read_dir(SHARED_MEMORY)?.flatten();
-    let names = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
-    Ok(names.map(|entry| entry.path()).filter(|path| is_seed(path)).collect())
 }
