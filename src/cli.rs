@@ -12,7 +12,6 @@ pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
 pub use stages::{AttendantArgs, GrabberArgs, StageArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
-use crate::attendants::{self, Row};
 use crate::commands::chaos::Disturbance;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -22,6 +21,7 @@ use common::messages::ProcessKind;
 use common::stages::StageId;
 use grabber::source::Source;
 use std::path::PathBuf;
+use touchline::attendants::{self, Row};
 
 /// Global vision for robot soccer: from Bayer frames to filtered robot and ball poses.
 ///

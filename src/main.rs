@@ -6,15 +6,8 @@
 // A process outlives whoever reads what it says: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
-mod attendants;
 mod cli;
 mod commands;
-mod drawing;
-mod gateway;
-mod monitor;
-mod recorder;
-mod replay;
-mod supervisor;
 
 use std::process::ExitCode;
 

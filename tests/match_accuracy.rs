@@ -96,11 +96,11 @@ fn play_one(config: &Config, frames: u64, outcome: &mut Outcome) {
     // Predictions for later frames.
     let mut predicted: VecDeque<(u64, Box<WorldFrame>)> = VecDeque::new();
     offline.play(frames, |offline| {
-        let (seq, world) = (offline.header.seq, &offline.world);
+        let (seq, world) = (offline.header.seq, offline.world());
         if seq < 40 {
             return;
         }
-        score(&offline.game, &offline.seen, world, outcome);
+        score(&offline.game, offline.seen(), world, outcome);
         while predicted.front().is_some_and(|(for_seq, _)| *for_seq < seq) {
             predicted.pop_front();
         }
@@ -111,7 +111,7 @@ fn play_one(config: &Config, frames: u64, outcome: &mut Outcome) {
         }
         let ahead_ns = world.t_predicted_ns - offline.header.t_capture_ns;
         if ahead_ns.is_multiple_of(offline.period_ns) {
-            predicted.push_back((seq + ahead_ns / offline.period_ns, world.clone()));
+            predicted.push_back((seq + ahead_ns / offline.period_ns, Box::new(*world)));
         }
     });
 }

@@ -128,7 +128,7 @@ fn consistency(config: &Config, frames: u64, hears_commands: bool) -> Consistenc
     for seq in 0..frames {
         offline.look(|_| ());
         if seq > 0 {
-            spare.resume(&offline.world);
+            spare.resume(offline.world());
             if hears_commands {
                 spare.command(&offline.commands);
             }
@@ -138,8 +138,8 @@ fn consistency(config: &Config, frames: u64, hears_commands: bool) -> Consistenc
         offline.think();
         surprises.note(offline.game.truth(), seq);
         if seq >= 80 {
-            let Offline { game, seen, world, .. } = &offline;
-            for truth in game.truth().robots().iter().filter(|robot| robot.visible != 0) {
+            let (seen, world) = (offline.seen(), offline.world());
+            for truth in offline.game.truth().robots().iter().filter(|robot| robot.visible != 0) {
                 let before = outcome.innovations.len();
                 compare_robot(truth, seen, &predicted, world, &mut outcome);
                 let (.., surprised) = surprises.robots[&(truth.team, truth.robot_id)];
@@ -149,7 +149,7 @@ fn consistency(config: &Config, frames: u64, hears_commands: bool) -> Consistenc
                 }
             }
             let before = outcome.ball_innovations.len();
-            compare_ball(game.truth(), seen, &predicted, &mut outcome);
+            compare_ball(offline.game.truth(), seen, &predicted, &mut outcome);
             if Surprises::is_past(surprises.ball.1, seq) {
                 let new = &outcome.ball_innovations[before..];
                 outcome.ball_innovations_foreseeable.extend_from_slice(new);

@@ -55,7 +55,7 @@ fn play(config: &Config, seconds: f64, light: impl Fn(f64) -> f64) -> Outcome {
             }
         });
         offline.think();
-        outcome.note(&offline.game, &offline.seen, &offline.world);
+        outcome.note(&offline.game, offline.seen(), offline.world());
         offline.advance();
     }
     outcome

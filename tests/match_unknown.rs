@@ -49,7 +49,7 @@ impl Outcome {
             .iter()
             .filter(|robot| robot.team == Team::Blue as u32)
             .collect();
-        let mut tracks: Vec<&UnknownRobotState> = offline.world.unknown_robots().iter().collect();
+        let mut tracks: Vec<&UnknownRobotState> = offline.world().unknown_robots().iter().collect();
         for robot in truth {
             let (sin, cos) = robot.orientation.sin_cos();
             let arm =
@@ -236,13 +236,13 @@ fn a_hidden_identification_patch_makes_no_ghost() {
             }
         });
         offline.think();
-        let world = &offline.world;
+        let world = offline.world();
         assert!(world.unknown_robots().is_empty(), "frame {frame}: {:?}", world.unknown_robots());
         assert_eq!(world.robots().len(), 10, "frame {frame}");
         let name = (robot.team, robot.robot_id);
         let is_it = |(team, id): (u32, u32)| (team, id) == name;
         let seen = offline
-            .seen
+            .seen()
             .robots()
             .iter()
             .any(|it| it.robot_id.number().is_some_and(|id| is_it((it.team, id))));

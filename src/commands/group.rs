@@ -2,12 +2,12 @@
 
 use super::CommandError;
 use crate::cli::{InstanceArgs, StatusArgs};
-use crate::monitor::{read_status, summary};
-use crate::supervisor::Record;
 use common::instance::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use touchline::monitor::{read_status, summary};
+use touchline::supervisor::Record;
 
 /// A living group publishes its status several times a second.
 pub const STATUS_PATIENCE: Duration = Duration::from_secs(3);

@@ -15,7 +15,6 @@ mod group;
 mod learn;
 mod operate;
 mod painted_light;
-mod pipeline;
 mod recordings;
 mod run;
 mod score;
@@ -24,9 +23,7 @@ mod step;
 mod stress;
 mod topics;
 
-use crate::attendants::Row;
 use crate::cli::{AttendantArgs, Cli, Command, GrabberArgs, StageArgs};
-use crate::supervisor::process_name;
 use common::config::Config;
 use common::instance::Instance;
 use common::messages::ProcessKind;
@@ -36,6 +33,8 @@ use grabber::process::GrabberOptions;
 use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
+use touchline::attendants::Row;
+use touchline::supervisor::process_name;
 
 /// Whatever ends a command; its text is for the user.
 pub type CommandError = Box<dyn Error>;

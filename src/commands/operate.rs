@@ -3,15 +3,15 @@
 use super::group::{STATUS_PATIENCE, running};
 use super::{CommandError, ask_program};
 use crate::cli::{RestartArgs, UpgradeArgs};
-use crate::monitor::report::Stage;
-use crate::monitor::{Report, read_status};
-use crate::supervisor::{self, Request, is_same_program, program_of};
 use common::instance::Instance;
 use common::interface::Interface;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use touchline::monitor::report::Stage;
+use touchline::monitor::{Report, read_status};
+use touchline::supervisor::{self, Request, is_same_program, program_of};
 
 /// A supervisor answers within its next round, a few milliseconds.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);

@@ -4,8 +4,6 @@ use super::output::Rule;
 use super::painted_light::{follow_painted_light, is_other_light};
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
-use crate::monitor::{Monitor, Output, summary};
-use crate::supervisor::{self, Launch, Outcome, Record, Until};
 use common::clock::monotonic_ns;
 use common::config::Config;
 use common::descriptors;
@@ -17,6 +15,8 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
+use touchline::monitor::{Monitor, Output, summary};
+use touchline::supervisor::{self, Launch, Outcome, Record, Until};
 
 /// How long whoever reads may take for the last texts.
 const LAST_TEXTS: Duration = Duration::from_secs(1);

@@ -6,15 +6,15 @@
 
 use super::{CommandError, load_config};
 use crate::cli::StressArgs;
-use crate::monitor::report::{Breakdown, Percentiles};
-use crate::monitor::{Monitor, Output, Report};
-use crate::supervisor::{self, Launch, Outcome, Until};
 use common::config::{Config, GeometryConfig};
 use common::instance::Instance;
 use grabber::source::{LOOP_FRAMES, Source};
 use serde::Serialize;
 use std::io;
 use std::process::ExitCode;
+use touchline::monitor::report::{Breakdown, Percentiles};
+use touchline::monitor::{Monitor, Output, Report};
+use touchline::supervisor::{self, Launch, Outcome, Until};
 
 /// Rates are tried in steps of this factor …
 const STEP: f64 = 1.5;

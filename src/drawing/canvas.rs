@@ -9,17 +9,23 @@ pub type Color = [u8; 3];
 
 /// A point of the canvas in its pixels; whole numbers are pixel centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spot {
+pub struct CanvasPoint {
+    /// To the right.
     pub x: f32,
+    /// Downwards.
     pub y: f32,
 }
 
 /// A rectangle of the canvas: `left..right` by `top..bottom` pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Area {
+    /// First column.
     pub left: i32,
+    /// First row.
     pub top: i32,
+    /// One past the last column.
     pub right: i32,
+    /// One past the last row.
     pub bottom: i32,
 }
 
@@ -62,7 +68,7 @@ impl Canvas {
     }
 
     /// A straight line.
-    pub fn line(&mut self, from: Spot, to: Spot, width: f32, color: Color) {
+    pub fn line(&mut self, from: CanvasPoint, to: CanvasPoint, width: f32, color: Color) {
         let (dx, dy) = (to.x - from.x, to.y - from.y);
         let length2 = (dx * dx + dy * dy).max(f32::MIN_POSITIVE);
         self.shape(Area::around(&[from, to], width), color, |x, y| {
@@ -73,34 +79,35 @@ impl Canvas {
     }
 
     /// A line through all points, and back to the first.
-    pub fn polygon(&mut self, points: &[Spot], width: f32, color: Color) {
+    pub fn polygon(&mut self, points: &[CanvasPoint], width: f32, color: Color) {
         for (index, &from) in points.iter().enumerate() {
             self.line(from, points[(index + 1) % points.len()], width, color);
         }
     }
 
     /// A line with a tip at its end.
-    pub fn arrow(&mut self, from: Spot, to: Spot, width: f32, color: Color) {
+    pub fn arrow(&mut self, from: CanvasPoint, to: CanvasPoint, width: f32, color: Color) {
         self.line(from, to, width, color);
         let (dx, dy) = (to.x - from.x, to.y - from.y);
         let length = dx.hypot(dy).max(1.0);
         let (dx, dy) = (dx / length, dy / length);
         let tip = 3.5 * width;
         for side in [-0.7, 0.7] {
-            let barb = Spot { x: to.x - tip * (dx - side * dy), y: to.y - tip * (dy + side * dx) };
+            let barb =
+                CanvasPoint { x: to.x - tip * (dx - side * dy), y: to.y - tip * (dy + side * dx) };
             self.line(barb, to, width, color);
         }
     }
 
     /// The outline of a circle.
-    pub fn circle(&mut self, center: Spot, radius: f32, width: f32, color: Color) {
+    pub fn circle(&mut self, center: CanvasPoint, radius: f32, width: f32, color: Color) {
         self.shape(Area::around(&[center], 2.0 * radius + width), color, |x, y| {
             ((x - center.x).hypot(y - center.y) - radius).abs() - width / 2.0
         });
     }
 
     /// A filled circle.
-    pub fn disc(&mut self, center: Spot, radius: f32, color: Color) {
+    pub fn disc(&mut self, center: CanvasPoint, radius: f32, color: Color) {
         self.shape(Area::around(&[center], 2.0 * radius), color, |x, y| {
             (x - center.x).hypot(y - center.y) - radius
         });
@@ -144,10 +151,12 @@ pub fn text_size(scale: i32, text: &str) -> (i32, i32) {
 
 impl Area {
     /// Holds all points with `width` around them.
-    pub fn around(points: &[Spot], width: f32) -> Self {
+    pub fn around(points: &[CanvasPoint], width: f32) -> Self {
         let reach = width / 2.0 + 1.0;
-        let least = |of: fn(&Spot) -> f32| points.iter().map(of).fold(f32::INFINITY, f32::min);
-        let most = |of: fn(&Spot) -> f32| points.iter().map(of).fold(f32::NEG_INFINITY, f32::max);
+        let least =
+            |of: fn(&CanvasPoint) -> f32| points.iter().map(of).fold(f32::INFINITY, f32::min);
+        let most =
+            |of: fn(&CanvasPoint) -> f32| points.iter().map(of).fold(f32::NEG_INFINITY, f32::max);
         // Conversion saturates: points far outside, or nowhere, are clipped away.
         Self {
             left: (least(|spot| spot.x) - reach).floor() as i32,
@@ -223,13 +232,13 @@ mod tests {
     #[test]
     fn shapes_have_their_size_and_place() {
         let mut canvas = canvas();
-        canvas.line(Spot { x: 5.0, y: 5.0 }, Spot { x: 14.0, y: 5.0 }, 1.0, INK);
+        canvas.line(CanvasPoint { x: 5.0, y: 5.0 }, CanvasPoint { x: 14.0, y: 5.0 }, 1.0, INK);
         assert_eq!(inked(&canvas), 10);
         assert_eq!(canvas.pixels.get_pixel(14, 5).0, INK);
         let mut canvas = self::canvas();
-        canvas.disc(Spot { x: 20.0, y: 10.0 }, 6.0, INK);
+        canvas.disc(CanvasPoint { x: 20.0, y: 10.0 }, 6.0, INK);
         assert!((inked(&canvas) as f32 - 36.0 * std::f32::consts::PI).abs() < 10.0);
-        canvas.disc(Spot { x: 20.0, y: 10.0 }, 7.0, [0; 3]);
+        canvas.disc(CanvasPoint { x: 20.0, y: 10.0 }, 7.0, [0; 3]);
         assert_eq!(inked(&canvas), 0);
     }
 
@@ -247,12 +256,12 @@ mod tests {
     #[test]
     fn what_lies_outside_is_clipped() {
         let mut canvas = canvas();
-        let far = Spot { x: f32::INFINITY, y: -1e30 };
-        let nowhere = Spot { x: f32::NAN, y: 3.0 };
-        canvas.line(Spot { x: 3.0, y: 3.0 }, far, 3.0, INK);
+        let far = CanvasPoint { x: f32::INFINITY, y: -1e30 };
+        let nowhere = CanvasPoint { x: f32::NAN, y: 3.0 };
+        canvas.line(CanvasPoint { x: 3.0, y: 3.0 }, far, 3.0, INK);
         canvas.arrow(nowhere, far, 3.0, INK);
         canvas.circle(nowhere, 5.0, 1.0, INK);
-        canvas.circle(Spot { x: 1e9, y: 1e9 }, f32::INFINITY, 1.0, INK);
+        canvas.circle(CanvasPoint { x: 1e9, y: 1e9 }, f32::INFINITY, 1.0, INK);
         canvas.text(-7, 18, 2, INK, "CLIPPED ON ALL SIDES");
         assert!(Area { left: 38, top: 0, right: 42, bottom: 3 }.overlaps(&canvas.area()));
     }

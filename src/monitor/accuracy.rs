@@ -39,9 +39,9 @@ pub struct Scorer {
     ball: Distribution,
 }
 
-impl Scorer {
+impl Default for Scorer {
     /// Nothing scored yet.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             expected: 0,
             found: 0,
@@ -52,7 +52,9 @@ impl Scorer {
             ball: Distribution::new(),
         }
     }
+}
 
+impl Scorer {
     /// Scores one frame.
     pub fn score(&mut self, truth: &TruthFrame, robots: &[ReportedRobot], ball: Option<[f64; 2]>) {
         self.expected += truth.robots().iter().filter(|robot| robot.visible != 0).count() as u64;
@@ -186,7 +188,7 @@ mod tests {
 
     #[test]
     fn errors_are_those_of_the_right_robot() {
-        let mut scorer = Scorer::new();
+        let mut scorer = Scorer::default();
         scorer.score(&truth(), &[robot(0, 3.0), robot(1, 104.0)], Some([0.0, 2.0]));
         let errors = scorer.errors().unwrap();
         assert_eq!((errors.found_ratio, errors.wrong_identity), (1.0, 0));
@@ -198,7 +200,7 @@ mod tests {
 
     #[test]
     fn swapped_identities_are_wrong_and_not_found() {
-        let mut scorer = Scorer::new();
+        let mut scorer = Scorer::default();
         scorer.score(&truth(), &[robot(1, 0.0), robot(0, 100.0)], None);
         let errors = scorer.errors().unwrap();
         assert_eq!((errors.found_ratio, errors.wrong_identity), (0.0, 2));

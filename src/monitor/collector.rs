@@ -162,8 +162,8 @@ impl Collector {
             last_frame: None,
             last_world: None,
             known_truth: VecDeque::with_capacity(KEPT_TRUTH),
-            detection_scorer: Scorer::new(),
-            world_scorer: Scorer::new(),
+            detection_scorer: Scorer::default(),
+            world_scorer: Scorer::default(),
             unknown_scorer: UnknownScorer::new(config),
             latency: LatencyMeter::default(),
             // A geometry that is none is complained of where it is used.

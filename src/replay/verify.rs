@@ -48,6 +48,7 @@ pub struct Tally {
 }
 
 /// Checks a recording, message by message.
+#[derive(Default)]
 pub struct Verifier {
     stages: Option<Stages>,
     inputs: Inputs,
@@ -77,16 +78,6 @@ struct Stages {
 pub struct ConfigurationError(String);
 
 impl Verifier {
-    /// Has seen nothing yet.
-    pub fn new() -> Self {
-        Self {
-            stages: None,
-            inputs: Inputs::default(),
-            waiting: VecDeque::new(),
-            findings: Findings::default(),
-        }
-    }
-
     /// Takes in the next message.
     pub fn take(&mut self, entry: &Entry) -> Result<(), ConfigurationError> {
         if self.stages.is_some() {

@@ -5,25 +5,17 @@
 #![allow(dead_code)]
 
 use bytemuck::Zeroable;
-use classifier::Classifier;
 use common::config::Config;
-use common::messages::{
-    Commands, DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, WorldFrame,
-};
-use filter::Filter;
+use common::messages::{Commands, DetectionFrame, FrameHeader, WorldFrame};
 use grabber::synthetic::SyntheticMatch;
-use tracker::Tracker;
+use touchline::chain::Chain;
 
 /// Capture time of the first frame.
 pub const START_NS: u64 = 5_000_000_000;
 
-/// A match and its observers.
+/// A match, and the stages that watch it.
 pub struct Offline {
     pub game: SyntheticMatch,
-    /// Detections in the current frame.
-    pub seen: Box<DetectionFrame>,
-    /// The resulting `world`.
-    pub world: Box<WorldFrame>,
     /// Commands to the robots in the current frame.
     pub commands: Commands,
     /// Header of the current frame.
@@ -31,11 +23,8 @@ pub struct Offline {
     pub period_ns: u64,
     /// Whether the filter receives the robots' commands.
     pub hears_commands: bool,
-    classifier: Classifier,
-    tracker: Tracker,
-    filter: Filter,
+    chain: Chain,
     pixels: Vec<u8>,
-    runs: Vec<Run>,
 }
 
 impl Offline {
@@ -49,41 +38,43 @@ impl Offline {
         let camera = &config.camera;
         Self {
             game: SyntheticMatch::new(painted).unwrap(),
-            seen: Box::new(DetectionFrame::zeroed()),
-            world: Box::new(WorldFrame::zeroed()),
             commands: Commands::zeroed(),
             header: FrameHeader { t_capture_ns: START_NS, ..camera.frame_header() },
             period_ns: (1e9 / camera.fps).round() as u64,
             hears_commands: true,
-            classifier: Classifier::new(config).unwrap(),
-            tracker: Tracker::new(config).unwrap(),
-            filter: Filter::new(config).unwrap(),
+            chain: Chain::new(config).unwrap(),
             pixels: vec![0; camera.frame_bytes()],
-            runs: vec![Run::zeroed(); MAX_RUNS],
         }
+    }
+
+    /// Detections of the current frame.
+    pub fn seen(&self) -> &DetectionFrame {
+        self.chain.detections()
+    }
+
+    /// The resulting `world`.
+    pub fn world(&self) -> &WorldFrame {
+        self.chain.world()
     }
 
     /// Renders a picture, lets `spoil` change it, and processes it up to `seen`.
     pub fn look(&mut self, spoil: impl FnOnce(&mut [u8])) {
-        let Self { game, header, pixels, runs, seen, .. } = self;
+        let Self { game, header, pixels, chain, .. } = self;
         game.render(pixels, header.stride as usize);
         spoil(pixels);
-        let mut runs_header = RunsHeader::default();
-        self.classifier.step(header, pixels, &mut runs_header, runs).unwrap();
-        let prior = (header.seq > 0).then_some(&*self.world);
-        self.tracker.step(&runs_header, runs_header.valid(runs), Some(pixels), prior, seen);
-        // Predictions are for a command that is sent at once.
-        seen.t_sent_ns = header.t_capture_ns;
+        chain.classify(header, pixels).unwrap();
+        chain.track(pixels);
     }
 
     /// Filters the detections up to `world`, and passes the resulting commands to the filter, unless
     /// these are withheld.
     pub fn think(&mut self) {
-        self.filter.step(&self.seen, &mut self.world);
+        // Predictions are for a command that leaves at once.
+        self.chain.filter(self.header.t_capture_ns);
         self.commands = *self.game.commands();
         (self.commands.seq, self.commands.t_sent_ns) = (self.header.seq, self.header.t_capture_ns);
         if self.hears_commands {
-            self.filter.command(&self.commands);
+            self.chain.command(&self.commands);
         }
     }
 

@@ -4,13 +4,12 @@ use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use crate::commands::output::Reader;
 use classifier::{Classifier, SimdLevel};
 use common::config::Config;
-use common::messages::{DetectionFrame, FrameHeader, MAX_RUNS, Run, RunsHeader, WorldFrame};
-use filter::Filter;
+use common::messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
 use serde::Serialize;
 use std::hint::black_box;
 use std::io;
 use std::time::{Duration, Instant};
-use tracker::Tracker;
+use touchline::chain::Chain;
 
 /// What each stage takes for a frame, in microseconds.
 #[derive(Debug, Serialize)]
@@ -79,15 +78,9 @@ pub fn measure(
     budget: Duration,
 ) -> Result<Stages, CommandError> {
     let (count, bytes) = (frames.len(), config.camera.frame_bytes());
-    let mut classifier = Classifier::new(config)?;
-    let mut tracker = Tracker::new(config)?;
-    let mut filter = Filter::new(config)?;
+    let mut chain = Chain::new(config)?;
     let mut copy = vec![0; bytes];
-    let mut runs = vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; MAX_RUNS];
-    let mut runs_header = RunsHeader::default();
-    let mut detections: Box<DetectionFrame> = Box::new(bytemuck::Zeroable::zeroed());
-    let mut world: Box<WorldFrame> = Box::new(bytemuck::Zeroable::zeroed());
-    verify(config, &frames[0], &mut classifier, &mut runs)?;
+    verify(config, &frames[0], &mut chain)?;
     let mut times: [Vec<f64>; 4] = Default::default();
     let started = Instant::now();
     let mut seq = 0;
@@ -103,17 +96,13 @@ pub fn measure(
         times[0].push(timed(|| black_box(&mut copy).copy_from_slice(black_box(frame))));
         let mut fault = None;
         times[1].push(timed(|| {
-            fault = classifier.step(&header, black_box(frame), &mut runs_header, &mut runs).err();
+            fault = chain.classify(&header, black_box(frame)).err();
         }));
         if let Some(fault) = fault {
             return Err(fault.into());
         }
-        let prior = (seq > 0).then_some(&*world);
-        times[2].push(timed(|| {
-            let valid = runs_header.valid(&runs);
-            tracker.step(&runs_header, valid, Some(frame), prior, &mut detections);
-        }));
-        times[3].push(timed(|| filter.step(&detections, &mut world)));
+        times[2].push(timed(|| chain.track(frame)));
+        times[3].push(timed(|| chain.filter(header.t_capture_ns)));
         seq += 1;
     }
     let last = times[0].len() - 1;
@@ -124,33 +113,29 @@ pub fn measure(
     Ok(Stages {
         width: config.camera.width,
         height: config.camera.height,
-        level: classifier.level().name(),
+        level: chain.classifier().level().name(),
         copy_us,
         classifier_us,
         tracker_us,
         filter_us,
         sum_us: copy_us + classifier_us + tracker_us + filter_us,
         sum_p99_us: sums[last * 99 / 100],
-        runs: runs_header.run_count as usize,
-        robots_found: detections.robots().len(),
+        runs: chain.runs().len(),
+        robots_found: chain.detections().robots().len(),
     })
 }
 
 /// Whether the classifier finds what the scalar code does, which is the specification.
-fn verify(
-    config: &Config,
-    frame: &[u8],
-    classifier: &mut Classifier,
-    runs: &mut [Run],
-) -> Result<(), CommandError> {
+fn verify(config: &Config, frame: &[u8], chain: &mut Chain) -> Result<(), CommandError> {
     let header = config.camera.frame_header();
     let mut runs_header = RunsHeader::default();
+    let mut runs = vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; MAX_RUNS];
     let mut specified = Classifier::with_level(config, SimdLevel::Scalar)?;
-    specified.step(&header, frame, &mut runs_header, runs)?;
-    let expected = runs_header.valid(runs).to_vec();
-    classifier.step(&header, frame, &mut runs_header, runs)?;
-    if runs_header.valid(runs) != expected {
-        return Err(format!("{} gives other runs than the scalar code", classifier.level()).into());
+    specified.step(&header, frame, &mut runs_header, &mut runs)?;
+    chain.classify(&header, frame)?;
+    if chain.runs() != runs_header.valid(&runs) {
+        let level = chain.classifier().level();
+        return Err(format!("{level} gives other runs than the scalar code").into());
     }
     Ok(())
 }

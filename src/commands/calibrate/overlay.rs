@@ -7,12 +7,12 @@
 //! * The point below the lens, crossed.
 
 use super::points::NamedMark;
-use crate::drawing::canvas::{Area, Canvas, Color, Spot, text_size};
 use common::calibration::Calibration;
 use common::config::FieldConfig;
 use common::geometry::{FieldPoint, ImagePoint};
 use image::RgbImage;
 use std::f64::consts::TAU;
+use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
 /// Overlays are about this wide.
 const WIDTH_PX: u32 = 1920;
@@ -69,12 +69,12 @@ struct Drawing<'a> {
 }
 
 impl Drawing<'_> {
-    fn spot(&self, [x_px, y_px]: [f64; 2]) -> Spot {
+    fn spot(&self, [x_px, y_px]: [f64; 2]) -> CanvasPoint {
         let at = |value: f64| ((value + 0.5) * f64::from(self.scale) - 0.5) as f32;
-        Spot { x: at(x_px), y: at(y_px) }
+        CanvasPoint { x: at(x_px), y: at(y_px) }
     }
 
-    fn image_spot(&self, [x, y]: [f64; 2], height_mm: f64) -> Spot {
+    fn image_spot(&self, [x, y]: [f64; 2], height_mm: f64) -> CanvasPoint {
         let ImagePoint { x_px, y_px } =
             self.calibration.model.image_from_field(FieldPoint::new(x, y), height_mm);
         self.spot([x_px, y_px])
@@ -98,13 +98,23 @@ impl Drawing<'_> {
 
     fn below_the_lens(&mut self) {
         let [x, y, _] = self.calibration.geometry.camera_mm;
-        let Spot { x, y } = self.image_spot([x, y], 0.0);
+        let CanvasPoint { x, y } = self.image_spot([x, y], 0.0);
         for (width, color) in [(4.0, BLACK), (2.0, WHITE)] {
             let arm = 10.0;
-            self.canvas.line(Spot { x: x - arm, y }, Spot { x: x + arm, y }, width, color);
-            self.canvas.line(Spot { x, y: y - arm }, Spot { x, y: y + arm }, width, color);
+            self.canvas.line(
+                CanvasPoint { x: x - arm, y },
+                CanvasPoint { x: x + arm, y },
+                width,
+                color,
+            );
+            self.canvas.line(
+                CanvasPoint { x, y: y - arm },
+                CanvasPoint { x, y: y + arm },
+                width,
+                color,
+            );
         }
-        self.label(Spot { x: x + 14.0, y: y + 14.0 }, "lens", WHITE);
+        self.label(CanvasPoint { x: x + 14.0, y: y + 14.0 }, "lens", WHITE);
     }
 
     fn mark(&mut self, number: usize, marked_px: [f64; 2], error_px: [f64; 2]) {
@@ -116,11 +126,11 @@ impl Drawing<'_> {
         self.canvas.circle(marked, 9.0, 2.0, MARK);
         self.canvas.disc(fitted, 3.0, BLACK);
         self.canvas.disc(fitted, 2.0, WHITE);
-        let beside = Spot { x: marked.x + 14.0, y: marked.y + 8.0 };
+        let beside = CanvasPoint { x: marked.x + 14.0, y: marked.y + 8.0 };
         self.label(beside, &number.to_string(), MARK);
     }
 
-    fn label(&mut self, at: Spot, text: &str, color: Color) {
+    fn label(&mut self, at: CanvasPoint, text: &str, color: Color) {
         let (width, height) = text_size(LETTER, text);
         let bounds = self.canvas.area();
         // Inside the picture, also for what lies at its edge.

@@ -3,8 +3,6 @@
 use super::leaks::{self, Leftovers};
 use super::population;
 use crate::commands::CommandError;
-use crate::monitor::{Report, read_status};
-use crate::supervisor::{self, Request};
 use common::descriptors;
 use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use common::messages::ProcessKind;
@@ -16,6 +14,8 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use touchline::monitor::{Report, read_status};
+use touchline::supervisor::{self, Request};
 
 /// Starting, ending, and whatever else happens by itself, on a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);

@@ -30,7 +30,6 @@ pub use plan::Disturbance;
 use super::CommandError;
 use super::output::Rule;
 use crate::cli::ChaosArgs;
-use crate::monitor::Report;
 use bystanders::Bystanders;
 use common::clock::{monotonic_ns, wall_ns};
 use common::config::Config;
@@ -50,6 +49,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use touchline::monitor::Report;
 use vandal::Vandal;
 
 /// Between two looks at whether something is to be done.

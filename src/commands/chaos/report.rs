@@ -57,7 +57,7 @@ pub struct ChaosReport {
     /// What was left when it had ended.
     pub left: Leftovers,
     /// What the group said of itself at the end.
-    pub group: Option<crate::monitor::Report>,
+    pub group: Option<touchline::monitor::Report>,
     /// What its supervisor wrote: every event, with its evidence.
     pub group_log: Vec<String>,
 }

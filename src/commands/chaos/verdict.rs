@@ -345,8 +345,8 @@ mod tests {
     use super::super::leaks::{Leftovers, Usage};
     use super::super::report::{Ended, Frames, tests::done};
     use super::*;
-    use crate::monitor::Report;
     use common::messages::ProcessKind;
+    use touchline::monitor::Report;
 
     fn good() -> ChaosReport {
         let usage = Usage {

@@ -5,9 +5,9 @@
 //! noticed. So the first pictures are looked at again as if it were so.
 
 use crate::commands::CommandError;
-use crate::commands::pipeline::Pipeline;
 use common::config::{CameraConfig, Config};
 use common::messages::BayerOrder;
+use touchline::chain::Chain;
 
 /// Pictures that are kept to be looked at again.
 const MOST_KEPT: usize = 3;
@@ -86,10 +86,10 @@ impl Doubts {
     }
 
     fn named_with(&self, config: &Config) -> Result<usize, CommandError> {
-        let mut pipeline = Pipeline::new(config)?;
+        let mut chain = Chain::new(config)?;
         let mut named = 0;
         for frame in &self.pictures {
-            let seen = pipeline.step(frame)?;
+            let seen = chain.look_at(frame)?;
             named += seen.robots().iter().filter(|robot| robot.is_identified()).count();
         }
         Ok(named)

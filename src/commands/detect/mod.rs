@@ -9,7 +9,6 @@ mod doubts;
 mod overlay;
 
 use super::output::{Reader, Rule};
-use super::pipeline::Pipeline;
 use super::{CommandError, load_config};
 use crate::cli::DetectArgs;
 use answer::Answer;
@@ -24,12 +23,13 @@ use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use touchline::chain::Chain;
 
 /// Looks at every picture and prints what it shows. A picture that cannot be used is complained
 /// about and makes the exit code 1; the others are looked at all the same.
 pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
-    let mut pipeline = Pipeline::new(&config)?;
+    let mut chain = Chain::new(&config)?;
     let mut tops = TopScale::new(&config)?;
     let (pictures, mut all_good) = list(&args.images);
     let mut painter = match &args.overlay {
@@ -38,8 +38,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     };
     let mut doubts = Doubts::default();
     for path in &pictures {
-        let looked =
-            look_at(path, &config, &mut pipeline, &mut tops, painter.as_mut(), &mut doubts);
+        let looked = look_at(path, &config, &mut chain, &mut tops, painter.as_mut(), &mut doubts);
         let answer = match looked {
             Ok(answer) => answer,
             Err(error) => {
@@ -82,14 +81,14 @@ fn list(arguments: &[PathBuf]) -> (Vec<PathBuf>, bool) {
 fn look_at(
     path: &Path,
     config: &Config,
-    pipeline: &mut Pipeline,
+    chain: &mut Chain,
     tops: &mut TopScale,
     painter: Option<&mut Painter>,
     doubts: &mut Doubts,
 ) -> Result<Answer, CommandError> {
     let name = path.display();
     let Picture { bayer, is_raw } = load_picture(path, &config.camera)?;
-    let seen = pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
+    let seen = chain.look_at(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
     if seen.flags & DetectionFrame::INPUT_OVERFLOW != 0 {
         common::tell!(
             "touchline: {name}: more than {MAX_RUNS} stretches of colour; the lower part of the \

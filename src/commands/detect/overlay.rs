@@ -9,7 +9,6 @@
 //! * Every rejected candidate, crossed; with the reason in words where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
-use crate::drawing::canvas::{Area, Canvas, Color, Spot, text_size};
 use common::body::Body;
 use common::config::Config;
 use common::config::{PatchConfig, Top};
@@ -20,6 +19,7 @@ use common::messages::{
 };
 use image::RgbImage;
 use std::f32::consts::TAU;
+use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
 /// Overlays are about this wide: small pictures are enlarged until a patch can be judged.
 const WIDTH_PX: u32 = 1920;
@@ -92,12 +92,12 @@ impl<'a> Overlay<'a> {
         drawing.canvas.into_image()
     }
 
-    fn spot(&self, x_px: f64, y_px: f64) -> Spot {
+    fn spot(&self, x_px: f64, y_px: f64) -> CanvasPoint {
         let at = |value: f64| ((value + 0.5) * f64::from(self.scale) - 0.5) as f32;
-        Spot { x: at(x_px), y: at(y_px) }
+        CanvasPoint { x: at(x_px), y: at(y_px) }
     }
 
-    fn image_spot(&self, point: ImagePoint) -> Spot {
+    fn image_spot(&self, point: ImagePoint) -> CanvasPoint {
         self.spot(point.x_px, point.y_px)
     }
 
@@ -222,14 +222,14 @@ impl Drawing<'_> {
             overlay.image_spot(overlay.camera.image_from_field(point, top.height_mm))
         };
         let outline = Body::new(config, top.patches).outline();
-        let body: Vec<Spot> = outline.into_iter().map(at).collect();
+        let body: Vec<CanvasPoint> = outline.into_iter().map(at).collect();
         self.canvas.polygon(&body, 1.0, overlay.team_color(robot.team));
 
         let size = overlay.robot_size(f64::from(robot.x_px), f64::from(robot.y_px));
         let layout = overlay.layouts.iter().find(|(patches, _)| *patches == top.patches);
         let expected = layout.into_iter().flat_map(|(_, layout)| &layout.patches);
         let patches = robot.patch_regions.iter().take(robot.patch_count as usize);
-        let patches: Vec<Spot> = patches
+        let patches: Vec<CanvasPoint> = patches
             .zip(expected)
             .filter_map(|(&region, patch)| Some((seen.regions().get(region as usize)?, patch)))
             .map(|(region, patch)| {
@@ -274,7 +274,7 @@ impl Drawing<'_> {
         let (x, y) = (f64::from(rejected.x_px), f64::from(rejected.y_px));
         let center = self.overlay.spot(x, y);
         let arm = if is_noise(rejected) { 0.5 * CROSS_PX } else { CROSS_PX };
-        let corner = |x: f32, y: f32| Spot { x: center.x + x * arm, y: center.y + y * arm };
+        let corner = |x: f32, y: f32| CanvasPoint { x: center.x + x * arm, y: center.y + y * arm };
         for (width, color) in [(5.0, BLACK), (2.5, self.overlay.team_color(rejected.team))] {
             self.canvas.line(corner(-1.0, -1.0), corner(1.0, 1.0), width, color);
             self.canvas.line(corner(-1.0, 1.0), corner(1.0, -1.0), width, color);
@@ -316,7 +316,7 @@ impl Drawing<'_> {
     /// is there if it must be written, or not at all.
     fn label(
         &mut self,
-        center: Spot,
+        center: CanvasPoint,
         radius: f32,
         text: &str,
         letter: i32,

@@ -2,8 +2,6 @@
 
 use super::{Finding, bytes};
 use crate::commands::group::strange_versions;
-use crate::gateway::place;
-use crate::supervisor::evidence_directory;
 use common::config::Config;
 use common::instance::Instance;
 use common::instance::namespace::IPC_VERSION;
@@ -12,6 +10,8 @@ use grabber::source::Source;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use touchline::gateway::place;
+use touchline::supervisor::evidence_directory;
 
 /// Less is not worth recording to.
 const DISK_MINUTES: u64 = 10;

@@ -11,7 +11,6 @@
 use super::floor;
 use super::lessons::Lessons;
 use super::{CommandError, learn_from};
-use crate::commands::pipeline::Pipeline;
 use common::config::{ColorConfig, Config};
 use common::messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
 use learning::candidates::guess;
@@ -19,6 +18,7 @@ use learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use learning::palette::{LeastSaturation, by_tone};
 use learning::picture::Picture;
 use std::path::PathBuf;
+use touchline::chain::Chain;
 
 /// How saturated colours may be taken to be in the beginning.
 const SATURATIONS: [LeastSaturation; 2] =
@@ -142,16 +142,16 @@ fn climb(
 }
 
 fn find(config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
-    let mut pipeline = Pipeline::new(config)?;
+    let mut chain = Chain::new(config)?;
     let mut taken = floor::Taken::none(config.colors.len());
     let mut confidence = 0.0;
     let mut found =
         Found { config: config.clone(), labels: Vec::new(), robots: 0, balls: 0, score: 0.0 };
     for lesson in &lessons.list {
-        pipeline
-            .step(&lesson.bayer)
+        chain
+            .look_at(&lesson.bayer)
             .map_err(|fault| format!("{}: {fault}", lesson.file.display()))?;
-        let seen = pipeline.seen();
+        let seen = chain.detections();
         let file = lesson.file.clone();
         let labels = label(config, file, seen);
         let named = seen.robots().iter().filter(|robot| robot.is_identified());
@@ -161,7 +161,7 @@ fn find(config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
             found.balls += 1;
             confidence += seen.balls().first().map_or(0.0, |ball| f64::from(ball.confidence));
         }
-        taken.add(config, &lessons.scene, pipeline.runs(), &labels);
+        taken.add(config, &lessons.scene, chain.runs(), &labels);
         found.labels.push(labels);
     }
     let shares = taken.shares(config, &lessons.scene, lessons.list.len());

@@ -4,12 +4,12 @@
 use super::CommandError;
 use super::floor::{Taken, covered_px};
 use super::lessons::Lessons;
-use crate::commands::pipeline::Pipeline;
 use crate::commands::second_look::Passing;
 use classifier::ClassTables;
 use common::config::Config;
 use learning::confusion::Confusion;
 use learning::labels::ImageLabels;
+use touchline::chain::Chain;
 
 /// All of it, for people.
 pub fn text(
@@ -47,7 +47,7 @@ fn swallowed(
     lessons: &Lessons,
     labels: &[ImageLabels],
 ) -> Result<Vec<String>, CommandError> {
-    let mut pipeline = Pipeline::new(config)?;
+    let mut chain = Chain::new(config)?;
     // Per colour: the most pixels taken in a picture, and that picture's number.
     let mut worst = vec![(0.0, 0); config.colors.len()];
     for (number, (lesson, labels)) in lessons.list.iter().zip(labels).enumerate() {
@@ -55,11 +55,11 @@ fn swallowed(
         if labels.robots.is_none() {
             continue;
         }
-        pipeline
-            .step(&lesson.bayer)
+        chain
+            .look_at(&lesson.bayer)
             .map_err(|fault| format!("{}: {fault}", lesson.file.display()))?;
         let mut taken = Taken::none(config.colors.len());
-        taken.add(config, &lessons.scene, pipeline.runs(), labels);
+        taken.add(config, &lessons.scene, chain.runs(), labels);
         for (worst, &pixels) in worst.iter_mut().zip(&taken.pixels) {
             if pixels > worst.0 {
                 *worst = (pixels, number);

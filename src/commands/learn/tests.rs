@@ -3,7 +3,6 @@
 
 use super::lessons::{Lesson, Lessons};
 use super::*;
-use crate::commands::pipeline::Pipeline;
 use common::body::Body;
 use common::config::{PatchRole, Preset};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
@@ -11,6 +10,7 @@ use common::layout::Outlines;
 use common::messages::Team;
 use learning::labels::{BallLabel, Quality, RobotLabel};
 use learning::scene::Scene;
+use touchline::chain::Chain;
 
 type Rgb = [f64; 3];
 
@@ -234,10 +234,10 @@ fn painted(painters: &[Painter]) -> (Lessons, Vec<ImageLabels>) {
 
 /// Robots that a configuration finds under their own name within 3 px and 6°, of all.
 fn right(config: &Config, lessons: &Lessons, labels: &[ImageLabels]) -> [usize; 2] {
-    let mut pipeline = Pipeline::new(config).unwrap();
+    let mut chain = Chain::new(config).unwrap();
     let (mut right, mut all) = (0, 0);
     for (lesson, labels) in lessons.list.iter().zip(labels) {
-        let seen = pipeline.step(&lesson.bayer).unwrap();
+        let seen = chain.look_at(&lesson.bayer).unwrap();
         for label in labels.robots.iter().flatten() {
             all += 1;
             right += usize::from(seen.robots().iter().any(|robot| {

@@ -99,22 +99,22 @@ mod tests {
     use super::super::lessons::Lesson;
     use super::*;
     use crate::commands::painted_light::painted;
-    use crate::commands::pipeline::Pipeline;
     use common::messages::Team;
     use grabber::synthetic::SyntheticMatch;
     use learning::labels::{Quality, RobotLabel};
     use learning::scene::Scene;
+    use touchline::chain::Chain;
 
     /// Some pictures of a match under a lamp, with what is seen of it for labels.
     fn lessons(config: &Config) -> (Lessons, Vec<ImageLabels>) {
         let mut game = SyntheticMatch::new(config).unwrap();
         let light = painted(config.preset.config().light);
-        let mut pipeline = Pipeline::new(&Config { light, ..config.clone() }).unwrap();
+        let mut chain = Chain::new(&Config { light, ..config.clone() }).unwrap();
         let mut lesson = || {
             (0..60).for_each(|_| game.advance());
             let mut bayer = vec![0; config.camera.frame_bytes()];
             game.render(&mut bayer, config.camera.width as usize);
-            let seen = pipeline.step(&bayer).unwrap();
+            let seen = chain.look_at(&bayer).unwrap();
             let robots = seen.robots().iter().map(|robot| RobotLabel {
                 team: Team::from_number(robot.team).unwrap(),
                 id: robot.robot_id.number().unwrap(),

@@ -3,7 +3,6 @@
 use super::{size_text, time_text};
 use crate::cli::RecordArgs;
 use crate::commands::CommandError;
-use crate::recorder::{self, End, Options, Progress};
 use common::instance::Instance;
 use common::memory_rank::MemoryRank;
 use recording::Channel;
@@ -14,6 +13,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
+use touchline::recorder::{self, End, Options, Progress};
 
 /// Between two lines of progress where they do not overwrite each other.
 const LINE_PERIOD: Duration = Duration::from_secs(10);

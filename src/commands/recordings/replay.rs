@@ -3,11 +3,11 @@
 use super::{tell_damages, time_text};
 use crate::cli::ReplayArgs;
 use crate::commands::CommandError;
-use crate::replay::{Findings, Verifier};
 use recording::Reader;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use touchline::replay::{Findings, Verifier};
 
 /// Between two signs of progress on a terminal.
 const TELL_PERIOD: Duration = Duration::from_millis(250);
@@ -23,7 +23,7 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
         .into());
     }
     let mut reader = Reader::open(&args.file)?;
-    let mut verifier = Verifier::new();
+    let mut verifier = Verifier::default();
     let is_terminal = std::io::stderr().is_terminal();
     let (began, mut told, mut first_ns) = (Instant::now(), Instant::now(), None);
     for entry in reader.by_ref() {

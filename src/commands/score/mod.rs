@@ -6,7 +6,6 @@ mod report;
 mod synthetic;
 mod verdict;
 
-use super::pipeline::Pipeline;
 use super::{CommandError, load_config};
 use crate::cli::ScoreArgs;
 use common::config::Config;
@@ -16,6 +15,7 @@ use grabber::pictures::load_bayer;
 use learning::labels::{ImageLabels, Labels};
 use report::Report;
 use std::process::ExitCode;
+use touchline::chain::Chain;
 use verdict::{Judge, PictureScore, Tolerances};
 
 /// Looks at every labelled picture and prints how well it was understood. A picture that cannot be
@@ -33,16 +33,16 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     // All files first: a typing error shows at once.
     let labels: Vec<Labels> =
         args.labels.iter().map(|path| Labels::load(path)).collect::<Result<_, _>>()?;
-    let mut pipeline = Pipeline::new(&config)?;
+    let mut chain = Chain::new(&config)?;
     let camera = CameraModel::new(&config.geometry, config.camera.width, config.camera.height)?;
     let judge = Judge { config: &config, camera: &camera, tolerances };
     let mut pictures = Vec::new();
     let mut tops = TopScale::new(&config)?;
     let mut all_good = true;
     for image in labels.iter().flat_map(|labels| &labels.images) {
-        match look_at(image, &config, &mut pipeline, &judge) {
+        match look_at(image, &config, &mut chain, &judge) {
             Ok(score) => {
-                tops.add(pipeline.seen());
+                tops.add(chain.detections());
                 pictures.push(score);
             }
             Err(error) => {
@@ -73,11 +73,11 @@ fn score_scenes(config: &Config, args: &ScoreArgs) -> Result<ExitCode, CommandEr
 fn look_at(
     image: &ImageLabels,
     config: &Config,
-    pipeline: &mut Pipeline,
+    chain: &mut Chain,
     judge: &Judge,
 ) -> Result<PictureScore, CommandError> {
     let name = image.file.display();
     let bayer = load_bayer(&image.file, &config.camera)?;
-    pipeline.step(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
-    Ok(judge.judge(image, pipeline.seen(), pipeline.runs()))
+    chain.look_at(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
+    Ok(judge.judge(image, chain.detections(), chain.runs()))
 }

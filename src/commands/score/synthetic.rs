@@ -7,13 +7,13 @@ use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
 use crate::commands::output::Reader;
 use crate::commands::painted_light::follow_painted_light;
-use crate::commands::pipeline::Pipeline;
-use crate::monitor::accuracy::{ReportedRobot, Scorer};
 use common::config::{
     Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset,
 };
 use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
+use touchline::chain::Chain;
+use touchline::monitor::accuracy::{ReportedRobot, Scorer};
 
 /// What makes a scene difficult.
 type Change = fn(&mut Config);
@@ -178,8 +178,8 @@ fn play_scene(
     let mut pixels = vec![0; width * config.camera.height as usize];
     follow_painted_light(&mut config);
     let mut game = SyntheticMatch::new(&config)?;
-    let mut pipeline = Pipeline::new(&taught(&config))?;
-    let mut scorer = Scorer::new();
+    let mut chain = Chain::new(&taught(&config))?;
+    let mut scorer = Scorer::default();
     for _ in 0..frames {
         for _ in 0..STRIDE {
             game.advance();
@@ -195,7 +195,7 @@ fn play_scene(
             }
         }
         game.render(&mut pixels, width);
-        let seen = pipeline.step(&pixels)?;
+        let seen = chain.look_at(&pixels)?;
         let robots: Vec<ReportedRobot> = seen
             .robots()
             .iter()

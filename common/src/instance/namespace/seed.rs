@@ -38,9 +38,10 @@ pub fn make(prefix: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::super::{config_for, free_prefix};
-    use super::*;
-    use iceoryx2::prelude::*;
+    use super::{NAME, SHARED_MEMORY, SUFFIX, WORDS};
+    use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode, ipc};
     use std::fs;
+    use std::path::Path;
 
     #[test]
     fn it_is_as_iceoryx2_makes_it() {
