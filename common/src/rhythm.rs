@@ -20,7 +20,7 @@ const MARGIN_DEVIATIONS: f64 = 3.0;
 const LONGEST_MARGIN_NS: f64 = 150_000.0;
 
 /// A pause of more periods ends the rhythm.
-const MOST_PERIODS: f64 = 8.0;
+const MAX_PERIODS: f64 = 8.0;
 
 /// Estimator for messages that arrive at regular intervals.
 #[derive(Debug, Clone, Default)]
@@ -50,9 +50,7 @@ impl Rhythm {
         let periods = ((now_ns as f64 - self.phase_ns) / self.period_ns).round().max(1.0);
         let due_ns = self.phase_ns + periods * self.period_ns;
         let deviation_ns = now_ns as f64 - due_ns;
-        if self.in_rhythm > 0
-            && periods <= MOST_PERIODS
-            && deviation_ns.abs() < self.period_ns / 4.0
+        if self.in_rhythm > 0 && periods <= MAX_PERIODS && deviation_ns.abs() < self.period_ns / 4.0
         {
             self.phase_ns = due_ns + PHASE_GAIN * deviation_ns;
             self.period_ns += PERIOD_GAIN * deviation_ns / periods;

@@ -17,7 +17,7 @@ use crate::messages::DetectionFrame;
 use std::ops::RangeInclusive;
 
 /// Fewest votes for a result.
-const LEAST_VOTES: u64 = 3;
+const MIN_VOTES: u64 = 3;
 /// Smallest deviation from 1 that is reported: patches bleed, and heights are not exact.
 const WORTH_TELLING: f64 = 0.06;
 /// Factor by which the votes for another scale must exceed those for the configured one.
@@ -32,7 +32,7 @@ const STEP: f64 = 0.01;
 /// … and number of bins to each side that are counted together.
 const SPREAD: usize = 3;
 /// Most regions in patch colours per frame, the largest ones; a match has about a hundred.
-const MOST_REGIONS: usize = 300;
+const MAX_REGIONS: usize = 300;
 
 /// Collects the votes of frames.
 #[derive(Debug, Clone)]
@@ -131,7 +131,7 @@ impl TopScale {
         for height in 0..self.heights_mm.len() {
             self.measure(seen, height, &mut regions);
             regions.sort_unstable_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
-            regions.truncate(MOST_REGIONS);
+            regions.truncate(MAX_REGIONS);
             for pair in self.pairs.iter().filter(|pair| pair.height == height) {
                 let of = |class: u32| regions.iter().filter(move |region| region.class == class);
                 for team in of(pair.classes[0]) {
@@ -168,7 +168,7 @@ impl TopScale {
             votes(around(most, SPREAD)) as f64 > MORE_VOTES * votes(believed.clone()) as f64;
         let bins = if other_wins { around(most, SPREAD) } else { believed };
         let count = votes(bins.clone());
-        if count < LEAST_VOTES {
+        if count < MIN_VOTES {
             return None;
         }
         let sum: f64 = bins.map(|bin| self.votes[bin] as f64 * scale_of(bin)).sum();

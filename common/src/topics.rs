@@ -157,11 +157,11 @@ const fn work<Element, Header>(
 const KEPT_FRAMES_BYTES: usize = 128 << 20;
 /// … but at least this many frames are kept: the time a stage may be away while it is replaced, at 80
 /// frames a second.
-const FEWEST_KEPT_FRAMES: usize = 16;
+const MIN_KEPT_FRAMES: usize = 16;
 
 /// [`FRAMES`] for frames of this size: the larger the frame, the fewer are kept.
 pub fn frames(frame_bytes: usize) -> Topic<u8, FrameHeader> {
-    let kept = (KEPT_FRAMES_BYTES / frame_bytes.max(1)).clamp(FEWEST_KEPT_FRAMES, FRAMES.buffer);
+    let kept = (KEPT_FRAMES_BYTES / frame_bytes.max(1)).clamp(MIN_KEPT_FRAMES, FRAMES.buffer);
     Topic { buffer: kept, history: kept, borrowed: frames_of_evidence(kept) + kept + 4, ..FRAMES }
 }
 
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!((small.buffer, small.borrowed), (FRAMES.buffer, FRAMES.borrowed));
         let large = frames(2448 * 2048);
         assert!((16..32).contains(&large.buffer) && large.history == large.buffer);
-        assert_eq!(frames(16_384 * 16_384).buffer, FEWEST_KEPT_FRAMES);
+        assert_eq!(frames(16_384 * 16_384).buffer, MIN_KEPT_FRAMES);
         assert_eq!(frames(0).buffer, FRAMES.buffer);
     }
 }

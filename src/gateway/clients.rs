@@ -7,7 +7,7 @@
 use super::intake::{Intake, Said};
 use super::ration::Rations;
 use super::seats::{Seat, seat_for};
-use common::gateway::{KEPT, MOST_BYTES};
+use common::gateway::{KEPT, MAX_BYTES};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send, sockopt};
@@ -201,7 +201,7 @@ impl Clients {
                 speakers.remove(&id);
                 continue;
             };
-            let mut buffer = [0; MOST_BYTES];
+            let mut buffer = [0; MAX_BYTES];
             let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
             let (bytes, length) = match recv(&*client.socket, &mut buffer[..], flags) {
                 _ if client.is_gone => {
@@ -217,7 +217,7 @@ impl Clients {
                     client.is_gone = true;
                     continue;
                 }
-                Ok((bytes, length)) => (&buffer[..bytes.min(MOST_BYTES)], length),
+                Ok((bytes, length)) => (&buffer[..bytes.min(MAX_BYTES)], length),
             };
             rations.take(client.uid, id);
             match client.intake.take(bytes, length) {

@@ -1,6 +1,6 @@
 //! What a client says: pure, for it is the only thing in a group that other users decide.
 
-use common::gateway::{CommandsFault, MOST_BYTES, commands_type_name, parse_commands};
+use common::gateway::{CommandsFault, MAX_BYTES, commands_type_name, parse_commands};
 use common::messages::Commands;
 
 /// Takes in what one client says.
@@ -29,7 +29,7 @@ impl Intake {
             self.drives = bytes == commands_type_name().as_bytes() && length == bytes.len();
             return if self.drives { Said::WillDrive } else { Said::Nonsense };
         }
-        if length > bytes.len().min(MOST_BYTES) {
+        if length > bytes.len().min(MAX_BYTES) {
             return Said::Rubbish(CommandsFault::Size(length));
         }
         match parse_commands(bytes) {
@@ -72,7 +72,7 @@ mod tests {
         let mut intake = Intake::default();
         say(&mut intake, commands_type_name().as_bytes());
         let mut state = 1u64;
-        for length in (0..2 * MOST_BYTES).chain([size_of::<Commands>(); 2000]) {
+        for length in (0..2 * MAX_BYTES).chain([size_of::<Commands>(); 2000]) {
             let bytes: Vec<u8> = (0..length)
                 .map(|_| {
                     state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

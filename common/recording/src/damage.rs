@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Damaged parts listed individually; further ones are only counted.
-const MOST_PARTS: usize = 100;
+const MAX_PARTS: usize = 100;
 
 /// Kind of damage in a part of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -157,7 +157,7 @@ impl Damages {
             return;
         }
         self.count += 1;
-        if self.parts.len() < MOST_PARTS {
+        if self.parts.len() < MAX_PARTS {
             let (after_ns, begin_ns) = (self.newest_ns, self.begin_ns);
             self.parts.push(Damage { fault, at_byte, bytes, after_ns, until_ns: None, begin_ns });
         }

@@ -16,7 +16,7 @@ const DISORDER_NS: u64 = 500_000_000;
 /// recordings takes less.
 const AHEAD_BYTES: u64 = 24 << 20;
 /// Upper limit of that memory for any file.
-const MOST_AHEAD_BYTES: u64 = 2 << 30;
+const MAX_AHEAD_BYTES: u64 = 2 << 30;
 /// Memory for a message read ahead besides its data.
 const ENTRY_BYTES: usize = 112;
 
@@ -81,7 +81,7 @@ impl Reader {
                 channels.insert(id, Channel::from_name(name));
             }
         }
-        let most_ahead = (2 * scanner.length() + AHEAD_BYTES).min(MOST_AHEAD_BYTES);
+        let most_ahead = (2 * scanner.length() + AHEAD_BYTES).min(MAX_AHEAD_BYTES);
         Ok(Self {
             path: path.into(),
             scanner,

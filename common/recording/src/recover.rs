@@ -16,7 +16,7 @@
 use crate::RecordingError;
 use crate::damage::{Damages, Fault};
 use crate::reader::open;
-use crate::scan::{Kind, MOST_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
+use crate::scan::{Kind, MAX_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
 use crate::summary::{ChunkLocation, Summary, widened};
 use crate::wire::{
     ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
@@ -32,7 +32,7 @@ use std::path::Path;
 
 /// Length of a new header if there is room, and the shortest possible one.
 const HEADER_BYTES: u64 = 64;
-const LEAST_HEADER_BYTES: u64 = HEAD_BYTES + 8;
+const MIN_HEADER_BYTES: u64 = HEAD_BYTES + 8;
 
 /// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -368,12 +368,12 @@ impl Plan {
             _ if piece.at == MAGIC.len() as u64 => {
                 // Every file begins with a header; the rest of the damaged part is fenced off after it.
                 self.damages.add(fault, piece.at, piece.length);
-                if piece.length < LEAST_HEADER_BYTES {
+                if piece.length < MIN_HEADER_BYTES {
                     self.lacks_header = true;
                     self.fences.push((piece.at, piece.length));
                     return;
                 }
-                let is_long = piece.length > MOST_HEADER_BYTES;
+                let is_long = piece.length > MAX_HEADER_BYTES;
                 let length = if is_long { HEADER_BYTES } else { piece.length };
                 self.patches.push((piece.at, header_record(length)));
                 if piece.length > length {

@@ -24,17 +24,17 @@ use std::io::{self, Read};
 /// Chunks up to this size are decompressed at once.
 const DIRECT_BYTES: u64 = 16 << 20;
 /// Largest chunk accepted: more than the largest frame of the largest camera.
-const MOST_CHUNK_BYTES: u64 = 1 << 30;
+const MAX_CHUNK_BYTES: u64 = 1 << 30;
 /// Largest window (log2) in the compression of a large chunk.
 const WINDOW_LOG: u32 = 24;
 /// Largest window that other readers accept.
-const MOST_WINDOW_BYTES: u64 = 1 << 27;
+const MAX_WINDOW_BYTES: u64 = 1 << 27;
 /// Bytes at the beginning of a zstd frame that contain its window.
 pub(crate) const ZSTD_PEEK_BYTES: usize = 8;
 /// Largest total size of the schemas and channels in a summary.
-const MOST_DESCRIPTION_BYTES: usize = 16 << 20;
+const MAX_DESCRIPTION_BYTES: usize = 16 << 20;
 /// Largest size of the first record, which names the library that wrote the file.
-pub(crate) const MOST_HEADER_BYTES: u64 = 128;
+pub(crate) const MAX_HEADER_BYTES: u64 = 128;
 /// Length of the record that ends the data.
 const DATA_END_BYTES: u64 = HEAD_BYTES + 4;
 
@@ -135,7 +135,7 @@ impl Scanner {
 
     /// Schemas and channels from the summary.
     pub fn descriptions(&mut self) -> io::Result<Vec<(u8, Vec<u8>)>> {
-        let (mut room, mut found) = (MOST_DESCRIPTION_BYTES, Vec::new());
+        let (mut room, mut found) = (MAX_DESCRIPTION_BYTES, Vec::new());
         self.read_summary(&[op::SCHEMA, op::CHANNEL], |opcode, body| {
             if body.len() <= room {
                 room -= body.len();
@@ -199,7 +199,7 @@ impl Scanner {
             () if is_at_end && goes_beyond => Fault::CutOff,
             // No message precedes the end of the header, or lies between the last chunk and the
             // summary.
-            () if at == MAGIC.len() as u64 && next - at <= MOST_HEADER_BYTES => Fault::Framing,
+            () if at == MAGIC.len() as u64 && next - at <= MAX_HEADER_BYTES => Fault::Framing,
             () if self.summary.is_some() && next == self.limit && next - at == DATA_END_BYTES => {
                 Fault::Framing
             }
@@ -326,7 +326,7 @@ impl Scanner {
                 let mut length = data_at + packed - at;
                 let frame = self.bytes.at(data_at, (packed as usize).min(ZSTD_PEEK_BYTES))?;
                 let is_far = packing == Packing::Zstd
-                    && zstd_window(frame).is_some_and(|(_, window)| window > MOST_WINDOW_BYTES);
+                    && zstd_window(frame).is_some_and(|(_, window)| window > MAX_WINDOW_BYTES);
                 let mut is_framed = is_framed && packed == header.packed_bytes && !is_far;
                 if claimed != length {
                     is_framed = is_framed && self.is_plausible_at(at + claimed)?;
@@ -355,7 +355,7 @@ impl Scanner {
         let unpacked = header.unpacked_bytes;
         // Compression enlarges data by less than this.
         let most_packed = unpacked.saturating_add(unpacked / 64 + 4096);
-        if unpacked > MOST_CHUNK_BYTES || packed > most_packed || self.patience == 0 {
+        if unpacked > MAX_CHUNK_BYTES || packed > most_packed || self.patience == 0 {
             return Ok(false);
         }
         let data = self.bytes.at(at, packed as usize)?;

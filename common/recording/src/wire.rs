@@ -14,9 +14,9 @@ const MESSAGE_HEADER_BYTES: usize = 22;
 /// Bytes of a footer's body.
 pub(crate) const FOOTER_BYTES: u64 = 20;
 /// Longest accepted name of a compression.
-const MOST_NAME_BYTES: u64 = 16;
+const MAX_NAME_BYTES: u64 = 16;
 /// Bytes that hold a chunk's head and header.
-pub(crate) const CHUNK_PEEK_BYTES: u64 = HEAD_BYTES + CHUNK_HEADER_BYTES + MOST_NAME_BYTES;
+pub(crate) const CHUNK_PEEK_BYTES: u64 = HEAD_BYTES + CHUNK_HEADER_BYTES + MAX_NAME_BYTES;
 
 /// Operation codes.
 pub(crate) mod op {

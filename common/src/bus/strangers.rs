@@ -4,7 +4,7 @@ use crate::roster::NodeKey;
 
 /// Senders counted separately between two calls of `take`; messages of further senders count for the
 /// last one.
-const MOST_STRANGERS: usize = 16;
+const MAX_STRANGERS: usize = 16;
 
 /// A program outside the group that published on a topic reserved for processes of the group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,7 +25,7 @@ impl Strangers {
     /// Counts a message.
     pub fn count(&mut self, sender: NodeKey) {
         let place = self.list.iter().position(|stranger| stranger.sender == sender);
-        if place.is_none() && self.list.len() < MOST_STRANGERS {
+        if place.is_none() && self.list.len() < MAX_STRANGERS {
             self.list.push(Stranger { sender, messages: 1 });
         } else if let Some(place) = place.or(self.list.len().checked_sub(1)) {
             self.list[place].messages += 1;

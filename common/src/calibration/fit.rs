@@ -84,7 +84,7 @@ const BY_HAND_SIGMA_PX: f64 = 0.1;
 /// Above this residual further models are tried, even if the points are too few to show them.
 const TOO_LARGE_RMS_PX: f64 = 1.0;
 /// Smallest third coordinate of the ray of a marked point.
-const LEAST_DEPTH: f64 = 0.1;
+const MIN_DEPTH: f64 = 0.1;
 /// Values of k1 at which to start when a straight lens does not lead to a good fit.
 const BARRELS: [f64; 6] = [0.1, -0.06, -0.12, -0.18, -0.24, -0.3];
 /// Relative displacement of points above which a lens counts as strongly bent, so that other models are
@@ -97,7 +97,7 @@ const FREEDOM: f64 = 6.0;
 const NOT_PHYSICAL: usize = 2;
 /// Fewest equations for a physical camera: it has at least seven free parameters, one of which stays
 /// undetermined by points of one height.
-const LEAST_PHYSICAL_EQUATIONS: usize = 10;
+const MIN_PHYSICAL_EQUATIONS: usize = 10;
 
 impl Task<'_> {
     /// The camera with as many free parameters as the points can determine: the free fit or, if the
@@ -110,7 +110,7 @@ impl Task<'_> {
         });
         if !is_bent
             || self.max_distortion < MAX_DISTORTION
-            || self.equations() < LEAST_PHYSICAL_EQUATIONS
+            || self.equations() < MIN_PHYSICAL_EQUATIONS
         {
             return free;
         }
@@ -364,7 +364,7 @@ impl Task<'_> {
         let ray = |mark: &Mark| {
             let pixel = Vector2::from(mark.image_px);
             let [ray] = distorting.rays_from_image([pixel]);
-            let is_seen = ray.z > LEAST_DEPTH && distorting.reaches_pixel(pixel);
+            let is_seen = ray.z > MIN_DEPTH && distorting.reaches_pixel(pixel);
             is_seen.then(|| [ray.x / ray.z, ray.y / ray.z])
         };
         let rays = self.marks.iter().map(ray).collect::<Option<Vec<_>>>();

@@ -300,7 +300,7 @@ fn check_unit(
     field: &FieldConfig,
 ) -> Result<(), CalibrationError> {
     if let KnownLens::HeightMm(height) | KnownLens::Position([_, _, height]) = known_lens
-        && height < LEAST_HEIGHT_MM
+        && height < MIN_HEIGHT_MM
     {
         return Err(CalibrationError::HeightUnit(height));
     }
@@ -317,7 +317,7 @@ fn check_unit(
 }
 
 /// Lowest plausible height of a camera.
-const LEAST_HEIGHT_MM: f64 = 20.0;
+const MIN_HEIGHT_MM: f64 = 20.0;
 
 /// The unit in which these points would be on the pitch and spread over a good part of it, if it is not
 /// millimetres; with its length in millimetres.

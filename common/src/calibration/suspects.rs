@@ -58,10 +58,10 @@ pub enum Suspicion {
 }
 
 /// Most points tried as culprits, the ones farthest off.
-const MOST_TRIED: usize = 16;
+const MAX_TRIED: usize = 16;
 /// Most work for removing points, in fits times points: every removal with up to 22 points, some
 /// seconds with any number. Among many points a few culprits are the ones farthest off.
-const MOST_WORK: usize = 2000;
+const MAX_WORK: usize = 2000;
 /// A rough fit without distortion and with a guessed lens puts good points off by at most this many
 /// tolerances.
 const ROUGHLY: f64 = 15.0;
@@ -72,7 +72,7 @@ const AS_GOOD: f64 = 1.5;
 /// A fit counts as much better below this ratio of variances.
 const MUCH_BETTER: f64 = 0.25;
 /// With fewer surplus equations a small variance may be chance.
-const LEAST_SURPLUS: usize = 6;
+const MIN_SURPLUS: usize = 6;
 /// Views whose strangeness differs by less are equally likely.
 const EQUALLY_STRANGE: f64 = 0.2;
 
@@ -134,7 +134,7 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
     let judge = Judge { within_px };
     let Some(fitted) = fitted else {
         // Swapped corners can turn the pitch inside out so far that no model can be built.
-        let first: Vec<usize> = (0..task.marks.len().min(MOST_TRIED)).collect();
+        let first: Vec<usize> = (0..task.marks.len().min(MAX_TRIED)).collect();
         return Suspicion::of_swapped(&judge.swapped(task, &first));
     };
     if judge.is_fine(fitted, task) {
@@ -262,7 +262,7 @@ impl Judge {
             let saved = fitted.distortion_parameters.saturating_sub(without.distortion_parameters);
             let allowed = match fitted.is_physical {
                 // A physical lens is too stiff to bend around a point unnoticed.
-                true if without.surplus < LEAST_SURPLUS => continue,
+                true if without.surplus < MIN_SURPLUS => continue,
                 true => MUCH_BETTER,
                 false if saved >= 2 * points.len() => AS_GOOD,
                 false => 1.0,
@@ -280,8 +280,8 @@ impl Judge {
         let mut left: Vec<usize> = (0..task.marks.len()).collect();
         let rms_px = fitted.rms_px(left.len());
         let mut model = fitted.model.clone();
-        let mut work_left = MOST_WORK;
-        let tried = (MOST_TRIED * 22 / task.marks.len().max(1)).clamp(1, MOST_TRIED);
+        let mut work_left = MAX_WORK;
+        let tried = (MAX_TRIED * 22 / task.marks.len().max(1)).clamp(1, MAX_TRIED);
         while left.len() > (3 * task.marks.len()).div_ceil(4).max(4) {
             let marks: Vec<Mark> = left.iter().map(|&point| task.marks[point]).collect();
             let mut without = Vec::new();
@@ -354,7 +354,7 @@ fn furthest_off(model: &CameraModel, marks: &[Mark]) -> Vec<usize> {
     let mut places: Vec<usize> = (0..marks.len()).collect();
     let distance = |&place: &usize| distance_px(model, &marks[place]);
     places.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
-    places.truncate(MOST_TRIED);
+    places.truncate(MAX_TRIED);
     places
 }
 

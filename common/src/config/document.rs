@@ -40,7 +40,7 @@ const HEADER: &str = "\
 /// Longest line of comments and lists.
 const WIDTH: usize = 96;
 /// Tables in a list with at most this many keys are written in one line each, others as [[tables]].
-const MOST_INLINE_KEYS: usize = 3;
+const MAX_INLINE_KEYS: usize = 3;
 
 /// Amount of comments.
 #[derive(Clone, Copy, PartialEq)]
@@ -136,7 +136,7 @@ fn is_section(value: &Value) -> bool {
         Value::Table(_) => true,
         Value::Array(elements) => {
             let keys = |element: &Value| element.as_table().map_or(0, toml::Table::len);
-            elements.iter().any(|element| keys(element) > MOST_INLINE_KEYS)
+            elements.iter().any(|element| keys(element) > MAX_INLINE_KEYS)
         }
         _ => false,
     }

@@ -29,9 +29,9 @@ pub const PROTOCOL: u32 = 1;
 /// Messages kept for each client.
 pub const KEPT: usize = 64;
 /// Longest message accepted from a client; longer than any valid one.
-pub const MOST_BYTES: usize = 1024;
+pub const MAX_BYTES: usize = 1024;
 
-const _: () = assert!(size_of::<Commands>() <= MOST_BYTES);
+const _: () = assert!(size_of::<Commands>() <= MAX_BYTES);
 
 /// The gateway's first message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

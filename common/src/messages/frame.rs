@@ -136,19 +136,19 @@ pub enum FrameFault {
 }
 
 /// Highest believable ratio of a camera's actual and configured frame rate …
-const MOST_SPEED: f64 = 4.0;
+const MAX_SPEED: f64 = 4.0;
 /// … and this many frames more: cameras that number their frames themselves may have lost as many.
 const TOLERATED_GAP: u64 = 128;
 /// A frame captured longer ago does not belong to this match. A recording replayed at another pace than
 /// its own can be this old.
-pub const MOST_AGE_NS: u64 = 3_600_000_000_000;
+pub const MAX_AGE_NS: u64 = 3_600_000_000_000;
 /// Neither does a frame captured this far in the future.
-const MOST_AHEAD_NS: u64 = 60_000_000_000;
+const MAX_AHEAD_NS: u64 = 60_000_000_000;
 
 /// How far frame numbers can rise in a time at a configured rate, lost frames included.
 pub fn reachable_frames(elapsed_ns: u64, fps: f64) -> u64 {
     // The cast saturates, and gives 0 for a NaN.
-    TOLERATED_GAP.saturating_add((elapsed_ns as f64 * 1e-9 * fps * MOST_SPEED) as u64)
+    TOLERATED_GAP.saturating_add((elapsed_ns as f64 * 1e-9 * fps * MAX_SPEED) as u64)
 }
 
 impl FrameHeader {
@@ -172,8 +172,8 @@ impl FrameHeader {
 
     /// Whether the capture time is plausible for the present match.
     pub fn is_present(&self, now_ns: u64) -> bool {
-        now_ns.saturating_sub(self.t_capture_ns) < MOST_AGE_NS
-            && self.t_capture_ns.saturating_sub(now_ns) < MOST_AHEAD_NS
+        now_ns.saturating_sub(self.t_capture_ns) < MAX_AGE_NS
+            && self.t_capture_ns.saturating_sub(now_ns) < MAX_AHEAD_NS
     }
 
     /// Checks the header against the configured size and the payload, and returns the pixel layout.
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn only_what_a_camera_can_have_reached_follows() {
-        let now_ns = 2 * MOST_AGE_NS;
+        let now_ns = 2 * MAX_AGE_NS;
         let frame = |seq, t_capture_ns| FrameHeader { seq, t_capture_ns, ..Default::default() };
         let last = frame(500, now_ns - 10_000_000_000);
         let follows = |header: FrameHeader| header.follows(Some(&last), now_ns, 80.0);
@@ -228,8 +228,8 @@ mod tests {
         assert!(!follows(frame(500, now_ns)) && !follows(frame(0, now_ns)));
         assert!(!follows(frame(u64::MAX, now_ns)) && !follows(frame(u64::MAX, u64::MAX)));
         assert!(!frame(7, 0).follows(None, now_ns, 80.0), "of another time");
-        assert!(!frame(7, now_ns + 2 * MOST_AHEAD_NS).follows(None, now_ns, 80.0), "of the future");
+        assert!(!frame(7, now_ns + 2 * MAX_AHEAD_NS).follows(None, now_ns, 80.0), "of the future");
         assert!(frame(7, now_ns).follows(None, now_ns, 80.0));
-        assert!(frame(7, now_ns - MOST_AGE_NS / 2).follows(None, now_ns, 80.0), "of a recording");
+        assert!(frame(7, now_ns - MAX_AGE_NS / 2).follows(None, now_ns, 80.0), "of a recording");
     }
 }

@@ -36,7 +36,7 @@ pub use detection::{
     Region, RejectReason, Rejected, RobotId,
 };
 pub use event::{EventKind, GroupEvent};
-pub use frame::{BayerOrder, FrameFault, FrameHeader, MOST_AGE_NS, PixelLayout, reachable_frames};
+pub use frame::{BayerOrder, FrameFault, FrameHeader, MAX_AGE_NS, PixelLayout, reachable_frames};
 pub use health::{
     Attendant, DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
     process_number,

@@ -2,7 +2,7 @@
 
 use super::Pace;
 use crate::camera::LastFrame;
-use common::messages::{FrameHeader, MOST_AGE_NS};
+use common::messages::{FrameHeader, MAX_AGE_NS};
 
 /// Maximum delay that is caught up; after a longer one, all further frames are shifted.
 const MAX_LAG_NS: u64 = 250_000_000;
@@ -73,7 +73,7 @@ impl TimeMap {
             Pace::Recorded => (now_ns, MAX_LAG_NS),
             // The monotonic clock of a machine that has just started does not reach back far.
             Pace::Group | Pace::Steps => {
-                (now_ns - (MOST_AGE_NS / 2).min(now_ns / 2), MOST_AGE_NS / 4)
+                (now_ns - (MAX_AGE_NS / 2).min(now_ns / 2), MAX_AGE_NS / 4)
             }
         };
         let base_ns = self.base_ns.get_or_insert(shown_ns.saturating_sub(offset_ns));
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn capture_times_of_paced_frames_lie_in_the_recent_past() {
-        let (half_ms, start_ms) = (MOST_AGE_NS / 2 / MS, 10 * MOST_AGE_NS / MS);
+        let (half_ms, start_ms) = (MAX_AGE_NS / 2 / MS, 10 * MAX_AGE_NS / MS);
         for pace in [Pace::Group, Pace::Steps] {
             let mut times = TimeMap::new(pace, 100.0, None);
             let mut show = |seq, t_ms, now_ms| {

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Directory of the descriptions, below iceoryx2's root.
 const PLACE: &str = "services";
 /// Longest possible description.
-const MOST_BYTES: u64 = 1 << 16;
+const MAX_BYTES: u64 = 1 << 16;
 
 /// An existing topic.
 #[derive(Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub fn read(root: &Path) -> Vec<Service> {
 /// `None` if the description is just being created, or has been removed.
 fn read_one(path: &Path) -> Option<Service> {
     let mut text = String::new();
-    let read = private::read_file(path).ok()?.take(MOST_BYTES).read_to_string(&mut text);
+    let read = private::read_file(path).ok()?.take(MAX_BYTES).read_to_string(&mut text);
     if read.is_ok_and(|bytes| bytes == 0) {
         return None;
     }
