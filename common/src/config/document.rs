@@ -272,9 +272,9 @@ mod tests {
              #   team       \"yellow\" or \"blue\".\n\
              #   id         Number in the team.\n\
              #   colors     One colour for each identification patch, in the order of the patches.\n\
-             #   patches    Its own patches, where they are not `robots.patches`: robots may be told apart by\n\
-             #              shapes.\n\
-             #   height_mm  Height of its top above the floor, where it is not that of its team.\n\
+             #   patches    Patches of this robot, if they differ from `robots.patches`: robots may be\n\
+             #              distinguished by shapes.\n\
+             #   height_mm  Height of its top above the floor, if it differs from its team's.\n\
              identities = [\n    \
                  { team = \"yellow\", id = 0, colors = [\"green\"] },\n"
         ));
