@@ -1,10 +1,16 @@
 //! Sleeping until something is published: an event count in shared memory, after Reed and Kanodia,
 //! *Synchronization with eventcounts and sequencers* (1979).
 //!
-//! A reader reads the count, looks for messages, and if there are none sleeps until the count differs
-//! from the value it has read: `futex_wait(count, seen)`. A writer publishes first and then advances
-//! the count and wakes all sleepers: `count += 1; futex_wake(count)`. An advance between the reader's
-//! look and its sleep changes the count, so the kernel does not let it sleep and no message is missed.
+//! A reader reads the count and looks for messages. If there are none, it sleeps until the count differs
+//! from the value it has read. A writer publishes first, and then advances the count and wakes all sleepers:
+//!
+//! ```text
+//! reader: seen = count; look for messages; if none: futex_wait(count, seen)
+//! writer: publish; count += 1; futex_wake(count)
+//! ```
+//!
+//! An advance between the reader's look and its sleep changes the count, so the kernel does not let it
+//! sleep, and no message is missed.
 //!
 //! The cost to a writer is one system call however many processes read, and less than a microsecond if
 //! none of them sleeps. A spare that only stands by costs nothing. A reader needs no registration, so a

@@ -107,8 +107,13 @@ pub enum GeometryError {
 /// Camera model: a homography from the floor to the rays of an ideal picture, which the lens then
 /// distorts; and the lens' position C, from which height parallax follows.
 ///
-/// A ray from the lens C (height H) to the floor at g passes height h at g + (C − g)·h/H. This is exact
-/// for any camera whose rays all pass through one point, whatever its tilt.
+/// A ray from the lens C (height H) to the floor at g passes height h at
+///
+/// ```text
+/// g + (C − g)·h / H
+/// ```
+///
+/// This is exact for any camera whose rays all pass through one point, whatever its tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraModel {
     /// The sign is chosen such that the calibration points lie in front of the camera.

@@ -1,7 +1,11 @@
 //! Radial lens models: from rays to pixels and back.
 //!
-//! Both models move a ray's image along the line through the centre, from the distance x of an ideal
-//! lens to x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸):
+//! Both models move a ray's image along the line through the centre. At distance x for an ideal lens, it
+//! appears at
+//!
+//! ```text
+//! x·(1 + k1·x² + k2·x⁴ + k3·x⁶ + k4·x⁸)
+//! ```
 //!
 //! * `polynomial`: x is the radius in an ideal picture, f·tan θ for a ray at angle θ from the axis, in
 //!   half diagonals; only k1 and k2 are used (Brown, *Close-range camera calibration*, 1971). For

@@ -1,10 +1,16 @@
 //! Predicts when the next message of a periodic sender arrives.
 //!
-//! The arrival times are followed by an alpha-beta filter (a second-order phase-locked loop, see
-//! Kalata, *The tracking index*, 1984) with phase φ and period T. A message that arrives at t, n =
-//! round((t − φ) / T) periods after the last, deviates by d = t − (φ + n T), and then φ ← φ + n T + 0.2
-//! d and T ← T + 0.02 d / n. A running mean of |d| gives the width of the window in which the next
-//! message is expected.
+//! The arrival times are followed by an alpha-beta filter (a second-order phase-locked loop, see Kalata,
+//! *The tracking index*, 1984) with phase φ and period T. For a message that arrives at t:
+//!
+//! ```text
+//! n = round((t − φ) / T)          periods since the last message
+//! d = t − (φ + n·T)               deviation
+//! φ ← φ + n·T + 0.2·d
+//! T ← T + 0.02·d / n
+//! ```
+//!
+//! A running mean of |d| gives the width of the window in which the next message is expected.
 
 /// Consecutive periodic messages after which predictions are used.
 const TRUSTED_AFTER: u32 = 8;

@@ -1,7 +1,11 @@
 //! Rolling shutter: the rows of a picture are captured one after the other.
 //!
-//! A frame has one capture time, that of its middle row. With a readout time T from the first row to
-//! the last of N rows, row y is captured (y / (N − 1) − ½)·T later.
+//! A frame has one capture time, that of its middle row. With a readout time T from the first row to the
+//! last of N rows, the capture time of row y differs from it by
+//!
+//! ```text
+//! (y / (N − 1) − ½)·T
+//! ```
 
 use crate::config::CameraConfig;
 

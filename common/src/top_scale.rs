@@ -1,14 +1,18 @@
 //! Estimates the size of the robots' tops relative to the configured layout, over many robots.
 //!
 //! A layout configured in the wrong size can go unnoticed: patches may be off their places by the
-//! tolerance, so robots are found a centimetre or two off, or none is found without an obvious reason.
-//! So the scale is measured independently of recognition, by a Hough transform over the scale (Ballard,
-//! *Generalizing the Hough transform to detect arbitrary shapes*, 1981). Each pair of a region in a
-//! team's colour and one in an identification colour votes for the scale s = (distance of the two
-//! regions) / (distance of the two patches in the layout), if both regions have about s² times the area
-//! of these patches. Votes are counted in bins of ln s. Pairs of patches on one robot agree on the
-//! scale; all other pairs are spread, and fewer. The bin with most votes within ±3 bins wins over the
-//! configured scale if it has more than 1.5 times as many votes.
+//! tolerance, so robots are found a centimetre or two off, or none is found without an obvious reason. So
+//! the scale is measured independently of recognition, by a Hough transform over the scale (Ballard,
+//! *Generalizing the Hough transform to detect arbitrary shapes*, 1981). Each pair of a region in a team's
+//! colour and one in an identification colour votes for the scale
+//!
+//! ```text
+//! s = (distance of the two regions) / (distance of the two patches in the layout)
+//! ```
+//!
+//! if both regions have about s² times the area of these patches. Votes are counted in bins of ln s. Pairs
+//! of patches on one robot agree on the scale; all other pairs are spread, and fewer. The bin with most
+//! votes within ±3 bins wins over the configured scale if it has more than 1.5 times as many votes.
 
 use crate::config::Config;
 use crate::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};

@@ -4,16 +4,22 @@
 //! distances in the picture, from a start given by the direct linear transform (`homography`). Free are
 //! the eight parameters of the homography, those lens coordinates that points at different heights or a
 //! measured height can determine, and 0, 1, 2 or 4 distortion parameters. A larger number of distortion
-//! parameters is accepted if the improvement is significant at about 1 % by an F test: (S_few − S_many)
-//! / added > 6.6·(1 + 12/surplus)·S_many / surplus, with sums of squares S, and the surplus of
-//! equations over parameters.
+//! parameters is accepted if the improvement is significant at about 1 % by an F test, with sums of
+//! squares S, the number of added parameters, and the surplus of equations over parameters:
+//!
+//! ```text
+//! (S_few − S_many) / added > 6.6 · (1 + 12 / surplus) · S_many / surplus
+//! ```
 //!
 //! If the lens found bends the picture strongly, or the residual stays large, the physical cameras of
-//! `physical.rs` compete with this free fit. The winner has the smallest corrected Akaike criterion,
-//! AICc = n·ln(S/n + σ²) + 2k + 2k(k+1)/(n − k − 1) for n equations and k parameters (Hurvich & Tsai,
-//! *Regression and time series model selection in small samples*, 1989), plus an Occam term that charges
-//! each parameter for how much closer the points determine it than its prior. σ keeps differences smaller
-//! than marking errors from deciding.
+//! `physical.rs` compete with this free fit. The winner has the smallest corrected Akaike criterion for n
+//! equations and k parameters (Hurvich & Tsai, *Regression and time series model selection in small
+//! samples*, 1989), plus an Occam term that charges each parameter for how much closer the points
+//! determine it than its prior. σ keeps differences smaller than marking errors from deciding:
+//!
+//! ```text
+//! AICc = n·ln(S/n + σ²) + 2k + 2k·(k + 1) / (n − k − 1)
+//! ```
 
 use super::least_squares::{Minimum, minimise};
 use super::parameters::{COUNT, DISTORTION, HOMOGRAPHY, LENS, Parameters, Scales};

@@ -1,10 +1,15 @@
 //! Nonlinear least squares by the Levenberg–Marquardt method (Nocedal & Wright, *Numerical
 //! Optimization*, section 10.3), for the few parameters and few hundred residuals of a camera.
 //!
-//! With residuals r and their Jacobian J (by central differences), each step solves (JᵀJ +
-//! λ·diag(JᵀJ))·δ = Jᵀr and subtracts δ from the parameters if that lowers the sum of squares. λ is
-//! divided by 10 after a successful step and multiplied by 10 after a failed one. The covariance of the
-//! parameters is (JᵀJ)⁻¹ at the end.
+//! With residuals r and their Jacobian J (by central differences), each step solves
+//!
+//! ```text
+//! (JᵀJ + λ·diag(JᵀJ))·δ = Jᵀr
+//! ```
+//!
+//! and subtracts δ from the parameters if that lowers the sum of squares. λ is divided by 10 after a
+//! successful step and multiplied by 10 after a failed one. The covariance of the parameters is (JᵀJ)⁻¹
+//! at the end.
 
 use nalgebra::{DMatrix, DVector};
 
