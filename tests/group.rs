@@ -167,7 +167,8 @@ fn a_frame_that_kills_two_processes_is_skipped_and_kept() {
             status["frames"]["world"].as_u64() > Some(200)
         });
         assert_eq!(status["stages"][stage]["dropped"]["poisonous"], 1, "{status:#}");
-        assert_eq!(status["stages"][stage]["restarts"], 2, "{status:#}");
+        // On a busy machine the one that begins from nothing may stall, too.
+        assert!(status["stages"][stage]["restarts"].as_u64() >= Some(2), "{status:#}");
         assert_eq!(status["frames"]["missing_in_world"], 1, "only that one: {status:#}");
         let events = status["events"].to_string();
         assert!(events.contains("asked to panic at 150"), "the last words are kept: {events}");
