@@ -458,6 +458,27 @@ fn a_gateway_that_falls_is_started_again_and_events_are_in_health() {
 }
 
 #[test]
+fn the_gateway_is_restarted_on_request() {
+    let (mut group, status) = start("restarted", 8);
+    let pid = status["attendants"]["gateway"]["pid"].clone();
+    assert_eq!(pid, status["gateway"]["pid"], "{status:#}");
+    let output = group.touchline(&["restart", "gateway"]);
+    assert!(output.status.success(), "{output:?}");
+    let status = group.wait_for("the new gateway", |status| {
+        let new = &status["attendants"]["gateway"]["pid"];
+        new.is_u64() && *new != pid && *new == status["gateway"]["pid"]
+    });
+    assert_eq!(status["attendants"]["gateway"]["restarts"], 1, "{status:#}");
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    let mut client = Client::new(&group.instance.gateway_path());
+    world(&mut client);
+
+    let output = group.touchline(&["restart", "referee"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("filter, gateway"), "{said}");
+}
+
+#[test]
 fn a_group_of_users_that_is_not_there_is_said_before_anything_starts() {
     let scratch = Scratch::new("gateway-unknown");
     let file = scratch.write("config.toml", "[access]\ngroup = \"no-such-group\"\n");
