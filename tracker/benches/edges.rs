@@ -1,4 +1,4 @@
-//! What measuring by edges costs: frames of ten robots and a ball without the raw picture, with it, and
+//! Cost of measuring by edges: frames of ten robots and a ball without the raw picture, with it, and
 //! with it and a `world` that knows where the robots are, taking turns:
 //! `cargo bench -p touchline-tracker --bench edges`.
 

@@ -1,26 +1,30 @@
-//! Poses by agreement: where the layout, laid over the picture, explains most pixels.
+//! Agreement: the pose at which the layout, laid over the classified pixels, explains most of them.
 //!
-//! A fit of centroids is as good as the regions are whole. Small, dark patches under a poor camera
-//! are not: half of one is missing, a neighbour's rim has its colour, and the heading is off by ten
-//! degrees. What then still tells the pose is every single pixel: at the right pose pixels of each
-//! patch's colour lie in that patch, and few others do. So the pose is moved to where the sum over all
-//! pixels around is greatest: a pixel counts for the patch it lies in, weighted by how far inside it
-//! lies, when it has the patch's colour, and half as much against it when it has another or none. Since
-//! a patch covers as many pixels wherever it lies, those against it are known from those for it, and only
-//! pixels of some colour need be looked at.
+//! A fit of centroids needs whole regions. Small dark patches under a poor camera are not whole: half of one
+//! is missing, a neighbour's rim has its colour, and the heading is off by ten degrees. The single pixels
+//! still tell the pose: at the right one, pixels of each patch's colour lie in that patch, and few others do.
 //!
-//! # The search
+//! # Measure
 //!
-//! The weights s fade at the rims of patches, so the sum F(x, y, θ) = Σ s is smooth, and Newton's method
-//! finds its maximum: the step is H⁻¹·∇F. ∇F comes with F, from differences of the table of weights; H
-//! is that of a whole robot at its own pose, known beforehand, times the part of the robot that shows.
-//! A step that leads down is halved. Four or five looks at the pixels are enough.
+//! With sₖ(p) the [share](crate::shares) of patch k at a pixel's place p in the robot's frame (faded at the
+//! patch's rim) and Aₖ its sum over the whole patch, the agreement of patch k is
+//!
+//! aₖ = (1 + α)·Σ sₖ(p) / Aₖ − α, summed over the pixels whose class the patch accepts, α = [`AGAINST`]:
+//!
+//! 1 when the whole patch has its colour, −α when none of it has. Pixels of another class or none need not be
+//! visited, because Aₖ is the same at every pose.
+//!
+//! # Search
+//!
+//! F(x, y, θ) = Σₖ Σ sₖ is smooth, and Newton's method finds its maximum: the step is H⁻¹·∇F. ∇F is summed up
+//! together with F from tables of the derivatives of s. H is precomputed for a whole robot at its own pose,
+//! and scaled by the visible part. A step that decreases F is halved. Four or five evaluations are enough.
 //!
 //! # One pass for all robots of a team
 //!
-//! At a given pose the sums of every robot come from the same numbers: how much of each patch the pixels of
-//! each class cover ([`Cover`]). One pass over the pixels makes them, and any set of colours is then held
-//! against them without another.
+//! At a given pose the sums of every robot come from the same numbers: the sums of sₖ over the pixels of each
+//! class ([`Coverage`]). One pass over the pixels makes them; the agreement with any set of colours follows
+//! without another.
 
 use crate::class_index::{CLASSES, ClassIndex};
 use crate::linear::{inverse, times};
@@ -31,69 +35,68 @@ use common::messages::{DetectionFrame, MAX_PATCHES};
 use fearless_simd::{Level, dispatch};
 use std::ops::Range;
 
-/// A pixel of another colour than the patch's, or of none, counts so much against it.
+/// α: weight of a pixel against a patch whose colour it does not have.
 const AGAINST: f32 = 0.5;
-/// At most so many pixels are looked at for a robot; of larger pictures every second, third … one.
+/// Most pixels of a robot; in larger pictures every second, third … column and row is used.
 const MAX_PIXELS: f64 = 1600.0;
-/// The robot may be so far from where it is looked for.
+/// Largest distance of a robot from where it is searched.
 const START_ERROR_MM: f64 = 12.0;
 /// Longest step of the search.
 const LONGEST_STEP_MM: f64 = 6.0;
 const LONGEST_STEP_DEG: f64 = 12.0;
-/// A step shorter than this was the last.
+/// Convergence: a step below this ends the search.
 const SETTLED_MM: f64 = 0.2;
-/// A look without any pixels takes as long as so many pixels.
-const LOOK_WORK: u64 = 64;
-/// Most looks at the pixels.
-const MAX_LOOKS: u32 = 12;
+/// Fixed work of an evaluation, in pixels.
+const EVALUATION_WORK: u64 = 64;
+/// Most evaluations of a search.
+const MAX_EVALUATIONS: u32 = 12;
 
-/// Agreement of the pixels with a pose, and its gradient.
+/// F and its gradient at a pose.
 #[derive(Debug, Clone, Copy, Default)]
-struct Look {
-    /// Pixels that agree, weighted.
+struct Score {
+    /// F, in pixels.
     sum: f32,
-    /// How that changes with a step of the robot in its own frame: mm, mm, rad.
+    /// Derivatives by a step of the robot in its own frame: mm, mm, rad.
     slope: [f32; 3],
 }
 
-/// How much of each patch the pixels of each class cover at a pose, in pixels.
+/// Sums of the patches' shares over the pixels of each class at a pose, in pixels.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Cover {
+pub(crate) struct Coverage {
     by_class: [PatchRow; CLASSES],
     pixel_mm2: f32,
 }
 
-/// The pixels around a robot that have a colour.
+/// The classified pixels around a robot.
 #[derive(Debug, Clone)]
-pub(crate) struct Surroundings {
+pub(crate) struct NearbyPixels {
     level: Level,
-    /// Places of the pixels, class by class.
+    /// Places of the pixels relative to `origin`, class by class.
     x_mm: Vec<f32>,
     y_mm: Vec<f32>,
-    /// Classes that have pixels, and which.
+    /// Classes that have pixels, and the pixels of each.
     classes: Vec<(usize, Range<usize>)>,
-    /// What each pixel stands for.
+    /// Area that each pixel stands for.
     pixel_mm2: f32,
-    /// From where their places are counted.
     origin: FieldPoint,
-    /// At the pose that is being looked at: the cell of each pixel, and its place in the robot's frame.
+    /// At the pose of the last evaluation: the cell of each pixel, and its place in the robot's frame.
     cells: Vec<u32>,
     ahead_mm: Vec<f32>,
     aside_mm: Vec<f32>,
-    /// Pixels looked at so far, every look at one counted.
+    /// Work since the last call of [`NearbyPixels::take_work`].
     work: u64,
 }
 
-/// For each patch, the classes that agree with it, as a bit set.
+/// For each patch, the classes that it accepts, as a bit set.
 pub(crate) type Accepted = [u32; MAX_PATCHES];
 
-impl Cover {
-    /// Pixels of the classes that a patch accepts, weighted by its share.
+impl Coverage {
+    /// Sum of a patch's shares over the pixels of the classes that it accepts.
     fn own(&self, accepted: &Accepted, patch: usize) -> f32 {
         bits(accepted[patch]).map(|class| self.by_class[class][patch]).sum()
     }
 
-    /// For each patch, 1 when all of it has a colour that agrees; at worst −½.
+    /// aₖ of each patch.
     pub fn agreement(&self, shares: &Shares, accepted: &Accepted) -> [f32; MAX_PATCHES] {
         std::array::from_fn(|patch| {
             let area_mm2 = shares.areas_mm2[patch];
@@ -102,13 +105,13 @@ impl Cover {
         })
     }
 
-    /// The sum of that over all patches.
+    /// Sum of aₖ over all patches.
     pub fn total(&self, shares: &Shares, accepted: &Accepted) -> f32 {
         self.agreement(shares, accepted).iter().sum()
     }
 
-    /// With the cover of the patches' insides: which part of each has a colour that agrees, and which part has
-    /// the one other colour that most of it has.
+    /// For the coverage of the patches' insides: the fraction of each patch that has an accepted colour, and
+    /// the fraction that has the most frequent other colour.
     pub fn parts(&self, shares: &Shares, accepted: &Accepted) -> [[f32; 2]; MAX_PATCHES] {
         std::array::from_fn(|patch| {
             let inside_mm2 = shares.insides_mm2[patch];
@@ -120,7 +123,7 @@ impl Cover {
     }
 }
 
-/// Numbers of the bits that are set.
+/// Indices of the bits that are set.
 fn bits(mut set: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let lowest = set.trailing_zeros();
@@ -131,7 +134,7 @@ fn bits(mut set: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-impl Default for Surroundings {
+impl Default for NearbyPixels {
     fn default() -> Self {
         Self {
             level: Level::new(),
@@ -148,8 +151,8 @@ impl Default for Surroundings {
     }
 }
 
-impl Surroundings {
-    /// Pixels looked at since the last call, every look at one counted, and what each look takes besides.
+impl NearbyPixels {
+    /// Pixel visits since the last call, plus [`EVALUATION_WORK`] for each evaluation.
     pub fn take_work(&mut self) -> u64 {
         std::mem::take(&mut self.work)
     }
@@ -160,9 +163,9 @@ impl Surroundings {
         self.classes.clear();
     }
 
-    /// Looks at the pixels around a team patch at `place`, wherever around it the robot may turn out to
-    /// be: what is not looked at would count against it.
-    pub fn look_at(
+    /// Collects the pixels around a team patch at `place`, within reach of the robot at any heading: a
+    /// missing pixel would count against it.
+    pub fn collect(
         &mut self,
         top: &Top,
         camera: &CameraModel,
@@ -187,7 +190,7 @@ impl Surroundings {
         let step = step as i64;
         let (column, row) = (center.x_px.round() as i64, center.y_px.round() as i64);
         let steps = (reach_px / step as f64).ceil() as i64;
-        // The map from pixels to millimetres is as good as linear over a robot.
+        // Over a robot the map from pixels to millimetres is linear to a fraction of a pixel.
         let at = |dx: f64, dy: f64| {
             let point = ImagePoint::new(column as f64 + dx, row as f64 + dy);
             camera.field_from_image(point, top.height_mm)
@@ -199,7 +202,7 @@ impl Surroundings {
             [down.x_mm - origin.x_mm, down.y_mm - origin.y_mm],
         );
         let off = [place.x_mm - origin.x_mm, place.y_mm - origin.y_mm];
-        // What the regions show of it.
+        // The window in the picture.
         let (left, first_row) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
         for class in 0..CLASSES {
@@ -242,19 +245,19 @@ impl Surroundings {
         self.cells.resize(self.x_mm.len(), 0);
     }
 
-    /// How much of each patch each class covers, weighted by the patches' shares.
-    pub fn cover(&mut self, shares: &Shares, pose: &Pose) -> Cover {
+    /// The coverage at a pose.
+    pub fn coverage(&mut self, shares: &Shares, pose: &Pose) -> Coverage {
         dispatch!(self.level, _simd => self.sum_up(shares, pose, |share| share))
     }
 
-    /// The same for the insides of the patches, every pixel there counted as one.
-    pub fn cover_inside(&mut self, shares: &Shares, pose: &Pose) -> Cover {
+    /// The coverage of the patches' insides, where every pixel counts as one.
+    pub fn coverage_inside(&mut self, shares: &Shares, pose: &Pose) -> Coverage {
         let count = |share| if Shares::is_inside(share) { 1.0 } else { 0.0 };
         dispatch!(self.level, _simd => self.sum_up(shares, pose, count))
     }
 
     #[inline(always)]
-    fn sum_up(&mut self, shares: &Shares, pose: &Pose, count: impl Fn(f32) -> f32) -> Cover {
+    fn sum_up(&mut self, shares: &Shares, pose: &Pose, count: impl Fn(f32) -> f32) -> Coverage {
         self.place(shares, pose);
         let table = shares.cells();
         let mut by_class = [PatchRow::default(); CLASSES];
@@ -268,10 +271,10 @@ impl Surroundings {
             }
             by_class[*class] = sums;
         }
-        Cover { by_class, pixel_mm2: self.pixel_mm2 }
+        Coverage { by_class, pixel_mm2: self.pixel_mm2 }
     }
 
-    /// Finds the cell of every pixel.
+    /// Finds the place in the robot's frame and the cell of every pixel.
     #[inline(always)]
     fn place(&mut self, shares: &Shares, pose: &Pose) {
         let (sin, cos) = pose.orientation.sin_cos();
@@ -279,7 +282,7 @@ impl Surroundings {
         let center_x = (pose.position.x_mm - self.origin.x_mm) as f32;
         let center_y = (pose.position.y_mm - self.origin.y_mm) as f32;
         let count = self.x_mm.len();
-        self.work += LOOK_WORK + count as u64;
+        self.work += EVALUATION_WORK + count as u64;
         let (x_mm, y_mm) = (&self.x_mm[..count], &self.y_mm[..count]);
         let (ahead_mm, aside_mm) = (&mut self.ahead_mm[..count], &mut self.aside_mm[..count]);
         let cells = &mut self.cells[..count];
@@ -291,13 +294,13 @@ impl Surroundings {
         }
     }
 
-    /// The sum over all pixels, and its slope.
-    fn look(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
+    /// F and its gradient at a pose.
+    fn score(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Score {
         dispatch!(self.level, _simd => self.sum_up_slopes(shares, accepted, pose))
     }
 
     #[inline(always)]
-    fn sum_up_slopes(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Look {
+    fn sum_up_slopes(&mut self, shares: &Shares, accepted: &Accepted, pose: &Pose) -> Score {
         self.place(shares, pose);
         let (mut sums, mut turn) = ([0.0; 4], 0.0);
         for (class, pixels) in &self.classes {
@@ -318,24 +321,24 @@ impl Surroundings {
                 }
             }
         }
-        // The robot moves on by the step, so the pixel moves back within it.
-        Look { sum: sums[0], slope: [-sums[1], -sums[2], turn] }
+        // A step of the robot moves the pixels the other way within it.
+        Score { sum: sums[0], slope: [-sums[1], -sums[2], turn] }
     }
 
-    /// The pose near `start` that explains most.
+    /// The pose near `start` at which F is greatest.
     pub fn best_near(&mut self, shares: &Shares, accepted: &Accepted, start: Pose) -> Pose {
         let mut best = start;
-        let mut look = self.look(shares, accepted, &best);
+        let mut score = self.score(shares, accepted, &best);
         let mut damping = 1.0;
-        for _ in 1..MAX_LOOKS {
-            let Some(step) = self.step(shares, &look) else { break };
+        for _ in 1..MAX_EVALUATIONS {
+            let Some(step) = self.step(shares, &score) else { break };
             let [x, y, turn] = step.map(|part| damping * part);
             let position = best.field_from_robot([x, y]);
             let tried = Pose { position, orientation: best.orientation + turn };
-            let there = self.look(shares, accepted, &tried);
+            let there = self.score(shares, accepted, &tried);
             let moved_mm = x.hypot(y).hypot(turn * shares.reach_mm / 2.0);
-            if there.sum > look.sum {
-                (best, look, damping) = (tried, there, 1.0);
+            if there.sum > score.sum {
+                (best, score, damping) = (tried, there, 1.0);
             } else {
                 damping /= 2.0;
             }
@@ -346,13 +349,13 @@ impl Surroundings {
         best
     }
 
-    /// Newton's step.
-    fn step(&self, shares: &Shares, look: &Look) -> Option<[f64; 3]> {
-        // Where half of the robot shows, everything is half as steep.
+    /// Newton's step, shortened to the longest one.
+    fn step(&self, shares: &Shares, score: &Score) -> Option<[f64; 3]> {
+        // The curvature of F is proportional to the visible part of the robot.
         const LEAST_SHOWN: f32 = 0.25;
-        let shown = look.sum * self.pixel_mm2 / shares.area_mm2().max(1.0);
+        let shown = score.sum * self.pixel_mm2 / shares.area_mm2().max(1.0);
         let per_pixel = self.pixel_mm2 / shown.clamp(LEAST_SHOWN, 1.0);
-        let slope = look.slope.map(|part| f64::from(part * per_pixel));
+        let slope = score.slope.map(|part| f64::from(part * per_pixel));
         let step = times(&inverse(&shares.curvature)?, &slope);
         let [x, y, turn] = step;
         let excess =
@@ -417,21 +420,21 @@ mod tests {
             let frame = painted(&config, &pose, |column, row| (column / 2 + row / 2) % 3 != 0);
             let mut index = ClassIndex::default();
             index.fill(&frame);
-            let mut surroundings = Surroundings::default();
+            let mut nearby = NearbyPixels::default();
             let top = &pattern.tops[0];
             let team_patch = pose.field_from_robot(top.patches[top.team_patch].centroid_mm);
-            surroundings.look_at(top, &camera, &frame, &index, team_patch);
+            nearby.collect(top, &camera, &frame, &index, team_patch);
             let start = Pose {
                 position: FieldPoint::new(position.x_mm + 4.0, position.y_mm - 3.0),
                 orientation: pose.orientation + 0.3,
             };
-            let fitted = surroundings.best_near(&top.shares, &accepted, start);
+            let fitted = nearby.best_near(&top.shares, &accepted, start);
             let turned = wrap_angle(fitted.orientation - pose.orientation).to_degrees().abs();
             assert!(turned < 6.0, "{degrees}: {turned}°");
             assert!(fitted.position.distance(position) < 6.0, "{degrees}: {fitted:?}");
-            let cover = surroundings.cover(&top.shares, &fitted);
-            let right = cover.agreement(&top.shares, &accepted);
-            let swapped = cover.agreement(&top.shares, &[1, 4, 2, 0, 0, 0]);
+            let coverage = nearby.coverage(&top.shares, &fitted);
+            let right = coverage.agreement(&top.shares, &accepted);
+            let swapped = coverage.agreement(&top.shares, &[1, 4, 2, 0, 0, 0]);
             assert!(right[1] > 0.2 && swapped[1] < 0.0, "{right:?} {swapped:?}");
         }
     }
@@ -444,12 +447,12 @@ mod tests {
         let frame = Box::new(DetectionFrame::zeroed());
         let mut index = ClassIndex::default();
         index.fill(&frame);
-        let mut surroundings = Surroundings::default();
+        let mut nearby = NearbyPixels::default();
         let top = &pattern.tops[0];
         for x_mm in [f64::NAN, 1e12, -5000.0] {
             let pose = Pose { position: FieldPoint::new(x_mm, 0.0), orientation: 0.0 };
-            surroundings.look_at(top, &camera, &frame, &index, pose.position);
-            let fitted = surroundings.best_near(&top.shares, &[1; MAX_PATCHES], pose);
+            nearby.collect(top, &camera, &frame, &index, pose.position);
+            let fitted = nearby.best_near(&top.shares, &[1; MAX_PATCHES], pose);
             assert!(!fitted.orientation.is_nan());
         }
     }

@@ -1,28 +1,39 @@
-//! Which of many contradicting explanations to believe: as many as possible, and among those the
-//! cheapest.
+//! Assignment: the largest set of choices without contradictions, and of equally large sets the cheapest (a
+//! maximum independent set of least cost in the graph of contradictions).
 //!
-//! Choices that contradict each other, directly or over others, form a component; components do not
-//! influence each other and are solved one by one, exactly, by branch and bound. A match has
-//! components of a few choices each. A picture of rubbish can have one of hundreds, whose exact
-//! solution may take for ever; so a frame has a budget of search steps, and what is best when it is
-//! spent counts. The search starts from the greedy solution, so that is the worst there can be.
+//! Choices that contradict each other, directly or through others, form a component. Components are
+//! independent and are solved one by one, exactly, by branch and bound:
+//!
+//! ```text
+//! best = greedy solution, cheapest first
+//! branch(chosen, open):
+//!     stop if |chosen| + groups in open < |best|,
+//!             or equal and cost + Σ cheapest of each group ≥ cost of best
+//!     take the open group with the fewest choices
+//!     for each of its choices: branch with it, less what it contradicts
+//!     branch without the group
+//! ```
+//!
+//! A match has components of a few choices each. Noise can make one of hundreds, whose exact solution may
+//! take for ever, so a frame has a budget of search steps. When it is spent, the best solution so far is
+//! used, which is the greedy one at worst.
 
-/// Search steps a frame may take; a few milliseconds. A crowded match takes some dozens.
+/// Most search steps in a frame, a few milliseconds. A crowded match takes some dozens.
 const STEPS_PER_FRAME: u32 = 4_000;
 
-/// Something that can be believed.
+/// A choice, with its cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Choice {
-    /// Of choices with the same group at most one can be true.
+    /// At most one choice of a group can be chosen.
     pub group: u64,
-    /// What believing it costs; finite.
+    /// Finite.
     pub cost: f64,
 }
 
 /// Solves assignments, reusing its tables.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Solver {
-    /// Bit matrix: row i has the choices that contradict choice i.
+    /// Bit matrix: the choices that contradict choice i are set in row i.
     conflicts: Vec<u64>,
     /// Choices by cost.
     order: Vec<usize>,
@@ -51,9 +62,9 @@ struct Search {
 }
 
 impl Solver {
-    /// Puts the indices of the choices to believe into `believed`, in ascending order: no two of
-    /// one group, none that contradict each other, as many as possible, and of those the least
-    /// total cost. Returns `false` if the search was given up and the answer may not be the best.
+    /// Puts the indices of the chosen into `believed`, in ascending order: no two of one group, none that
+    /// contradict each other, as many as possible, and of these sets the one of least total cost. Returns
+    /// `false` if the budget was spent and the answer may not be the best.
     pub fn solve(
         &mut self,
         choices: &[Choice],
@@ -94,7 +105,7 @@ impl Solver {
         self.search.steps_left > 0
     }
 
-    /// Everything that contradicts `start` over any number of steps, by cost.
+    /// Fills `component` with all choices that contradict `start` directly or through others, by cost.
     fn collect_component(&mut self, start: usize, words: usize) {
         self.component.clear();
         self.component.push(start);
@@ -109,7 +120,7 @@ impl Solver {
                 }
             }
         }
-        // By cost, over the rank each choice has in `order`.
+        // Sorts by cost: the order of `order`.
         let mut component = std::mem::take(&mut self.component);
         if component.len() > 1 {
             component.sort_unstable();
@@ -158,7 +169,7 @@ impl Search {
         }
     }
 
-    /// The cheapest, then the cheapest that does not contradict it, and so on.
+    /// Takes the cheapest choice, then the cheapest that does not contradict it, and so on.
     fn take_greedily(&mut self) {
         self.best.clear();
         for choice in 0..self.costs.len() {
@@ -174,8 +185,8 @@ impl Search {
         &self.conflicts[choice * self.words..(choice + 1) * self.words]
     }
 
-    /// Tries everything that can still be added to `chosen` at `depth`, unless it cannot beat the
-    /// best. Depth is bounded by the number of groups, since each step closes one.
+    /// Tries all extensions of `chosen` by open choices, unless none can beat the best. The depth is bounded
+    /// by the number of groups, since each step closes one.
     fn branch(&mut self, depth: usize, cost: f64) {
         if self.steps_left == 0 {
             return;
@@ -193,13 +204,13 @@ impl Search {
         }
         let most = self.chosen.len() + self.tally.len();
         let least_cost = cost + self.tally.iter().map(|entry| entry.2).sum::<f64>();
-        // A hair's breadth, so that rounding does not send the search after equal solutions.
+        // The tolerance keeps rounding from sending the search after equal solutions.
         let hopeless = most < self.best.len()
             || (most == self.best.len() && least_cost > self.best_cost - 1e-9);
         if hopeless {
             return;
         }
-        // The group with the fewest ways out.
+        // The group with the fewest open choices.
         let Some(&(group, ..)) = self.tally.iter().min_by_key(|entry| entry.1) else {
             self.best.clone_from(&self.chosen);
             self.best_cost = cost;
@@ -217,7 +228,7 @@ impl Search {
                 continue;
             }
             for word in 0..self.words {
-                // The whole group closes with it, being in conflict.
+                // Choices of one group contradict each other, so this closes the whole group.
                 let mut open = self.open[here + word] & !self.conflicts[choice * self.words + word];
                 if word == choice / 64 {
                     open &= !(1 << (choice % 64));
@@ -228,7 +239,7 @@ impl Search {
             self.branch(depth + 1, cost + self.costs[choice]);
             self.chosen.pop();
         }
-        // And without the group.
+        // Without the group.
         for word in 0..self.words {
             self.open[below + word] = self.open[here + word];
         }
@@ -241,7 +252,7 @@ impl Search {
     }
 }
 
-/// The bits set in a bit set, in ascending order.
+/// Indices of the bits that are set, in ascending order.
 fn bits(words: &[u64]) -> impl Iterator<Item = usize> {
     words.iter().enumerate().flat_map(|(index, &word)| {
         std::iter::successors((word != 0).then_some(word), |&rest| {
@@ -330,7 +341,7 @@ mod tests {
         assert!(believed.len() > 10);
         let symmetric = |a: usize, b: usize| contradict(a.max(b), a.min(b));
         assert!(consistent(&choices, &symmetric, &believed));
-        // And the next one is not the worse for it.
+        // The next frame has a new budget.
         assert!(solver.solve(&choices[..3], |_, _| false, &mut believed));
         assert_eq!(believed, [0, 1, 2]);
     }

@@ -1,9 +1,14 @@
-//! The ball: regions of its colour, judged by size and roundness.
+//! Ball candidates: regions of the ball's colour, judged by area and roundness.
 //!
-//! There is one ball, but rarely one region of its colour. Highlights cut it in pieces, red and
-//! yellow patches have orange rims, and people at the pitch wear anything. So every region of about
-//! the right size and shape is a candidate with a confidence, best first, and what is made of it is
-//! up to those who know where the ball was before.
+//! There is one ball, but rarely one region of its colour: highlights cut it in pieces, red and yellow
+//! patches have orange rims, and people at the pitch wear anything. So every region of about the right area
+//! and shape is reported, with a confidence, best first; the filter knows where the ball was before and
+//! chooses.
+//!
+//! * A region merged with the smaller ones near it is a whole ball if its area and roundness are those of a
+//!   disc; its place is the centroid.
+//! * A region of 12 to 85 % of the ball's area may be its visible part; its place is that of the circle in
+//!   its outline ([`silhouette`](crate::silhouette)), if enough of the rim is visible.
 
 use crate::error::TrackerError;
 use crate::local_map::mm_per_px;
@@ -19,45 +24,53 @@ use common::geometry::{CameraModel, FieldPoint, Pose};
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
 use std::f64::consts::PI;
 
-/// Below this roundness (see [`roundness`]) it is not a ball. Half a disc has 0.66, a string of
-/// eleven pixels by two 0.18, a ring a tenth of its diameter wide 0.36.
+/// Least [`roundness`] of a ball. Half a disc has 0.66, a strip of eleven pixels by two 0.18, a ring a tenth
+/// of its diameter wide 0.36.
 const MIN_ROUNDNESS: f64 = 0.45;
-/// Fragments are looked for within this many diameters of the largest one.
+/// Largest distance of a fragment from the largest one, in diameters.
 const MERGE_DIAMETERS: f64 = 0.75;
-/// Below this fraction of the smallest area that is admitted, a region is neither a fragment nor
-/// worth listing.
+/// Least area of a region that is merged or listed, as a fraction of the smallest admitted area.
 const WORTH_LISTING: f64 = 0.25;
-/// A ball of which less than this shows in its colour is looked for by its rim.
+/// Area, as a fraction of the disc, below which a ball is located by its rim.
 const WHOLE: f64 = 0.85;
-/// So much of the rim must be seen, …
+/// Least visible share of the rim of a partial ball.
 const MIN_RIM_SHARE: f64 = 0.25;
-/// … of the disc, …
+/// Least visible share of its disc.
 const MIN_DISC_SHARE: f64 = 0.12;
-/// … and of the outline not more may lie outside.
+/// Largest share of its outline outside the circle.
 const MAX_OUTSIDE: f64 = 0.15;
-/// The centroid of a whole ball's pixels is off by this over the root of their number, the circle in the
-/// outline of a part by this, 1σ in pixels.
+/// Sigma of the centroid of a whole ball, px, times the root of the number of its pixels.
 const CENTROID_NOISE_PX: f64 = 0.7;
+/// Sigma of the circle in the outline of a partial ball, px, if the whole rim is visible.
 const RIM_NOISE_PX: f64 = 0.4;
-/// A candidate on a robot's top keeps this fraction of its confidence: the ball could only be seen
-/// there if it lay on top.
+/// Factor on the confidence of a ball on a robot's top: it is visible there only if it lies on it.
 const ON_ROBOT: f64 = 0.2;
 
-/// Where a ball lies, as far as regions tell.
+/// Place of a ball by its regions.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     position: FieldPoint,
     /// 1σ.
     deviation_mm: f64,
     confidence: f64,
-    shows: Shows,
+    visible: Visible,
 }
 
-/// How much of a ball is of its colour.
+/// Part of a ball that its colour's region covers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shows {
+pub(crate) enum Visible {
     All,
     Part,
+}
+
+/// A region of the ball's colour.
+#[derive(Debug, Clone, Copy)]
+struct BallRegion {
+    /// Index of the region in the message.
+    region: u32,
+    measure: Measure,
+    /// Whether it has been merged into a larger one.
+    is_merged: bool,
 }
 
 /// Finds balls.
@@ -68,9 +81,9 @@ pub(crate) struct BallFinder {
     sphere: Sphere,
     silhouette: Silhouette,
     limits: Limits,
-    /// Regions of the ball's colour, largest first, and whether they are part of a candidate.
-    spots: Vec<(u32, Measure, bool)>,
-    found: Vec<(DetectedBall, Shows)>,
+    /// Largest first.
+    regions: Vec<BallRegion>,
+    found: Vec<(DetectedBall, Visible)>,
 }
 
 impl BallFinder {
@@ -89,7 +102,7 @@ impl BallFinder {
             sphere: Sphere::new(config.ball.diameter_mm / 2.0, config.geometry.camera_mm),
             silhouette: Silhouette::default(),
             limits,
-            spots: Vec::new(),
+            regions: Vec::new(),
             found: Vec::new(),
         })
     }
@@ -103,11 +116,11 @@ impl BallFinder {
         frame: &mut DetectionFrame,
         rejections: &mut Rejections,
     ) {
-        self.measure_spots(camera, frame);
+        self.measure_regions(camera, frame);
         self.found.clear();
-        for index in 0..self.spots.len() {
-            let (region, measure, is_part) = self.spots[index];
-            if is_part {
+        for index in 0..self.regions.len() {
+            let BallRegion { region, measure, is_merged } = self.regions[index];
+            if is_merged {
                 continue;
             }
             let measure = self.with_fragments(index, measure);
@@ -136,7 +149,7 @@ impl BallFinder {
                 covariance: [variance, 0.0, variance],
                 edge_samples: 0,
             };
-            self.found.push((ball, place.shows));
+            self.found.push((ball, place.visible));
         }
         self.found.sort_unstable_by(|(a, _), (b, _)| {
             b.confidence.total_cmp(&a.confidence).then(a.region.cmp(&b.region))
@@ -148,59 +161,60 @@ impl BallFinder {
         }
     }
 
-    /// How much shows of each ball that was found last.
-    pub fn shows(&self) -> impl Iterator<Item = Shows> {
-        self.found.iter().map(|&(_, shows)| shows)
+    /// The visible part of each ball of the last frame, in the order of the message.
+    pub fn visible(&self) -> impl Iterator<Item = Visible> {
+        self.found.iter().map(|&(_, visible)| visible)
     }
 
     fn area_mm2(&self) -> f64 {
         PI * self.radius_mm * self.radius_mm
     }
 
-    fn measure_spots(&mut self, camera: &CameraModel, frame: &DetectionFrame) {
+    fn measure_regions(&mut self, camera: &CameraModel, frame: &DetectionFrame) {
         let worth_listing = WORTH_LISTING * self.limits.min_area_ratio * self.area_mm2();
-        self.spots.clear();
+        self.regions.clear();
         for (index, region) in (0u32..).zip(frame.regions()) {
             if region.class != self.class {
                 continue;
             }
             let moments = Moments::of_region(region, frame.runs_of(region));
-            // Its outline is that of its widest section, which is as high as its centre.
+            // The ball's outline is that of its widest section, at the height of its centre.
             match Measure::new(&moments, camera, self.radius_mm) {
                 Some(measure) if measure.area_mm2 >= worth_listing => {
-                    self.spots.push((index, measure, false));
+                    self.regions.push(BallRegion { region: index, measure, is_merged: false });
                 }
                 _ => {}
             }
         }
-        self.spots
-            .sort_unstable_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2).then(a.0.cmp(&b.0)));
+        self.regions.sort_unstable_by(|a, b| {
+            b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
+        });
     }
 
-    /// The spot together with smaller ones near it, as far as they make it more of a ball.
+    /// The region merged with each smaller one near it that improves its quality.
     fn with_fragments(&mut self, seed: usize, measure: Measure) -> Measure {
         let mut merged = measure;
         let reach = MERGE_DIAMETERS * 2.0 * self.radius_mm;
-        for index in seed + 1..self.spots.len() {
-            let (_, fragment, is_part) = self.spots[index];
-            // Without the root: in a picture of rubbish this is asked half a million times.
+        for index in seed + 1..self.regions.len() {
+            let BallRegion { measure: fragment, is_merged, .. } = self.regions[index];
+            // Without the root: noise takes half a million comparisons.
             let (dx, dy) = (
                 fragment.position.x_mm - measure.position.x_mm,
                 fragment.position.y_mm - measure.position.y_mm,
             );
-            if is_part || dx * dx + dy * dy > reach * reach {
+            if is_merged || dx * dx + dy * dy > reach * reach {
                 continue;
             }
             let together = merged.merged(&fragment);
             if self.quality(&together) > self.quality(&merged) {
                 merged = together;
-                self.spots[index].2 = true;
+                self.regions[index].is_merged = true;
             }
         }
         merged
     }
 
-    /// Where the ball lies that a spot is all or a part of, or why there is none.
+    /// Place of the ball that a region covers wholly or in part, or the reason why it is none.
     fn judge(
         &mut self,
         camera: &CameraModel,
@@ -215,12 +229,12 @@ impl BallFinder {
             position: measure.position,
             deviation_mm: CENTROID_NOISE_PX * scale / measure.pixels.max(1.0).sqrt(),
             confidence: self.quality(measure),
-            shows: Shows::All,
+            visible: Visible::All,
         };
         if !(MIN_DISC_SHARE..WHOLE).contains(&ratio) {
             return fault.map_or(Ok(by_centroid), Err);
         }
-        // The outline of one of several pieces is not the ball's.
+        // The outline of one of several merged regions is not the ball's.
         let is_whole_region = frame
             .regions()
             .get(region as usize)
@@ -231,15 +245,15 @@ impl BallFinder {
         if let Some(reason) = fault {
             return by_rim.ok_or(reason);
         }
-        // The missing part may all be on one side.
+        // The whole missing part may be on one side.
         let missing_mm = (1.0 - ratio) * self.radius_mm / 2.0;
         let deviation_mm = by_centroid.deviation_mm.hypot(missing_mm);
         let confidence = by_centroid.confidence;
         let place = by_rim.unwrap_or(Place { deviation_mm, ..by_centroid });
-        Ok(Place { confidence, shows: Shows::Part, ..place })
+        Ok(Place { confidence, visible: Visible::Part, ..place })
     }
 
-    /// Where a ball lies of which the spot's region is a part.
+    /// Place of the ball of which a region is the visible part.
     fn place_by_rim(
         &mut self,
         camera: &CameraModel,
@@ -259,11 +273,11 @@ impl BallFinder {
             position: place,
             deviation_mm: RIM_NOISE_PX * mm_per_px / rim.share.sqrt(),
             confidence: measure.area_mm2 / self.area_mm2() * (1.0 - rim.outside),
-            shows: Shows::Part,
+            visible: Visible::Part,
         })
     }
 
-    /// Why a spot cannot be a whole ball, if so.
+    /// The reason why a region cannot be a whole ball; `None` if it can.
     fn fault(&self, measure: &Measure) -> Option<RejectReason> {
         let ratio = measure.area_mm2 / self.area_mm2();
         if ratio < self.limits.min_area_ratio {
@@ -277,7 +291,7 @@ impl BallFinder {
         }
     }
 
-    /// 1 for a disc of the right size.
+    /// Roundness times exp(−area misfit): 1 for a disc of the right area.
     fn quality(&self, measure: &Measure) -> f64 {
         let ratio = measure.area_mm2 / self.area_mm2();
         roundness(measure) * (-self.limits.area_misfit(ratio)).exp()
@@ -291,7 +305,7 @@ fn is_on_top_of(
     ball: &Measure,
 ) -> bool {
     let top = pattern.top_by_numbers(robot.team, robot.robot_id.number());
-    // Where the same point of the picture lies on the plane of the robot's top.
+    // The point of the picture on the plane of the robot's top.
     let place = camera.field_from_image(ball.image, top.height_mm);
     let pose = Pose {
         position: FieldPoint::new(f64::from(robot.x_mm), f64::from(robot.y_mm)),
@@ -300,15 +314,13 @@ fn is_on_top_of(
     top.body.contains(robot_from_field(&pose, place))
 }
 
-/// 1 for a disc: its area in relation to its spread, times how equal the spread is in all
-/// directions.
+/// Area in relation to spread, times evenness of the spread in all directions: 1 for a disc.
 fn roundness(measure: &Measure) -> f64 {
     let [major, minor] = measure.deviations_mm();
-    // A disc of area A has a variance of A/4π each way. Pixels make small discs a little more
-    // compact than that.
+    // A disc of area A has a variance of A/4π each way. Small discs of pixels are a little more compact.
     let compactness =
         (measure.area_mm2 / (4.0 * PI * major * minor).max(f64::MIN_POSITIVE)).min(1.0);
-    // Blur and slanting views make ellipses of discs; up to a fifth costs nothing.
+    // Blur and oblique views make ellipses of discs; a ratio of axes down to 0.8 costs nothing.
     let evenness = (minor / (0.8 * major).max(f64::MIN_POSITIVE)).min(1.0);
     compactness * evenness
 }
@@ -412,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_ball_is_rejected_with_a_reason() {
+    fn other_shapes_are_rejected_with_a_reason() {
         let place = FieldPoint::new(300.0, 200.0);
         let rejected = |shape: &dyn Fn(f64, f64) -> bool| {
             let mut picture = Picture::new();

@@ -1,69 +1,74 @@
-//! From regions to candidates: what might be a certain patch in a certain colour.
+//! Candidates: regions, and parts and groups of regions, that may be a certain patch in a certain colour.
 //!
-//! Several candidates can be made of one region, and they contradict each other. A region of the
-//! right size is a candidate as it is. Together with smaller regions of its colour close by it may
-//! be one patch that noise or another patch cuts in pieces; the candidate then is their weighted
-//! average (section 6.1). And a region that is too large may be patches of two robots grown
-//! together; its pieces then are candidates. And what of a region lies just where a team patch says
-//! the patch must be is one, whatever else the region is part of. Which of them are real is for the assignment to
-//! decide, when it is known what each explanation is good for; here nothing is ruled out early.
+//! A candidate of a kind is one of
+//!
+//! * a region of the kind's colour whose area and shape a patch could have,
+//! * such a region merged with up to three smaller ones of its colour near it, because noise or another patch
+//!   may have cut the patch in pieces: their average, weighted by area (section 6.1),
+//! * one of 2 to 4 pieces of a region that is too large, because patches of two robots may have grown
+//!   together ([`split`](crate::split)),
+//! * the pixels of the colour at the place that a candidate for a team patch predicts
+//!   ([`footprint`](crate::footprint)), whatever region they belong to.
+//!
+//! Candidates made of the same pixels contradict each other. The assignment decides which are real, when the
+//! value of each explanation is known; nothing is ruled out here.
 
 use crate::class_index::ClassIndex;
 use crate::footprint::{self, Footprint};
 use crate::measure::{Measure, Moments};
+use crate::measured_regions::{MeasuredRegion, MeasuredRegions};
 use crate::pattern::{ExpectedPatch, Kind, Pattern, Top};
 use crate::pitch::Pitch;
 use crate::split::{MAX_PIECES, Splitter};
-use crate::spots::{Spot, Spots};
 use common::geometry::CameraModel;
 use common::messages::{DetectionFrame, Region};
 use std::ops::Range;
 
-/// Most regions one patch is put together from.
+/// Most regions that are merged into one candidate.
 pub(crate) const MAX_PARTS: usize = 4;
-/// Most candidates of one kind; when there are more, those of the likeliest size are kept. Thirty-two
-/// robots with two dots of a colour each have 64, and a few more for fragments.
+/// Most candidates of one kind; of more, those with the likeliest areas are kept. Thirty-two robots with two
+/// dots of a colour each have 64, and a few more for fragments.
 const MAX_CANDIDATES: usize = 192;
-/// A fragment is worth adding from this fraction of the patch's area.
+/// Least area of a fragment, as a fraction of the patch's area.
 const MIN_FRAGMENT_RATIO: f64 = 0.05;
-/// Fragments are put together up to this multiple of the patch's area: they should make one patch.
+/// Largest area of merged fragments, as a multiple of the patch's area.
 const MAX_MERGED_RATIO: f64 = 1.35;
-/// Fragments of one patch lie within this multiple of its reach from the largest of them …
+/// Largest distance of a fragment from the largest one, as a multiple of the patch's reach.
 const MERGE_REACH: f64 = 1.3;
-/// … and do not spread farther than this multiple of the patch's own deviation.
+/// Largest deviation of merged fragments along their longer axis, as a multiple of the patch's.
 const MAX_MERGED_SPREAD: f64 = 1.4;
-/// A region is taken apart into n pieces when its area is between these multiples of n patches.
+/// Area per piece of a region that is split, as a multiple of the patch's area.
 const SPLIT_RATIO: Range<f64> = 0.65..1.5;
 
-/// In the place of a number of pieces: cut out where a team patch says the patch must be.
+/// Number of pieces of a part that was cut out by a footprint.
 const CUT_OUT: u16 = u16::MAX;
-/// Candidates for team patches beside which patches are cut out, for each team; the likeliest.
+/// Most candidates for team patches of a kind that footprints are placed for; those with the likeliest areas.
 const MAX_GUESSES: usize = 48;
-/// Runs and pixels a frame may look at in footprints: a few milliseconds. Ten robots take some
-/// ten thousand.
+/// Most runs and pixels visited by footprints in a frame: a few milliseconds. Ten robots take some ten
+/// thousand.
 const CUT_WORK_PER_FRAME: usize = 2_000_000;
 
-/// A region, or one of the pieces it was taken apart into, or a part cut out of it.
+/// A region, a piece of one that was split, or the pixels of one within a footprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Part {
     pub region: u32,
-    /// Which piece, from 0; which cut of the frame, from 1.
+    /// Index of the piece, from 0; number of the footprint in the frame, from 1.
     pub piece: u16,
-    /// Of how many; 1 for the whole region, [`CUT_OUT`] for what lies in a footprint.
+    /// Number of pieces; 1 for the whole region, [`CUT_OUT`] for a footprint.
     pub pieces: u16,
 }
 
-/// What might be a patch.
+/// A possible patch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Candidate {
     /// Largest first.
     parts: [Part; MAX_PARTS],
     part_count: usize,
     pub measure: Measure,
-    /// How unlikely its size is: 0 to 1 at the limits of what is admitted.
+    /// Cost of its area: 0 to 1 at the limits.
     pub misfit: f64,
-    /// When it was cut out beside a team patch, the first part of that: it is a patch of that robot
-    /// or of none.
+    /// For a footprint's pixels, the first part of the team patch that predicts them: they are a patch of
+    /// that robot or of none.
     pub beside: Option<Part>,
 }
 
@@ -72,14 +77,14 @@ impl Part {
         Self { region, piece: 0, pieces: 1 }
     }
 
-    /// Whether both use the same pixels.
+    /// Whether two parts share pixels.
     fn overlaps(&self, other: &Self) -> bool {
         self.region == other.region && (self.pieces != other.pieces || self.piece == other.piece)
     }
 }
 
 impl Candidate {
-    /// What it is made of; the largest part first.
+    /// The parts, the largest first.
     pub fn parts(&self) -> &[Part] {
         &self.parts[..self.part_count]
     }
@@ -89,7 +94,7 @@ impl Candidate {
         self.parts[0]
     }
 
-    /// Whether both use the same pixels.
+    /// Whether two candidates share pixels.
     pub fn overlaps(&self, other: &Self) -> bool {
         self.parts().iter().any(|part| other.parts().iter().any(|theirs| part.overlaps(theirs)))
     }
@@ -99,7 +104,7 @@ impl Candidate {
     }
 }
 
-/// Where a patch must be if a team patch is what it seems to be.
+/// The place of another patch that a candidate for a team patch predicts.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     /// Index into the pattern's tops.
@@ -112,41 +117,41 @@ struct Place {
 /// Finds candidates, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CandidateFinder {
-    /// For each height of the pattern, regions of the colours of patches there.
-    spots: Vec<Spots>,
+    /// For each height of the pattern, the measured regions.
+    by_height: Vec<MeasuredRegions>,
     candidates: Vec<Candidate>,
     /// For each kind of the pattern, its part of `candidates`.
     ranges: Vec<Range<usize>>,
     splitter: Splitter,
-    /// Squared distance and index of spots near the one being looked at.
+    /// Squared distance and index of the fragments near a region.
     near: Vec<(f64, usize)>,
-    /// There were more candidates than are kept.
+    /// There were more than [`MAX_CANDIDATES`] of a kind.
     pub is_cut: bool,
-    /// Where the team patches that were found say that other patches must be.
+    /// Places of other patches that the candidates for team patches predict.
     places: Vec<Place>,
-    /// Parts cut out in this frame.
+    /// Number of parts cut out in this frame.
     cuts: u16,
     cut_work: usize,
 }
 
 impl CandidateFinder {
-    /// Regions of the colours that patches on a top have, measured at its height; class by class, in each the
-    /// largest first.
-    pub fn spots(&self, top: &Top) -> &[Spot] {
-        self.spots.get(top.height).map_or(&[], Spots::all)
+    /// Regions in the colours of a top's patches, measured at its height; class by class, in each the largest
+    /// first.
+    pub fn measured_on(&self, top: &Top) -> &[MeasuredRegion] {
+        self.by_height.get(top.height).map_or(&[], MeasuredRegions::all)
     }
 
-    /// The spots of one class, largest first.
-    pub fn spots_of(&self, top: &Top, class: u32) -> &[Spot] {
-        self.spots.get(top.height).map_or(&[], |spots| spots.of_class(class))
+    /// The regions of one class, largest first.
+    pub fn measured_of(&self, top: &Top, class: u32) -> &[MeasuredRegion] {
+        self.by_height.get(top.height).map_or(&[], |regions| regions.of_class(class))
     }
 
-    /// Candidates of a kind, likeliest size first.
+    /// Candidates of a kind, the likeliest area first; those of footprints among them.
     pub fn of_kind(&self, kind: usize) -> &[Candidate] {
         self.ranges.get(kind).map_or(&[], |range| &self.candidates[range.clone()])
     }
 
-    /// Looks through the regions of `frame`.
+    /// Finds the candidates among the regions of `frame`.
     pub fn find(
         &mut self,
         pattern: &Pattern,
@@ -156,7 +161,7 @@ impl CandidateFinder {
         index: &ClassIndex,
     ) {
         self.splitter.start_frame();
-        self.measure_spots(pattern, camera, pitch, frame, index);
+        self.measure_regions(pattern, camera, pitch, frame, index);
         self.candidates.clear();
         self.ranges.clear();
         self.places.clear();
@@ -168,14 +173,14 @@ impl CandidateFinder {
                 Some(alike) => self.copy_kind(*alike),
                 None => self.find_kind(pattern, kind, camera, frame),
             }
-            // No two are equal, so the order is always the same.
+            // A total order: no two candidates are equal.
             let by_misfit = |a: &Candidate, b: &Candidate| {
                 a.misfit.total_cmp(&b.misfit).then_with(|| a.parts().cmp(b.parts()))
             };
             self.candidates[begin..].sort_unstable_by(by_misfit);
             self.is_cut |= self.candidates.len() > begin + MAX_CANDIDATES;
             self.candidates.truncate(begin + MAX_CANDIDATES);
-            // Kinds of team patches come first.
+            // The kinds of team patches come first, so all their candidates are known.
             if kind.team.is_none() {
                 if !is_guessed {
                     self.guess_places(pattern, camera);
@@ -188,7 +193,7 @@ impl CandidateFinder {
         }
     }
 
-    fn measure_spots(
+    fn measure_regions(
         &mut self,
         pattern: &Pattern,
         camera: &CameraModel,
@@ -196,19 +201,19 @@ impl CandidateFinder {
         frame: &DetectionFrame,
         index: &ClassIndex,
     ) {
-        self.spots.resize(pattern.heights_mm.len(), Spots::default());
-        for (height, spots) in self.spots.iter_mut().enumerate() {
+        self.by_height.resize(pattern.heights_mm.len(), MeasuredRegions::default());
+        for (height, regions) in self.by_height.iter_mut().enumerate() {
             let is_there = |kind: &&Kind| pattern.top_of_kind(kind).height == height;
             let kinds = pattern.kinds.iter().filter(is_there);
             let classes = kinds.fold(0u32, |classes, kind| classes | 1 << kind.class);
             let height_mm = pattern.heights_mm[height];
             // A patch lies within half a diagonal of the centre of its robot.
             let slack_mm = pattern.size_mm * 0.75;
-            spots.measure(frame, index, classes, camera, height_mm, pitch, slack_mm);
+            regions.measure(frame, index, classes, camera, height_mm, pitch, slack_mm);
         }
     }
 
-    /// Adds the candidates of an earlier kind that has the same, but for what was cut out for it.
+    /// Copies the candidates of an earlier kind that has the same ones, except those of footprints.
     fn copy_kind(&mut self, kind: usize) {
         for index in self.ranges[kind].clone() {
             let candidate = self.candidates[index];
@@ -226,27 +231,27 @@ impl CandidateFinder {
         frame: &DetectionFrame,
     ) {
         let (top, patch) = (pattern.top_of_kind(kind), pattern.patch_of_kind(kind));
-        for seed in 0..self.spots_of(top, kind.class).len() {
-            let spot = self.spots_of(top, kind.class)[seed];
-            if spot.outside {
+        for seed in 0..self.measured_of(top, kind.class).len() {
+            let measured = self.measured_of(top, kind.class)[seed];
+            if measured.outside {
                 continue;
             }
-            let ratio = spot.measure.area_mm2 / patch.area_mm2;
-            self.push(pattern, patch, &[Part::whole(spot.region)], spot.measure);
+            let ratio = measured.measure.area_mm2 / patch.area_mm2;
+            self.push(pattern, patch, &[Part::whole(measured.region)], measured.measure);
             if ratio < MAX_MERGED_RATIO {
                 self.merge(pattern, top, patch, kind.class, seed);
             }
             for pieces in 2..=MAX_PIECES {
                 if SPLIT_RATIO.contains(&(ratio / pieces as f64)) {
-                    self.split(pattern, top, patch, &spot, pieces, camera, frame);
+                    self.split(pattern, top, patch, &measured, pieces, camera, frame);
                 }
             }
         }
     }
 
-    /// Works out where the team patches that were found say that the other patches must be.
+    /// Fills `places` from the candidates for team patches.
     fn guess_places(&mut self, pattern: &Pattern, camera: &CameraModel) {
-        // Kinds of team patches come first.
+        // So far only kinds of team patches have ranges.
         for range in self.ranges.iter().zip(&pattern.kinds) {
             let (range, kind) = range;
             let top = pattern.top_of_kind(kind);
@@ -266,7 +271,7 @@ impl CandidateFinder {
         }
     }
 
-    /// Adds what lies where the team patches that were found say the patch must be.
+    /// Adds the pixels at the places that team patches predict for the kind.
     fn look_beside_team_patches(
         &mut self,
         pattern: &Pattern,
@@ -287,7 +292,7 @@ impl CandidateFinder {
         }
     }
 
-    /// Adds what lies in a footprint of the patch.
+    /// Adds the pixels of the kind's colour in a footprint.
     fn cut_out(
         &mut self,
         pattern: &Pattern,
@@ -298,18 +303,19 @@ impl CandidateFinder {
     ) {
         let top = pattern.top_of_kind(kind);
         let mut sums = footprint.sums();
-        // Pixels of the region that most of them are of, and which one it is.
+        // Pixels of the region that has most of them, and the region.
         let mut most = (0, 0);
-        let spots = self.spots.get(top.height).map_or(&[][..], |spots| spots.of_class(kind.class));
-        for spot in spots.iter().filter(|spot| spot.bounds.meets(&footprint.bounds)) {
-            let Some(region) = frame.regions().get(spot.region as usize) else { continue };
+        let regions =
+            self.by_height.get(top.height).map_or(&[][..], |regions| regions.of_class(kind.class));
+        for measured in regions.iter().filter(|measured| measured.bounds.meets(&footprint.bounds)) {
+            let Some(region) = frame.regions().get(measured.region as usize) else { continue };
             self.cut_work += cut_work(region);
             if self.cut_work > CUT_WORK_PER_FRAME {
                 return;
             }
             let pixels = footprint.add(top, region, frame, &mut sums);
             if pixels > most.0 {
-                most = (pixels, spot.region);
+                most = (pixels, measured.region);
             }
         }
         let Some(cut) = self.cuts.checked_add(1).filter(|_| most.0 > 0) else { return };
@@ -339,7 +345,7 @@ impl CandidateFinder {
         self.candidates.push(candidate);
     }
 
-    /// Adds the spot together with one, two or three smaller ones of its class, nearest first.
+    /// Adds the region merged with one, two and three smaller ones of its class, nearest first.
     fn merge(
         &mut self,
         pattern: &Pattern,
@@ -348,16 +354,16 @@ impl CandidateFinder {
         class: u32,
         seed: usize,
     ) {
-        let spot = self.spots_of(top, class)[seed];
+        let measured = self.measured_of(top, class)[seed];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
         let reach2 = (MERGE_REACH * patch.reach_mm).powi(2);
-        // Largest first: all that follow are smaller.
-        for (index, other) in self.spots_of(top, class).iter().enumerate().skip(seed + 1) {
+        // Largest first, so all that follow are too small as well.
+        for (index, other) in self.measured_of(top, class).iter().enumerate().skip(seed + 1) {
             if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
                 break;
             }
-            let (here, there) = (spot.measure.position, other.measure.position);
+            let (here, there) = (measured.measure.position, other.measure.position);
             let (dx, dy) = (here.x_mm - there.x_mm, here.y_mm - there.y_mm);
             let distance2 = dx * dx + dy * dy;
             if distance2 < reach2 {
@@ -366,11 +372,11 @@ impl CandidateFinder {
         }
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 
-        let mut parts = [Part::whole(spot.region); MAX_PARTS];
+        let mut parts = [Part::whole(measured.region); MAX_PARTS];
         let mut count = 1;
-        let mut merged = spot.measure;
+        let mut merged = measured.measure;
         for &(_, index) in &near {
-            let fragment = self.spots_of(top, class)[index];
+            let fragment = self.measured_of(top, class)[index];
             let together = merged.merged(&fragment.measure);
             if together.area_mm2 > MAX_MERGED_RATIO * patch.area_mm2
                 || together.deviations_mm()[0] > MAX_MERGED_SPREAD * patch.major_mm
@@ -388,31 +394,32 @@ impl CandidateFinder {
         self.near = near;
     }
 
-    #[allow(clippy::too_many_arguments)] // What all of this file's steps look at, and the region.
+    /// Adds the pieces of a region that is split.
+    #[allow(clippy::too_many_arguments)] // The context of all steps, and the region.
     fn split(
         &mut self,
         pattern: &Pattern,
         top: &Top,
         patch: &ExpectedPatch,
-        spot: &Spot,
+        measured: &MeasuredRegion,
         count: usize,
         camera: &CameraModel,
         frame: &DetectionFrame,
     ) {
-        let Some(region) = frame.regions().get(spot.region as usize) else { return };
+        let Some(region) = frame.regions().get(measured.region as usize) else { return };
         let runs = frame.runs_of(region);
         let whole = Moments::of_region(region, runs);
         let Some(pieces) = self.splitter.split(region, &whole, runs, count) else { return };
         for (piece, moments) in (0u16..).zip(&pieces[..count]) {
             if let Some(measure) = Measure::new(moments, camera, top.height_mm) {
-                let part = Part { region: spot.region, piece, pieces: count as u16 };
+                let part = Part { region: measured.region, piece, pieces: count as u16 };
                 self.push(pattern, patch, &[part], measure);
             }
         }
     }
 }
 
-/// Runs and pixels that have to be looked at for what of a region lies in a footprint.
+/// Runs and pixels visited for a region and a footprint, about.
 fn cut_work(region: &Region) -> usize {
     const FOOTPRINT_PX: u32 = 400;
     region.run_count as usize + region.pixel_count.min(FOOTPRINT_PX) as usize
@@ -479,7 +486,7 @@ mod tests {
             vec![[300, 200, 322, 202]],
         ] {
             let (finder, kind) = yellow_candidates(&rim);
-            assert_eq!(finder.spots[0].all().len(), 1, "{rim:?} is not one region");
+            assert_eq!(finder.by_height[0].all().len(), 1, "{rim:?} is not one region");
             assert!(finder.of_kind(kind).is_empty(), "{rim:?}: {:?}", finder.of_kind(kind));
         }
     }
@@ -517,7 +524,8 @@ mod tests {
     fn regions_outside_the_pitch_are_not_candidates() {
         // Beside a goal, behind the goal line; and a proper one.
         let (finder, kind) = yellow_candidates(&[[4, 60, 13, 69], [300, 200, 309, 209]]);
-        let outside: Vec<bool> = finder.spots[0].all().iter().map(|spot| spot.outside).collect();
+        let outside: Vec<bool> =
+            finder.by_height[0].all().iter().map(|measured| measured.outside).collect();
         assert_eq!(outside.iter().filter(|&&outside| outside).count(), 1);
         let [candidate] = finder.of_kind(kind) else { panic!("{:?}", finder.of_kind(kind)) };
         assert!((candidate.measure.image.x_px - 304.0).abs() < 1e-9);

@@ -2,15 +2,15 @@
 
 use common::messages::{DetectionFrame, Region};
 
-/// Classes that a colour can have.
+/// Number of colour classes.
 pub(crate) const CLASSES: usize = 32;
 
-/// Lists the regions of each class, in the order of the frame.
+/// Lists of the regions of each class, in the order of the frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ClassIndex {
     /// Indices of regions, class by class.
     regions: Vec<u32>,
-    /// Where the regions of each class end in `regions`; there those of the next begin.
+    /// End of each class in `regions`, and begin of the next.
     ends: [usize; CLASSES],
 }
 
@@ -58,7 +58,7 @@ mod tests {
         let mut frame = Box::new(DetectionFrame::zeroed());
         RegionFinder::new(64, 64, 8, 1).find(&runs, &mut frame);
         let mut index = ClassIndex::default();
-        // Twice: nothing of the frame before is left.
+        // Twice: a second call replaces the lists.
         for _ in 0..2 {
             index.fill(&frame);
             let mut seen = Vec::new();

@@ -1,32 +1,41 @@
-//! Poses to hundredths of a pixel: from where the edges of the patches lie in the raw picture.
+//! Edge fit: poses to a fiftieth of a pixel, from the positions of patch edges in the raw picture.
 //!
-//! Colour classes say of each pixel whether it is more inside of a patch or more outside; how much
-//! is lost, and with it where between two pixels the edge lies. The error is the same for as long
-//! as a robot stands, so no filter removes it. It is all in the samples themselves: lens and
-//! sensor spread an edge over some pixels, and each of them says how far away the edge is.
+//! A colour class says only whether a pixel lies mostly inside a patch. The fraction is lost, and with it
+//! the edge's position between two pixels; the error stays the same while a robot stands still, so no filter
+//! averages it out. The raw samples still hold the fraction: lens and sensor spread an edge over some
+//! pixels, and each of these pixels tells its distance from the edge.
 //!
-//! # The model
+//! # Model
 //!
 //! A sample of colour channel c at the signed distance d inside an edge measures
 //!
 //! I = a + b·w(d / σ),
 //!
-//! with w the share of light from inside (nearly the normal distribution function), σ the spot that
-//! lens, filter and pixel make of a point, a the level outside, a + b that inside. Levels are taken
-//! from what is there, for each stretch of edge and each channel: nothing needs to be known of
-//! colours and light. Nothing is demosaiced: each sample counts for its own colour at its own place.
+//! where w is the fraction of the light that comes from inside (the integral of the point spread function
+//! of lens, filter and pixel, nearly the normal distribution function), σ the standard deviation of that
+//! function, a the level outside and a + b the level inside. a and b are estimated from the picture for each
+//! stretch of edge and each channel, so neither colours nor light need to be known. Nothing is demosaiced:
+//! each sample is used in its own channel at its own place.
 //!
-//! # The fit
+//! # Fit
 //!
-//! Gauss and Newton's, over all samples at edges, for the step (x, y, θ) in the robot's frame. The
-//! levels enter linearly, so they are eliminated: for each stretch and channel the sums over the
-//! samples give the best levels, and what the step could explain beyond them. Stretches that
-//! disagree with the others, because something else lies beside them or covers them, count for little
-//! (iteratively reweighted, with the weights of Cauchy's distribution). What is known already, the
-//! pose from the patches' centroids with its uncertainty, takes part as one more measurement.
+//! The fit is Gauss–Newton over all samples at edges, for the step (x, y, θ) in the robot's frame:
 //!
-//! The normal equations also say how sure the result is; less so where stretches disagree more than
-//! they do in a good picture.
+//! ```text
+//! repeat up to MAX_ROUNDS times, until the step is below SETTLED_PX:
+//!     sums over the samples, for each stretch and channel            (edge_pixels)
+//!     eliminate a and b from the normal equations of each            (Stretch::add)
+//!     WEIGHINGS times: step = (Σ wₖ·Nₖ + P)⁻¹·(Σ wₖ·gₖ + P·start)     (solve)
+//!                      wₖ = 1 / (1 + (residualₖ / scale)²)
+//! ```
+//!
+//! N and g are a stretch's normal matrix and right side, P the information of the start pose, which takes
+//! part as one more measurement. Stretches that disagree with the others, because something lies beside them
+//! or covers them, lose weight: iteratively reweighted least squares with the weights of Cauchy's
+//! distribution (Holland and Welsch, Robust regression using iteratively reweighted least-squares, 1977).
+//!
+//! The covariance of the result is the inverse of the normal matrix, enlarged where stretches disagree more
+//! than they do in a good picture (Birge's ratio).
 
 use crate::edge_pixels::{EdgePixels, Sums};
 use crate::edges::{EdgeMap, MAX_STRETCHES};
@@ -35,46 +44,46 @@ use crate::local_map::LocalMap;
 use crate::raw::{CHANNELS, RawFrame};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
 
-/// Sensor noise, and what else is the matter with a sample, in grey levels and as a part of the step
-/// between the levels.
+/// Noise of a sample, 1σ: of the sensor in grey levels, and of the model as a fraction of the edge's
+/// contrast b.
 const SAMPLE_NOISE: f64 = 2.0;
 const MODEL_NOISE: f64 = 0.02;
-/// What an edge as a whole may be off: patches are cut by hand, and not all spots are alike.
+/// Position error of an edge as a whole, 1σ, however many samples it has: patches are cut by hand, and the
+/// point spread function varies over the picture.
 const EDGE_NOISE_PX: f64 = 0.03;
-/// From about this far off the others an edge is not believed; in a poor picture, of which half the
-/// edges are farther off, from so far as those, but never beyond the second.
+/// Scale of Cauchy's weights, px. It is the median residual of the visible edges, within these bounds: in a
+/// poor picture edges may be farther off before they count as outliers.
 const OUTLIER_PX: f64 = 0.12;
 const MOST_OUTLIER_PX: f64 = 0.6;
-/// Of the variance that the weights of the fit make for, so much is claimed: weights allow for edges
-/// that are worse than most. With it errors in synthetic matches are about as large as claimed.
+/// Fraction of the variance of the weighted fit that is reported: the weights allow for edges that are worse
+/// than most. Chosen so that errors in synthetic matches are as large as reported.
 const VARIANCE_FACTOR: f64 = 0.4;
-/// Where the squares of what stretches are off by are more than this, of what they claim, they disagree
-/// more than in any good picture.
+/// Reduced chi-square of the stretches in a good picture; above it the covariance is enlarged.
 const USUAL_DISAGREEMENT: f64 = 0.8;
-/// Fewer samples tell nothing of two levels and a place.
+/// Least samples of a stretch and channel: two levels and a position have to be estimated from them.
 const MIN_SAMPLES: f32 = 6.0;
-/// Rounds over the pixels; the second is for those that began far off.
+/// Most passes over the pixels; further ones are needed only where the start was far off.
 const MAX_ROUNDS: usize = 3;
-/// A round that moves things by less than this was the last.
+/// Convergence: a step below this ends the fit.
 const SETTLED_PX: f64 = 0.12;
-/// Rounds of weighing the stretches against each other.
+/// Reweightings of the stretches in each pass.
 const WEIGHINGS: usize = 3;
-/// A result so far from where it began is of something else.
+/// Farthest that the result may lie from the start; beyond it the edges are those of something else.
 const FARTHEST_PX: f64 = 1.6;
-/// An expected pose so far from the one found is not where it went.
+/// Farthest that the expected pose may lie from the start to be used in its place.
 const EXPECTED_PX: f64 = 1.0;
 
-/// A pose with its uncertainty.
+/// A pose with its covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fitted {
     pub pose: Pose,
     /// Upper triangle, row by row, of the covariance of x, y, heading, in mm and rad.
     pub covariance: [f64; 6],
-    /// Samples at edges that took part.
+    /// Samples of the stretches that are not outliers.
     pub samples: u32,
 }
 
-/// Uncertainty of a pose before its edges were looked at, 1σ.
+/// Uncertainty of the start pose, 1σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Deviations {
     pub position_mm: f64,
@@ -86,24 +95,26 @@ pub(crate) struct Deviations {
 pub(crate) struct EdgeFitter {
     map: EdgeMap,
     height_mm: f64,
-    /// Headings are counted in millimetres at this distance from the centre.
+    /// Lever arm that turns headings into millimetres, so that all three unknowns have one unit.
     lever_mm: f64,
-    /// A pose expected farther away than this is no better to begin with.
+    /// [`EXPECTED_PX`] in millimetres.
     expected_within_mm: f64,
     pixels: EdgePixels,
     stretches: [Stretch; MAX_STRETCHES],
 }
 
-/// What a stretch says of the step: information · step = pull.
+/// Normal equations of a stretch, the levels eliminated: information · step = pull.
 #[derive(Debug, Clone, Copy, Default)]
 struct Stretch {
+    /// Normal matrix as an upper triangle.
     information: [f64; 6],
+    /// Right side.
     pull: [f64; 3],
     samples: f32,
 }
 
 impl EdgeFitter {
-    /// For bodies with these edges on a plane `height_mm` above the floor.
+    /// A fitter for bodies with these edges on a plane `height_mm` above the floor.
     pub fn new(map: EdgeMap, height_mm: f64) -> Self {
         let lever_mm = (0.6 * map.reach_mm).max(1.0);
         Self {
@@ -116,9 +127,9 @@ impl EdgeFitter {
         }
     }
 
-    /// The pose near `start` that explains the edges in the picture best; `None` if there are too few,
-    /// or they lead somewhere else. To look first where the body is `expected` saves rounds, and
-    /// makes no other difference.
+    /// The pose near `start` that explains the edges in the picture best; `None` if there are too few edges
+    /// or the result is farther than [`FARTHEST_PX`] from `start`. Beginning at the `expected` pose, where it
+    /// is near enough, saves passes and changes nothing else.
     pub fn fit(
         &mut self,
         camera: &CameraModel,
@@ -129,7 +140,7 @@ impl EdgeFitter {
     ) -> Option<Fitted> {
         let is_near = |expected: &&Pose| {
             let [x, y, turn] = self.step_between(start, expected);
-            // Not by their maximum, which NaN would not be in.
+            // Two comparisons, because `max` would drop NaN.
             x.hypot(y) < self.expected_within_mm && turn.abs() < self.expected_within_mm
         };
         let mut pose = *expected.filter(is_near).unwrap_or(start);
@@ -144,7 +155,7 @@ impl EdgeFitter {
             if round > 0 {
                 map = self.local_map(camera, &pose)?;
             }
-            self.weigh_samples(frame, &map, mm_per_px);
+            self.accumulate_normal_equations(frame, &map, mm_per_px);
             let so_far = self.step_between(start, &pose);
             let (step, covariance, samples) = self.solve(&prior, so_far, mm_per_px)?;
             pose = self.stepped(&pose, step);
@@ -166,8 +177,8 @@ impl EdgeFitter {
         LocalMap::new(camera, pose, self.height_mm, reach_mm, mm_per_px)
     }
 
-    /// What each stretch says, from the pixels at it.
-    fn weigh_samples(&mut self, frame: &RawFrame, map: &LocalMap, mm_per_px: f64) {
+    /// Fills `stretches` from the pixels at their edges.
+    fn accumulate_normal_equations(&mut self, frame: &RawFrame, map: &LocalMap, mm_per_px: f64) {
         let count = self.map.stretch_count;
         let by_stretch = self.pixels.sum_up(&self.map, frame, map).chunks_exact(CHANNELS);
         for (stretch, channels) in self.stretches[..count].iter_mut().zip(by_stretch) {
@@ -175,14 +186,15 @@ impl EdgeFitter {
             for sums in channels {
                 stretch.add(sums);
             }
-            // However many samples: an edge as a whole may be off.
+            // Adds EDGE_NOISE_PX to the variance of the stretch's position.
             let [xx, _, _, yy, _, _] = stretch.information;
             let edge_variance = (EDGE_NOISE_PX * mm_per_px).powi(2);
             stretch.scale(1.0 / (1.0 + edge_variance * (xx + yy)));
         }
     }
 
-    /// The step that fits all stretches that agree, its covariance, and how many samples took part.
+    /// Robust solution of the normal equations of all stretches and the start pose: the step, its covariance
+    /// and the number of samples of stretches that are not outliers.
     fn solve(
         &self,
         prior: &[f64; 3],
@@ -218,7 +230,7 @@ impl EdgeFitter {
             }
             if weighings == WEIGHINGS {
                 let disagreement = disagreement(stretches, &weights, &off_px, mm_per_px);
-                // Only of what the edges say; what was known before stays what it was.
+                // The factors apply to the edges' information; that of the start pose is kept as it is.
                 let mut claimed = information.map(|term| term / (VARIANCE_FACTOR * disagreement));
                 for (index, prior) in [0, 3, 5].into_iter().zip(prior) {
                     claimed[index] += prior - prior / (VARIANCE_FACTOR * disagreement);
@@ -233,7 +245,7 @@ impl EdgeFitter {
         }
     }
 
-    /// From one pose to another, in the frame of the second, the heading times the lever.
+    /// The step from one pose to another in the frame of the second, the heading times the lever arm.
     fn step_between(&self, from: &Pose, to: &Pose) -> [f64; 3] {
         let (sin, cos) = to.orientation.sin_cos();
         let dx = to.position.x_mm - from.position.x_mm;
@@ -250,7 +262,7 @@ impl EdgeFitter {
         }
     }
 
-    /// A covariance of a step as one on the field, in millimetres and radians.
+    /// Turns the covariance of a step in the robot's frame into one on the field, in millimetres and radians.
     fn in_field(&self, covariance: &[f64; 6], orientation: f64) -> [f64; 6] {
         let [xx, xy, xt, yy, yt, tt] = *covariance;
         let (s, c) = orientation.sin_cos();
@@ -267,7 +279,8 @@ impl EdgeFitter {
 }
 
 impl Stretch {
-    /// Eliminates the levels and adds what is left.
+    /// Adds the normal equations of one channel, its levels a and b eliminated (Schur complement), divided by
+    /// the variance of the residuals.
     fn add(&mut self, sums: &Sums) {
         if sums.n < MIN_SAMPLES {
             return;
@@ -276,7 +289,7 @@ impl Stretch {
         let Sums { plain, by_w, by_i, first, rest, n } = *sums;
         let (n, w, ww) = (f(n), f(plain[3]), f(by_w[3]));
         let determinant = n * ww - w * w;
-        // All on one side: the levels cannot be told apart.
+        // All samples lie on one side of the edge, so the levels cannot be separated.
         if determinant < 0.02 * n * n {
             return;
         }
@@ -292,7 +305,7 @@ impl Stretch {
         for ((term, jj), (row, column)) in information.iter_mut().zip(jj).zip(UPPER) {
             let (j, wj) = (f(plain[row]), f(by_w[row]));
             let (k, wk) = (f(plain[column]), f(by_w[column]));
-            // What the levels explain of the derivatives.
+            // The part of the derivatives' products that the levels explain.
             let explained = (ww * j * k - w * (j * wk + wj * k) + n * wj * wk) / determinant;
             *term = b * b * (f(jj) - explained);
         }
@@ -315,7 +328,7 @@ impl Stretch {
         self.information.iter_mut().chain(&mut self.pull).for_each(|term| *term *= factor);
     }
 
-    /// How far the edge lies from where a step would put it.
+    /// Distance between the edge and its place after a step.
     fn off_mm(&self, step: &[f64; 3]) -> f64 {
         let moved = times(&self.information, step);
         let left = [self.pull[0] - moved[0], self.pull[1] - moved[1]];
@@ -324,9 +337,9 @@ impl Stretch {
     }
 }
 
-/// By how much the squares of what stretches are off by exceed what is usual; at least 1. It is by
-/// this that the covariance of their mean is too small (Birge, The calculation of errors by the method
-/// of least squares, 1932): where something hides patches, where they are badly cut or lit.
+/// Factor by which the covariance is too small (Birge, The calculation of errors by the method of least
+/// squares, 1932): the reduced chi-square of the stretches over [`USUAL_DISAGREEMENT`], at least 1. It is
+/// above 1 where patches are partly hidden, badly cut or badly lit.
 fn disagreement(
     stretches: &[Stretch],
     weights: &[f64; MAX_STRETCHES],
@@ -341,11 +354,11 @@ fn disagreement(
             count += weight;
         }
     }
-    // A pose has three numbers, which take as much of the disagreement away.
+    // Three degrees of freedom go into the pose.
     (squares / (count - 3.0).max(1.0) / USUAL_DISAGREEMENT).max(1.0)
 }
 
-/// What half of the edges that can be seen are off by, at most.
+/// Median residual of the visible edges, px.
 fn typical_px(stretches: &[Stretch], off_px: &[f64; MAX_STRETCHES]) -> f64 {
     let mut seen = [0.0; MAX_STRETCHES];
     let mut count = 0;

@@ -1,31 +1,35 @@
-//! The pixels around a body, summed up by the edges at which they lie: what the [edge
-//! fit](crate::edge_fit) needs to know of a picture.
+//! Sums over the pixels at each edge around a body: the input of the [edge fit](crate::edge_fit).
 //!
-//! Each step is a plain loop over arrays without branches, which a compiler makes into vector
-//! instructions; [`EdgePixels::sum_up`] picks the widest that the machine has. Sums are added in the
-//! same order whatever these are, so a picture gives the same on every machine.
+//! For each pixel within reach the edge map names the edge that shows there. With n the edge's normal and d
+//! the pixel's distance inside it, the sample's model and its derivatives by the step (x, y, θ) are
+//!
+//! w = W(d / σ), j₀ = −W′·nₓ/σ, j₁ = −W′·n_y/σ, j₂ = −W′·(n_y·x − nₓ·y)/(σ·lever).
+//!
+//! Sums of their products with each other and with the level are all that the normal equations need, so
+//! each pixel is read once in a pass. Each step is a branch-free loop over arrays, which the compiler turns
+//! into vector instructions; [`EdgePixels::sum_up`] picks the widest that the machine has. The order of
+//! additions does not depend on the width, so a picture gives the same result on every machine.
 
 use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
 use crate::local_map::{LocalMap, RowMap};
 use crate::raw::{CHANNELS, RawFrame};
 use fearless_simd::{Level, dispatch};
 
-/// Standard deviation of the spot, in pixels. A fit with one that is wrong by a quarter errs by a
-/// hundredth of a pixel: what it takes from one side of an edge it gives to the other.
-pub(crate) const SPOT_PX: f32 = 0.62;
-/// Grey levels are counted from here, so that sums of squares stay small.
+/// Standard deviation of the point spread function, px. A value that is wrong by a quarter moves the fit by
+/// a hundredth of a pixel: the errors on both sides of an edge cancel.
+pub(crate) const PSF_SIGMA_PX: f32 = 0.62;
+/// Offset of grey levels that keeps sums of squares small, and so exact in single precision.
 const MIDDLE_LEVEL: f32 = 96.0;
-/// So many pixels are looked at before those at edges are added up: mostly all there are around a body.
+/// Pixels that are buffered before those at edges are added up; a body mostly has fewer.
 const MOST_PIXELS: usize = 1024;
-/// Of a row at once.
+/// Most pixels of a row that are buffered at once.
 const ROW_PIXELS: usize = 256;
-/// Pixels at edges are worked on in groups of so many: a register full.
+/// Pixels at edges that are added up together: the lanes of a register.
 const LANES: usize = 8;
 
-/// Sums over the samples of one stretch and channel, in groups of four that a processor adds at once,
-/// or more of them: none may lie across a border of its cache's lines.
-/// w is how much of a pixel's light comes from inside of the edge, j its derivatives by the step, i
-/// the level, counted from [`MIDDLE_LEVEL`].
+/// Sums over the samples of one stretch and channel. w is the fraction of a pixel's light from inside the
+/// edge, j its derivatives by the step, i the level less [`MIDDLE_LEVEL`]. Groups of four are added by one
+/// instruction; the alignment keeps each within a cache line.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(align(64))]
 pub(crate) struct Sums {
@@ -42,18 +46,18 @@ pub(crate) struct Sums {
     pub n: f32,
 }
 
-/// Sums up.
+/// Accumulates the sums, reusing its memory.
 #[derive(Debug, Clone)]
 pub(crate) struct EdgePixels {
     level: Level,
-    /// Headings are counted in millimetres at this distance from the centre.
+    /// One over the lever arm that turns headings into millimetres.
     per_lever: f32,
     /// By stretch, then by channel.
     sums: Box<[Sums; MAX_STRETCHES * CHANNELS]>,
     pixels: Box<Pixels>,
 }
 
-/// Pixels around a body.
+/// Buffered pixels around a body.
 #[derive(Debug, Clone)]
 struct Pixels {
     count: usize,
@@ -62,9 +66,9 @@ struct Pixels {
     y: [f32; MOST_PIXELS],
     /// Cell of the edge map.
     cell: [u32; MOST_PIXELS],
-    /// Row and column, in the upper and the lower half.
+    /// Row (upper half of the word) and column (lower half).
     place: [u32; MOST_PIXELS],
-    /// Those at edges: which of the above, and at which edge, likewise.
+    /// Pixels at edges: index of the pixel (upper half) and of its edge (lower half).
     found: [u32; MOST_PIXELS],
 }
 
@@ -85,7 +89,7 @@ impl EdgePixels {
         }
     }
 
-    /// The sums for each stretch of `edges`, by channel, for a body that lies where `map` has it.
+    /// The sums of each stretch of `edges`, by channel, for a body at the pose of `map`.
     pub fn sum_up(&mut self, edges: &EdgeMap, frame: &RawFrame, map: &LocalMap) -> &[Sums] {
         let count = edges.stretch_count * CHANNELS;
         self.sums[..count].fill(Sums::default());
@@ -97,10 +101,10 @@ impl EdgePixels {
     fn add_picture(&mut self, edges: &EdgeMap, frame: &RawFrame, map: &LocalMap) {
         let reach_px = map.most_px(edges.reach_mm);
         let (center_x, center_y) = (map.center.x_px, map.center.y_px);
-        // Conversion brings negative numbers to 0.
+        // The conversion to usize saturates negative numbers at 0.
         let rows = (center_y - reach_px).ceil() as usize
             ..(((center_y + reach_px).floor() + 1.0) as usize).min(frame.height);
-        let per_spot = 1.0 / (SPOT_PX * SPLINE_DEVIATIONS * map.mm_per_px());
+        let per_psf = 1.0 / (PSF_SIGMA_PX * SPLINE_DEVIATIONS * map.mm_per_px());
         for row_index in rows {
             let v = row_index as f64 - center_y;
             let half = (reach_px * reach_px - v * v).max(0.0).sqrt();
@@ -113,15 +117,16 @@ impl EdgePixels {
                 let first_u = (begin as f64 - center_x) as f32;
                 self.place(edges, &row_map, first_u, [row_index, begin], end - begin);
                 if self.pixels.count > MOST_PIXELS - ROW_PIXELS {
-                    self.add(edges, frame, per_spot);
+                    self.add(edges, frame, per_psf);
                 }
                 begin = end;
             }
         }
-        self.add(edges, frame, per_spot);
+        self.add(edges, frame, per_psf);
     }
 
-    /// Where in the body's frame so many pixels lie, of which the first is in this row and column.
+    /// Buffers `count` pixels of a row, the first of which has this row and column, with their places in the
+    /// body's frame.
     #[inline(always)]
     fn place(
         &mut self,
@@ -132,7 +137,7 @@ impl EdgePixels {
         count: usize,
     ) {
         let Pixels { count: before, x, y, cell, place, .. } = &mut *self.pixels;
-        // Whole registers; what is too much lies where no edge is.
+        // Fills whole registers; the surplus pixels get a cell without an edge.
         let whole = *before..*before + count.next_multiple_of(LANES);
         let first = (row << 16 | column) as u32;
         let places = x[whole.clone()].iter_mut().zip(&mut y[whole.clone()]);
@@ -147,18 +152,18 @@ impl EdgePixels {
         *before = whole.end;
     }
 
-    /// Adds up those at edges.
+    /// Adds the buffered pixels at edges to the sums, and empties the buffer.
     #[inline(always)]
-    fn add(&mut self, edges: &EdgeMap, frame: &RawFrame, per_spot: f32) {
+    fn add(&mut self, edges: &EdgeMap, frame: &RawFrame, per_psf: f32) {
         let Pixels { count, x, y, cell, place, found } = &mut *self.pixels;
         let mut found_count = 0;
         for (index, &cell) in (0u32..).zip(&cell[..std::mem::take(count)]) {
             let edge = edges.in_cell(cell);
-            // Not more of them than pixels; said so that it is not checked each time.
+            // Never beyond the array; the remainder spares the bounds check.
             found[found_count % MOST_PIXELS] = index << 16 | u32::from(edge);
             found_count += usize::from(edge != NO_EDGE);
         }
-        // What fills up the last register is something that exists.
+        // The surplus lanes of the last register refer to pixel 0, which exists.
         found[found_count..found_count.next_multiple_of(LANES)].fill(0);
         for group in (0..found_count).step_by(LANES) {
             let found = &found[group..group + LANES];
@@ -177,9 +182,9 @@ impl EdgePixels {
             let [mut w, mut j0, mut j1, mut j2] = [[0.0; LANES]; 4];
             for lane in 0..LANES {
                 let (nx, ny, x, y) = (nx[lane], ny[lane], px[lane], py[lane]);
-                let (share, density) = spread((nx * x + ny * y + inside_mm[lane]) * per_spot);
-                // The body moves on by the step, so the pixel moves back within it.
-                let slope = -density * per_spot;
+                let (share, density) = spread((nx * x + ny * y + inside_mm[lane]) * per_psf);
+                // A step of the body moves the pixel the other way within it.
+                let slope = -density * per_psf;
                 w[lane] = share;
                 j0[lane] = slope * nx;
                 j1[lane] = slope * ny;
@@ -216,13 +221,13 @@ impl Sums {
     }
 }
 
-/// The spot is a cubic B-spline: four boxes (the pixel, the filter's blur, the lens's) folded into
-/// each other. It is hardly to be told from a normal distribution, ends somewhere and takes no
-/// exponential function. Its unit is half of what a box of it is wide: so many of its deviations.
+/// Width of a box of the point spread function in its standard deviations, √3. The function is a cubic
+/// B-spline, the convolution of four boxes (pixel, filter and lens make about as many): close to a normal
+/// distribution, but of finite reach and without an exponential.
 pub(crate) const SPLINE_DEVIATIONS: f32 = 1.732_050_8;
 
-/// How much of the spot around a point that far inside an edge lies inside, and its density there, in
-/// units of [`SPLINE_DEVIATIONS`].
+/// Integral and density of the point spread function at a distance inside an edge, in units of
+/// [`SPLINE_DEVIATIONS`] standard deviations.
 #[inline(always)]
 pub(crate) fn spread(inside: f32) -> (f32, f32) {
     let t = inside.abs();
@@ -242,7 +247,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_spot_is_nearly_a_normal_distribution() {
+    fn the_point_spread_function_is_nearly_a_normal_distribution() {
         let sigma = |z: f32| spread(z / SPLINE_DEVIATIONS);
         for (z, expected) in [(0.0, 0.5), (1.0, 0.841_345), (-1.96, 0.024_998), (9.0, 1.0)] {
             assert!((sigma(z).0 - expected).abs() < 0.008, "{z}: {:?}", sigma(z));
@@ -253,7 +258,7 @@ mod tests {
             let slope = (spread(t + 0.01).0 - spread(t - 0.01).0) / 0.02;
             assert!((slope - spread(t).1).abs() < 1e-3, "{t}");
         }
-        // Its deviation is what it is said to be.
+        // Its standard deviation is 1 in these units.
         let (mut variance, step) = (0.0, 0.001);
         for index in -4000..4000 {
             let z = index as f32 * step;
@@ -265,7 +270,7 @@ mod tests {
     const SQUARE: [Pair; 4] = [[-17.0, -17.0], [17.0, -17.0], [17.0, 17.0], [-17.0, 17.0]];
 
     proptest! {
-        /// Whatever the instructions, the sums are the same; and the plainest way of adding agrees.
+        /// All SIMD levels give the same sums, and a plain loop over the pixels agrees.
         #[test]
         fn all_machines_get_the_same(
             seed in any::<u64>(),
@@ -318,7 +323,7 @@ mod tests {
                     }
                     let edge = edges.edge(edge);
                     let off = edge.normal[0] * x + edge.normal[1] * y - edge.offset_mm;
-                    let (w, _) = spread(off / (SPOT_PX * SPLINE_DEVIATIONS * map.mm_per_px()));
+                    let (w, _) = spread(off / (PSF_SIGMA_PX * SPLINE_DEVIATIONS * map.mm_per_px()));
                     let samples = 0..frame.samples_per_pixel;
                     for (channel, value) in samples.map(|index| frame.sample(row, column, index)) {
                         let i = f64::from(value - MIDDLE_LEVEL);

@@ -1,33 +1,33 @@
-//! The edges of the patches on a robot's top, as a table: for any point of it, which edge a pixel
-//! there would show.
+//! Edge map: a table of a robot's top with the edge, if any, that a pixel at each place shows.
 //!
-//! Only edges that can be located count: where a patch visibly ends, straight or gently curved, with
-//! no other edge and no corner so near that the lens would mix them. They are put together into
-//! *stretches* along which one colour lies on this side and one on that.
+//! Only edges that can be located count: the visible ends of patches, straight or gently curved, with no
+//! other edge and no corner so near that the point spread function mixes them. Edges are joined into
+//! *stretches*, along which each side has one colour.
 
 use common::config::Pair;
 
-/// What is inside and outside of an edge must be seen, so it is looked at this far to each side.
+/// Half the width of an edge's band: the levels on both sides must be visible.
 const BAND_PX: f64 = 2.25;
-/// Other edges must be at least so far away: at twice the deviation of the spot that lens and pixel
-/// make of a point, 2 % of the light are mixed.
+/// Least distance of other edges. At two standard deviations of the point spread function 2 % of the light is
+/// mixed.
 const CLEAR_PX: f64 = 1.25;
-/// Entries of the table are so far apart. Distances do not suffer from that, since they are computed
-/// from the edge that the entry names, and a small table stays in the processor's nearest memory.
+/// Distance between the entries of the table. It does not limit the accuracy, because distances are computed
+/// from the edge that an entry names; a small table stays in the nearest cache.
 const STEP_PX: f64 = 0.35;
-/// Points along the edges, at which is looked what shows on both sides.
+/// Distance between the points along an outline at which the visible patches on both sides are compared.
 const SAMPLE_MM: f64 = 0.5;
-/// So far to each side.
+/// Distance of these patches from the outline.
 const BESIDE_MM: f64 = 0.2;
-/// Edges that meet at a smaller angle go on as one stretch, …
+/// Largest angle between two edges of one stretch.
 const GENTLE_DEG: f64 = 25.0;
-/// … but not around more than this.
+/// Largest angle between the first and the last edge of a stretch.
 const MOST_TURN_DEG: f64 = 100.0;
-/// More stretches or edges than that are left out; layouts have up to a dozen.
+/// Most stretches and edges; further ones are left out. Layouts have up to a dozen.
 pub(crate) const MAX_STRETCHES: usize = 48;
 const MAX_EDGES: usize = 1000;
+/// Most rows and columns of the table.
 const MAX_SIDE: usize = 512;
-/// In the place of an edge's index.
+/// Stands for a cell without an edge.
 pub(crate) const NO_EDGE: u16 = u16::MAX;
 
 /// A straight edge.
@@ -37,7 +37,7 @@ pub(crate) struct Edge {
     pub normal: [f32; 2],
     /// A point lies normal · point − `offset_mm` inside.
     pub offset_mm: f32,
-    /// Which stretch it belongs to.
+    /// Index of its stretch.
     pub stretch: u32,
 }
 
@@ -46,9 +46,9 @@ pub(crate) struct Edge {
 pub(crate) struct EdgeMap {
     edges: Vec<Edge>,
     pub stretch_count: usize,
-    /// No edge shows farther from the origin.
+    /// Largest distance from the origin at which a pixel shows an edge.
     pub reach_mm: f64,
-    /// Of the pixels it is for.
+    /// Size of the pixels that the map is made for.
     pub mm_per_px: f64,
     side: usize,
     cells_per_mm: f32,
@@ -65,8 +65,8 @@ struct Piece {
 }
 
 impl EdgeMap {
-    /// The edges of areas with the given outlines, of which `topmost` tells which shows at a point;
-    /// for pictures with pixels of about `mm_per_px`.
+    /// The edges of areas with the given outlines, for pictures with pixels of about `mm_per_px`. `topmost`
+    /// returns the area that is visible at a point.
     pub fn new(
         outlines: &[&[Pair]],
         topmost: impl Fn(Pair) -> Option<usize>,
@@ -82,7 +82,7 @@ impl EdgeMap {
         let farthest = |reach: f64, [x, y]: Pair| reach.max(x.hypot(y));
         let reach_mm =
             pieces.iter().flat_map(|piece| [piece.a, piece.b]).fold(0.0, farthest) + band_mm;
-        // With a border, which is all there is of what lies beyond.
+        // A border of empty cells stands for everything beyond the table.
         let step_mm = (STEP_PX * mm_per_px).max(2.0 * reach_mm / MAX_SIDE as f64);
         let side = (2.0 * reach_mm / step_mm).ceil() as usize + 2;
         let place = |index: usize| (index as f64 - 0.5) * step_mm - reach_mm;
@@ -107,19 +107,19 @@ impl EdgeMap {
         Self { edges, stretch_count, reach_mm, mm_per_px, side, cells_per_mm, cells }
     }
 
-    /// A cell in which there is no edge: at the border.
+    /// A cell without an edge, at the border.
     pub const EMPTY_CELL: u32 = 0;
 
-    /// The cell in which a point of the top lies; for one beyond it, a cell in which there is no edge.
+    /// Index of the cell in which a point of the top lies; of an empty cell for a point beyond it.
     #[inline(always)]
     pub fn cell_at(&self, x_mm: f32, y_mm: f32) -> u32 {
-        // Added to a small number, this leaves its nearest whole one in the lowest bits: a conversion
-        // that a processor can do for many numbers at once, other than the language's own.
+        // Adding 2²³ rounds to the nearest whole number and leaves it in the lowest bits: a conversion that
+        // vector instructions have, other than the language's saturating one.
         const WHOLE: f32 = (1 << 23) as f32;
         let side = self.side as f32;
         let index = |value: f32| {
             let cell = (value + self.reach_mm as f32) * self.cells_per_mm + 0.5;
-            // In this form NaN becomes 0, and it is one instruction each.
+            // Comparisons in this form turn NaN into 0, and take one instruction each.
             let cell = if cell > 0.0 { cell } else { 0.0 };
             let cell = if cell < side - 1.0 { cell } else { side - 1.0 };
             cell + WHOLE - WHOLE
@@ -127,7 +127,7 @@ impl EdgeMap {
         (index(y_mm) * side + index(x_mm) + WHOLE).to_bits() - WHOLE.to_bits()
     }
 
-    /// Index of the edge that shows in a cell; [`NO_EDGE`] if there is none.
+    /// Index of the edge in a cell, or [`NO_EDGE`].
     #[inline(always)]
     pub fn in_cell(&self, cell: u32) -> u16 {
         self.cells[cell as usize]
@@ -190,7 +190,7 @@ fn add_pieces(
     }
 }
 
-/// Adds a piece to the stretch of the one before it if it goes on from there, else to a new one.
+/// Adds a piece to the stretch of the piece before it if it continues that, else to a new stretch.
 fn push_piece(
     pieces: &mut Vec<Piece>,
     first: usize,
@@ -216,12 +216,13 @@ fn turn_deg(a: &Piece, b: &Piece) -> f64 {
     cos.clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-/// Whether one ends where the other begins, give or take a sample.
+/// Whether one piece ends where the other begins, to within a sample.
 fn meet(a: &Piece, b: &Piece) -> bool {
     let near = |p: Pair, q: Pair| (p[0] - q[0]).hypot(p[1] - q[1]) < SAMPLE_MM;
     near(a.b, b.a) || near(b.b, a.a)
 }
 
+/// Index of the piece that a pixel at a point shows, or [`NO_EDGE`].
 fn edge_at(point: Pair, pieces: &[Piece], band_mm: f64, clear_mm: f64) -> u16 {
     let nearest = (0..pieces.len())
         .min_by(|&a, &b| pieces[a].distance_mm(point).total_cmp(&pieces[b].distance_mm(point)));
@@ -231,7 +232,7 @@ fn edge_at(point: Pair, pieces: &[Piece], band_mm: f64, clear_mm: f64) -> u16 {
         return NO_EDGE;
     }
     let goes_on = |other: &Piece| meet(piece, other) && turn_deg(piece, other) < GENTLE_DEG;
-    // Beyond the end of an edge is a corner, unless another one goes on from there.
+    // Beyond the end of an edge is a corner, unless another edge continues it.
     let (s, length) = piece.along(point);
     let has_next = |end: Pair| {
         let near = |p: Pair| (p[0] - end[0]).hypot(p[1] - end[1]) < SAMPLE_MM;
@@ -253,7 +254,7 @@ fn edge_at(point: Pair, pieces: &[Piece], band_mm: f64, clear_mm: f64) -> u16 {
 }
 
 impl Piece {
-    /// Where along the edge a point lies, and how long the edge is.
+    /// Position of a point along the edge, and the length of the edge.
     fn along(&self, [x, y]: Pair) -> (f64, f64) {
         let (dx, dy) = (self.b[0] - self.a[0], self.b[1] - self.a[1]);
         let length = dx.hypot(dy).max(1e-9);
@@ -267,7 +268,7 @@ impl Piece {
         (x - near[0]).hypot(y - near[1])
     }
 
-    /// Two patches that share an edge have it both, from both sides.
+    /// Whether two pieces lie on one line: two adjacent patches both have their common edge.
     fn is_same_line(&self, other: &Self) -> bool {
         let off = |[x, y]: Pair| {
             (self.normal[0] * (x - self.a[0]) + self.normal[1] * (y - self.a[1])).abs()

@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration.
+//! Errors of a configuration.
 
 use common::geometry::GeometryError;
 use common::messages::{MAX_PATCHES, Team};
@@ -12,7 +12,7 @@ pub enum TrackerError {
     /// A colour is named that is not configured.
     #[error("{user} wears the colour \"{color}\", which is not among the configured colors")]
     UnknownColor {
-        /// Who wears it.
+        /// Robot or ball that wears it.
         user: String,
         /// Its name.
         color: String,
@@ -55,11 +55,11 @@ pub enum TrackerError {
     /// A number that makes no sense.
     #[error("{key} = {value} is not usable: it must be {must}")]
     Value {
-        /// Where it stands in the configuration.
+        /// Its key in the configuration.
         key: &'static str,
-        /// What it is.
+        /// The configured value.
         value: f64,
-        /// What it should be.
+        /// The condition that it violates.
         must: &'static str,
     },
 }

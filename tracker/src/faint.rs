@@ -1,16 +1,26 @@
-//! Robots whose patches have no colour of their own left: out of focus, moving, in dim light.
+//! Faint robots: robots whose patches no colour class finds, because they are out of focus, moving or in
+//! dim light.
 //!
-//! What is left of a team patch says about where a robot must be. Around it, pose and blur are
-//! searched at which the [`mixture`](crate::mixture) of the colours of some robot of the team explains
-//! the pixels best: first all headings, then from the best of them by ever smaller steps. A robot
-//! gets its name if it explains the picture, if its patches have its colours once they are unmixed, and if
-//! every other robot of its team, each at its own best pose, explains the picture far worse. Otherwise it
-//! stays one of which only the team is known: a wrong name is worse than none.
+//! The remains of a team patch (the seed) tell the place of a robot to within the patch's size. Around the
+//! seed, pose p and blur q are searched that minimise the cost of the [`mixture`](crate::mixture) model,
 //!
-//! It takes a hundred times as long as pairing patches. So it is done only where a team's colour has no
-//! robot while robots of that team are missing, and a frame has a limit. Up to that, every place is searched
-//! once before any is searched more widely, teams take turns, and what is not searched for lack of time is
-//! said ([`FaintRobots::has_skipped`]).
+//! cost(p, q, r) for every robot r of the team, from the same sums,
+//!
+//! first over [`HEADINGS`] headings with the team patch on the seed, then from the best of them by coordinate
+//! descent with steps that are halved [`HALVINGS`] times. Robot r gets its name if
+//!
+//! * it explains enough of the picture's variation ([`MIN_EXPLAINED`]),
+//! * each unmixed patch has the colour that r wears ([`LEVEL_TOLERANCE`]),
+//! * the log likelihood ratio to the next robot, each at its own best pose, is decisive ([`DECISIVE`]):
+//!   (cost₂ − cost₁) / 2σ², σ² estimated from the residuals of the best, and
+//! * the colours of all other robots are [`FARTHER`] from the unmixed levels.
+//!
+//! Otherwise only its team is reported: a wrong name is worse than none.
+//!
+//! The search takes a hundred times as long as pairing patches. So it is done only for regions of a team's
+//! colour that belong to no robot while robots of that team are missing, and [`MAX_TRIALS`] bounds it.
+//! Within the bound every seed is searched once before any is searched widely, and teams take turns. Seeds
+//! beyond the bound are reported ([`FaintRobots::has_skipped`]).
 
 use crate::measure::distance_mm;
 use crate::mixture::{Blur, Colors, Match, Mixture, Samples, Unmixed, has_hue};
@@ -22,68 +32,66 @@ use common::config::{ColorConfig, Config};
 use common::geometry::{FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 
-/// A region of less than this part of a team patch tells of none.
+/// Area of a seed as a fraction of the team patch; blur may make it larger than the patch.
 const MIN_AREA_RATIO: f64 = 0.06;
-/// A blurred team patch may look larger than it is.
 const MAX_AREA_RATIO: f64 = 3.0;
-/// Most places looked at in a frame, for each team; and most poses that are tried, at 2 to 5 µs each. A robot
-/// takes some 120.
+/// Most seeds of a frame, for each team.
 const MAX_SEEDS: usize = 16;
+/// Most poses tried in a frame, at 2 to 5 µs each. A robot takes some 120.
 const MAX_TRIALS: u32 = 1600;
-/// Headings that are tried first.
+/// Headings of the first scan.
 const HEADINGS: usize = 24;
-/// From so many of them the search goes on, …
+/// Headings that a wide search descends from, and the least angle between them.
 const BEGINNINGS: usize = 3;
-/// … which are so far apart.
 const APART_DEG: f64 = 30.0;
-/// First steps of the search, as multiples of a robot's size, and how often they are halved.
+/// First steps of the descent (the length as a multiple of a robot's size), and how often they are halved.
 const STEP_SIZES: f64 = 0.06;
 const STEP_DEG: f64 = 8.0;
 const HALVINGS: u32 = 4;
-/// Most poses tried from one beginning.
+/// Most poses tried in one descent.
 const TRIALS_EACH: u32 = 80;
-/// Directions of motion that are tried first, and half of the way.
+/// Directions of motion in the first scan of a wide search, and half of its length as a multiple of a
+/// robot's size.
 const DIRECTIONS: usize = 4;
 const FIRST_WAY_SIZES: f64 = 0.2;
-/// The longest way a robot is taken to move while the shutter is open, as a multiple of its size.
+/// Longest motion blur, as a multiple of a robot's size.
 const LONGEST_WAY_SIZES: f64 = 0.8;
-/// With so much explained of what varies around the robot, nothing else is tried, …
+/// Explained fraction of the variation that ends a search.
 const WELL_EXPLAINED: f64 = 0.95;
-/// … nor with so much, in noisier pictures, if all else speaks for the robot as well.
+/// Explained fraction that suffices without a wide search if all other conditions hold, in noisier pictures.
 const SUFFICIENT: f64 = 0.75;
-/// Where the best of the headings explains less than this, there is no robot: specks of a team's colour reach
-/// 0.35 to 0.6, the darkest robots that are told apart 0.62.
+/// Explained fraction of the best heading below which there is no robot: specks of a team's colour reach 0.35
+/// to 0.6, the darkest robots that are told apart 0.62.
 const PROMISING: f64 = 0.45;
-/// Share of the variation around a robot that must be explained.
+/// Least explained fraction of a robot that is named.
 const MIN_EXPLAINED: f64 = 0.6;
-/// Levels may be off by this part of what they should be, and by so many grey levels.
+/// Largest deviation of an unmixed level from the expected colour: as a fraction of it, and in grey levels.
 const LEVEL_TOLERANCE: f64 = 0.35;
 const LEVEL_SLACK: f64 = 18.0;
-/// Least logarithm of the likelihood ratio between the best robot and the next one, each at its own best
-/// pose. What a sample is off by is taken from what the best one leaves unexplained.
+/// Least log likelihood ratio between the best robot and the next one, each at its own best pose.
 const DECISIVE: f64 = 4.0;
-/// The colours of every other robot must be so many times as far from the levels as its own.
+/// Least distance of every other robot's colours from the unmixed levels, as a multiple of the own distance.
 const FARTHER: f64 = 2.5;
-/// Levels are never known better than to so many grey levels.
+/// Accuracy of unmixed levels, in grey levels: no own distance counts as smaller.
 const LEAST_DISTANCE: f64 = 20.0;
-/// A sample is off by at least so many grey levels.
+/// Least noise of a sample, 1σ in grey levels.
 const LEAST_DEVIATION: f64 = 2.5;
-/// What place and heading are off by, 1σ: the heading by so many pixels at a robot's edge.
+/// Noise of the pose, 1σ; the heading's in pixels at a robot's edge.
 const PLACE_NOISE_PX: f64 = 0.4;
 const HEADING_NOISE_PX: f64 = 0.6;
-/// How sure a name is at best that was found this way.
+/// Confidence of a robot that explains everything: names found this way are less certain than paired ones.
 const CONFIDENCE: f64 = 0.5;
 
-/// Finds them, and keeps them until the next frame.
+/// Finds faint robots, and keeps them until the next frame.
 #[derive(Debug, Clone)]
 pub(crate) struct FaintRobots {
     groups: Vec<Group>,
     samples: Box<Samples>,
     seeds: Vec<Seed>,
     found: Vec<Found>,
-    /// Regions that were not searched, or not as widely as they deserve.
+    /// Regions of seeds that were not searched, or not as widely as they deserve, because of [`MAX_TRIALS`].
     skipped: Vec<u32>,
-    /// Indexed by wearer.
+    /// Best trial of each wearer of the group that is being searched.
     best: Vec<Trial>,
 }
 
@@ -97,18 +105,20 @@ struct Group {
     wearers: Vec<Wearer>,
 }
 
+/// A robot and the colours that it wears.
 #[derive(Debug, Clone, Copy)]
 struct Wearer {
+    /// Index into the pattern's identities.
     identity: usize,
     colors: Colors,
 }
 
-/// A region that may be what is left of a team patch.
+/// A region that may be the remains of a team patch.
 #[derive(Debug, Clone, Copy)]
 struct Seed {
     /// Index into the groups.
     group: usize,
-    /// Place among the seeds of the group, the largest first.
+    /// Rank among the seeds of the group by area, the largest first.
     rank: usize,
     region: u32,
     position: FieldPoint,
@@ -116,15 +126,16 @@ struct Seed {
     is_promising: bool,
 }
 
-/// How widely a robot is searched for.
+/// How widely a seed is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Effort {
-    /// With the blur of the robot before.
+    /// With the blur of the last robot that was found, from one heading.
     Once,
-    /// With other blurs, and from several headings, as well.
+    /// With other blurs too, from several headings.
     Widely,
 }
 
+/// A robot that was found.
 #[derive(Debug, Clone, Copy)]
 struct Found {
     identity: usize,
@@ -133,6 +144,7 @@ struct Found {
     confidence: f64,
 }
 
+/// A pose and blur, and how well a robot explains the picture there.
 #[derive(Debug, Clone, Copy)]
 struct Trial {
     pose: Pose,
@@ -152,7 +164,7 @@ impl FaintRobots {
             let (team, top) = (identity.team, identity.top);
             let is_its = |group: &Group| group.team == team && group.top == top;
             let known = groups.iter().position(is_its).unwrap_or_else(|| {
-                // Identities are in the order in which they are configured.
+                // The pattern lists identities in the configured order.
                 let patches = config.top_of(&config.robots.identities[index]).patches;
                 let mixture = Mixture::new(patches, &pattern.tops[top], pattern.size_mm);
                 groups.push(Group { team, top, mixture, wearers: Vec::new() });
@@ -170,24 +182,24 @@ impl FaintRobots {
         }
     }
 
-    /// Nothing was looked for.
+    /// Forgets the robots of the last frame.
     pub fn clear(&mut self) {
         self.found.clear();
         self.skipped.clear();
     }
 
-    /// Whether a region that may be what is left of a team patch was not searched for lack of time.
+    /// Whether a region was a seed that [`MAX_TRIALS`] kept from being searched.
     pub fn has_skipped(&self, region: u32) -> bool {
         self.skipped.contains(&region)
     }
 
-    /// Whether a place is on the top of one of them.
+    /// Whether a place is on the top of a faint robot.
     pub fn covers(&self, pattern: &Pattern, place: FieldPoint) -> bool {
         let is_on = |found: &Found| distance_mm(found.pose.position, place) < pattern.size_mm / 2.0;
         self.found.iter().any(is_on)
     }
 
-    /// Appends to the frame, by team and number, what `pairing` has found no robot for.
+    /// Adds the robots that `pairing` has not found to the frame, which stays sorted by team and number.
     pub fn find(
         &mut self,
         scene: &Scene,
@@ -205,7 +217,7 @@ impl FaintRobots {
                 self.find_seeds(scene, pairing, group);
             }
         }
-        // Teams take turns.
+        // By rank, so that teams take turns.
         self.seeds.sort_unstable_by_key(|seed| (seed.rank, seed.group));
         let mut trials = 0;
         let mut blur = Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() };
@@ -222,7 +234,7 @@ impl FaintRobots {
                     self.skipped.push(region);
                     continue;
                 }
-                trials += self.look_at(scene, pairing, frame, index, effort, &mut blur);
+                trials += self.search_around(scene, pairing, frame, index, effort, &mut blur);
             }
         }
         if !self.skipped.is_empty() {
@@ -231,7 +243,7 @@ impl FaintRobots {
         self.write(scene, out);
     }
 
-    /// Whether all robots of a group were found.
+    /// Whether all robots of a group have been found.
     fn is_complete(&self, pairing: &Pairing, group: usize) -> bool {
         let wearers = &self.groups[group].wearers;
         wearers.iter().all(|wearer| self.is_named(pairing, wearer.identity))
@@ -242,7 +254,7 @@ impl FaintRobots {
             || self.found.iter().any(|found| found.identity == identity)
     }
 
-    /// Adds what may be left of the team patches of a group.
+    /// Adds the regions that may be remains of the team patches of a group.
     fn find_seeds(&mut self, scene: &Scene, pairing: &Pairing, group: usize) {
         let pattern = scene.pattern;
         let Group { team, top, .. } = self.groups[group];
@@ -250,10 +262,10 @@ impl FaintRobots {
         let whole_mm2 = top.patches[top.team_patch].area_mm2;
         let first = self.seeds.len();
         // Largest first.
-        for spot in pairing.finder.spots_of(top, class) {
-            let ratio = spot.measure.area_mm2 / whole_mm2;
-            let place = spot.measure.position;
-            if !spot.outside
+        for measured in pairing.finder.measured_of(top, class) {
+            let ratio = measured.measure.area_mm2 / whole_mm2;
+            let place = measured.measure.position;
+            if !measured.outside
                 && (MIN_AREA_RATIO..MAX_AREA_RATIO).contains(&ratio)
                 && scene.pitch.contains(place, 0.0)
                 && !is_on_robot(pattern, pairing, place)
@@ -261,7 +273,7 @@ impl FaintRobots {
                 self.seeds.push(Seed {
                     group,
                     rank: self.seeds.len() - first,
-                    region: spot.region,
+                    region: measured.region,
                     position: place,
                     is_promising: true,
                 });
@@ -271,9 +283,9 @@ impl FaintRobots {
         self.skipped.extend(self.seeds.drain(end..).map(|seed| seed.region));
     }
 
-    /// Looks for a robot around a seed, blurred as the one before it or otherwise. Returns how many poses were
-    /// tried.
-    fn look_at(
+    /// Searches for a robot around a seed, and keeps it if it is certain enough. `blur` is that of the last
+    /// robot found. Returns the number of poses tried.
+    fn search_around(
         &mut self,
         scene: &Scene,
         pairing: &Pairing,
@@ -386,7 +398,7 @@ impl FaintRobots {
     }
 }
 
-/// Whether a robot's colours explain the picture, and each patch has its own.
+/// Whether a robot's colours explain the picture, and each unmixed patch has the robot's colour.
 fn is_believable(top: &Top, wearer: &Wearer, unmixed: &Unmixed, trial: &Trial) -> bool {
     let Match { explained, brightness, .. } = trial.matched;
     let fits = |patch: usize| {
@@ -404,7 +416,7 @@ fn is_on_robot(pattern: &Pattern, pairing: &Pairing, place: FieldPoint) -> bool 
     pairing.robots().any(|robot| distance_mm(robot.pose.position, place) < 0.5 * pattern.size_mm)
 }
 
-/// What a colour looks like; the middle of its box if that is said to lie outside of it.
+/// The configured look of a colour, or the middle of its box if the look lies outside the box.
 fn typical(color: &ColorConfig) -> [f64; CHANNELS] {
     let ranges = [color.red, color.green, color.blue];
     let inside =
@@ -418,7 +430,7 @@ fn typical(color: &ColorConfig) -> [f64; CHANNELS] {
 /// A heading with its best blur: cost, heading, blur.
 type Scanned = (f64, f64, Blur);
 
-/// Searches pose and blur, for all robots of a team at once.
+/// A search for pose and blur, for all robots of a group at once.
 struct Search<'a> {
     mixture: &'a Mixture,
     samples: &'a mut Samples,
@@ -431,24 +443,24 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The wearer that explains the picture best, and where; `best` has the same of all others.
+    /// The wearer that explains the picture best, and its trial; `best` has the trials of all wearers.
     fn run(&mut self, blur: Blur, effort: Effort) -> Option<(usize, Trial)> {
         let nothing = Match { cost: f64::INFINITY, explained: 0.0, brightness: 0.0 };
         self.best.clear();
         let trial = Trial { pose: Pose::default(), blur, matched: nothing };
         self.best.resize(self.wearers.len(), trial);
-        // Mostly it is blurred as the robot before.
+        // Robots of one picture mostly have the same blur.
         let scanned = self.scan(&[blur]);
         let is_promising = |trial: &Trial| trial.matched.explained >= PROMISING;
         if effort == Effort::Once && !self.best().is_some_and(|(_, trial)| is_promising(&trial)) {
             return self.best();
         }
-        self.go_on(scanned, 1);
+        self.descend_from_best(scanned, 1);
         let is_explained = |trial: &Trial| trial.matched.explained >= WELL_EXPLAINED;
         let is_over =
             effort == Effort::Once || self.best().is_some_and(|(_, trial)| is_explained(&trial));
         if !is_over {
-            // Standing still, and moving in four directions.
+            // Out of focus, and moving in each direction.
             let mut blurs =
                 [Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() }; 1 + DIRECTIONS];
             let way_mm = FIRST_WAY_SIZES * self.size_mm;
@@ -458,7 +470,7 @@ impl Search<'_> {
                 *blur = Blur { sigma: 1, way_mm: [way_mm * cos, way_mm * sin] };
             }
             let scanned = self.scan(&blurs);
-            self.go_on(scanned, BEGINNINGS);
+            self.descend_from_best(scanned, BEGINNINGS);
         }
         self.best()
     }
@@ -470,7 +482,7 @@ impl Search<'_> {
         tried.min_by(|a, b| a.1.matched.cost.total_cmp(&b.1.matched.cost))
     }
 
-    /// Tries all headings with these blurs. Returns what the best blur of each costs, the least first.
+    /// Tries all headings with these blurs. Returns each heading with its best blur, the least cost first.
     fn scan(&mut self, blurs: &[Blur]) -> [Scanned; HEADINGS] {
         let mut scanned = [(f64::INFINITY, 0.0, Blur::default()); HEADINGS];
         for (index, scanned) in scanned.iter_mut().enumerate() {
@@ -486,8 +498,8 @@ impl Search<'_> {
         scanned
     }
 
-    /// Goes on from the best `beginnings` headings.
-    fn go_on(&mut self, scanned: [Scanned; HEADINGS], beginnings: usize) {
+    /// Descends from the best `beginnings` headings.
+    fn descend_from_best(&mut self, scanned: [Scanned; HEADINGS], beginnings: usize) {
         let mut begun = [f64::NAN; BEGINNINGS];
         let mut count = 0;
         for (cost, heading, blur) in scanned {
@@ -501,7 +513,7 @@ impl Search<'_> {
         }
     }
 
-    /// A robot with this heading whose team patch lies where the seed does.
+    /// The pose with this heading that puts the team patch on the seed.
     fn pose(&self, heading: f64) -> Pose {
         let turned = Pose { position: FieldPoint::default(), orientation: heading };
         let patch = &self.top.patches[self.top.team_patch];
@@ -510,7 +522,7 @@ impl Search<'_> {
         Pose { position, ..turned }
     }
 
-    /// Goes on to where it costs less, by ever smaller steps of place, heading and blur.
+    /// Coordinate descent of the cost over place, heading and blur, with steps that are halved.
     fn descend(&mut self, pose: Pose, blur: Blur, cost: f64) {
         let (mut pose, mut blur, mut cost) = (pose, blur, cost);
         let end = self.trials + TRIALS_EACH;
@@ -527,7 +539,7 @@ impl Search<'_> {
                         0 => tried.position.x_mm += sign * step_mm,
                         1 => tried.position.y_mm += sign * step_mm,
                         2 => {
-                            // Around the team patch, the place of which is known best.
+                            // Turns around the team patch, whose place is known best.
                             let patch = self.top.patches[self.top.team_patch].centroid_mm;
                             let fixed = tried.field_from_robot(patch);
                             tried.orientation += sign * turn;
@@ -559,11 +571,11 @@ impl Search<'_> {
         }
     }
 
-    /// Cost of the cheapest explanation at a pose and a blur.
+    /// Least cost over the wearers at a pose and blur; updates the best trial of each.
     fn try_at(&mut self, pose: Pose, blur: Blur) -> f64 {
         let patch = &self.top.patches[self.top.team_patch];
         let place = pose.field_from_robot(patch.centroid_mm);
-        // The remains of a patch lie on it.
+        // The seed lies on the team patch.
         if distance_mm(place, self.seed) > 0.6 * self.top.team_patch_size_mm() {
             return f64::INFINITY;
         }
@@ -573,7 +585,7 @@ impl Search<'_> {
         };
         let mut least = f64::INFINITY;
         for (wearer, best) in self.wearers.iter().zip(self.best.iter_mut()) {
-            let matched = unmixed.hold(&wearer.colors);
+            let matched = unmixed.compare(&wearer.colors);
             least = least.min(matched.cost);
             if matched.cost < best.matched.cost {
                 *best = Trial { pose, blur, matched };

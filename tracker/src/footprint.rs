@@ -1,38 +1,39 @@
-//! Where a robot's other patches must lie, by the shape of its team patch alone.
+//! Footprints: the places of a robot's other patches, predicted from the shape of its team patch.
 //!
-//! A team patch that is longer than wide shows which way its robot is turned, up to half a turn.
-//! So it says where each identification patch must lie, and what lies there of a colour is a
-//! candidate for the patch, even if its region goes far beyond: grown together with a shadow, with a
-//! floor in coloured light, with the rim of something else.
+//! The principal axis of a team patch that is longer than wide gives the robot's heading up to half a turn,
+//! so there are two poses, and each predicts the place of every identification patch. The pixels of a colour
+//! within the predicted patch, widened by [`MARGIN_MM`], are a candidate for it, even where their region
+//! extends far beyond: grown together with a shadow, a floor in coloured light, or the rim of something else.
 
 use crate::measure::{Measure, MomentSums};
+use crate::measured_regions::Bounds;
 use crate::pattern::{ExpectedPatch, Top};
-use crate::spots::Bounds;
 use common::config::{Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::{reach_mm, topmost_patch};
 use common::messages::{DetectionFrame, Region};
 
-/// The longer deviation of a patch must be this multiple of the shorter one for its direction to
-/// be known; as expected, and as measured.
+/// Least ratio of the longer to the shorter deviation of a patch whose direction is known: by the layout, and
+/// as measured.
 const MIN_ELONGATION: f64 = 1.35;
 const MIN_MEASURED_ELONGATION: f64 = 1.2;
-/// Footprints are this much wider than their patches, all around: about the uncertainty of the
-/// guess, and about a pixel.
+/// Width that footprints add around their patches: about the uncertainty of the prediction, and about a
+/// pixel.
 const MARGIN_MM: f64 = 3.0;
+/// Side of a cell.
 const STEP_MM: f64 = 1.0;
 
-/// For every point of a robot's top, which patches it may belong to.
+/// A table of the patches that each point of a robot's top may belong to.
 #[derive(Debug, Clone)]
 pub(crate) struct Footprints {
     reach_mm: f64,
     columns: usize,
-    /// Bit i for patch i.
+    /// Bit i is set for patch i.
     cells: Vec<u8>,
 }
 
 impl Footprints {
-    /// Widens the visible parts of the patches.
+    /// The visible parts of the patches, widened.
     pub fn new(patches: &[PatchConfig]) -> Self {
         let reach_mm = reach_mm(patches) + MARGIN_MM + STEP_MM;
         let columns = ((2.0 * reach_mm / STEP_MM).ceil() as usize).max(1);
@@ -58,16 +59,16 @@ impl Footprints {
         Self { reach_mm, columns, cells }
     }
 
-    /// Whether the cell at a place, counted in cells from the table's corner, may belong to a patch.
+    /// Whether a place, in cells from the table's corner, may belong to a patch.
     #[inline(always)]
     fn holds(&self, patch: usize, [x, y]: Pair) -> bool {
         let limit = self.columns as f64;
-        // Neither is true of what is not a number.
+        // False for NaN.
         let is_inside = x >= 0.0 && y >= 0.0 && x < limit && y < limit;
         is_inside && self.cells[y as usize * self.columns + x as usize] >> patch & 1 == 1
     }
 
-    /// A point of the robot's frame, or a distance between two, in cells.
+    /// Turns a point of the robot's frame into cells; with an origin of 0, a distance.
     fn in_cells(&self, point: Pair, origin_mm: f64) -> Pair {
         point.map(|value| (value + origin_mm) / STEP_MM)
     }
@@ -94,16 +95,15 @@ pub(crate) fn poses(team_patch: &ExpectedPatch, measure: &Measure) -> Option<[Po
     }))
 }
 
-/// A place in the picture where a patch is looked for.
+/// The predicted place of a patch in the picture.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Footprint {
     /// Index into the patches of the top.
     pub patch: usize,
-    /// Outside these pixels nothing of the patch can be.
+    /// Pixels that may belong to the patch.
     pub bounds: Bounds,
     center: ImagePoint,
-    /// Where `center` lies on the top, in cells of its table, and how that changes with a pixel to the right
-    /// and down.
+    /// Place of `center` on the top in cells of its table, and its change with a pixel to the right and down.
     origin: Pair,
     right: Pair,
     down: Pair,
@@ -115,7 +115,8 @@ impl Footprint {
         let on_top = top.patches[patch].centroid_mm;
         let place = pose.field_from_robot(on_top);
         let center = camera.image_from_field(place, top.height_mm);
-        // The map from pixels to millimetres is as good as linear over a patch. Its inverse costs less.
+        // Over a patch the map from pixels to millimetres is linear to a fraction of a pixel. Its inverse
+        // costs less.
         let ahead = |dx: f64, dy: f64| {
             let there = FieldPoint::new(place.x_mm + dx, place.y_mm + dy);
             let there = camera.image_from_field(there, top.height_mm);
@@ -146,7 +147,8 @@ impl Footprint {
         })
     }
 
-    /// Adds the pixels of a region that lie in it; returns how many those are. `top` is the one it was made for.
+    /// Adds the pixels of a region within the footprint to the sums; returns their number. `top` must be the
+    /// top that the footprint was made for.
     pub fn add(
         &self,
         top: &Top,
@@ -176,7 +178,7 @@ impl Footprint {
         count
     }
 
-    /// Where to count pixels from.
+    /// Empty sums around the footprint's centre.
     pub fn sums(&self) -> MomentSums {
         MomentSums::around((self.center.x_px, self.center.y_px))
     }
@@ -194,7 +196,7 @@ mod tests {
         Preset::MirosotLarge.config()
     }
 
-    /// What a patch of a robot at `pose` measures.
+    /// The measure of a patch of a robot at `pose`.
     fn measured(pattern: &Pattern, patch: usize, pose: &Pose) -> Measure {
         let expected = pattern.tops[0].patches[patch];
         let [xx, xy, yy] = expected.covariance;
@@ -233,7 +235,7 @@ mod tests {
         let pattern = Pattern::new(&Config::default()).unwrap();
         let measure = measured(&pattern, 0, &Pose::default());
         assert_eq!(poses(&pattern.tops[0].patches[0], &measure), None);
-        // Nor does a stripe of which only a piece shows that is as wide as long.
+        // Nor does a visible piece of a stripe that is as wide as long.
         let pattern = Pattern::new(&stripe()).unwrap();
         let square =
             Measure { covariance: [90.0, 0.0, 90.0], ..measured(&pattern, 0, &Pose::default()) };

@@ -1,11 +1,15 @@
-//! Hypotheses: complete robots that a team patch and candidates around it could be.
+//! Hypotheses: the complete robots that a team patch and the candidates around it could be.
 //!
-//! A *hypothesis* is a team patch, and for each identification patch of one configured robot a
-//! candidate of its colour in its place. The paper's eq. (5) asks for an identification patch between
-//! ¾ patch sizes and a robot's size away from the team patch; with the layout known, the distance
-//! itself is known, and what is asked for is that distance, give or take the configured tolerance, and
-//! likewise between any two patches, and then that each patch lies within the tolerance of its place
-//! once the pose is fitted (which also tells left from right).
+//! A *hypothesis* is a candidate for the team patch and, for each identification patch of one configured
+//! robot, a candidate in that patch's colour. The paper's eq. (5) asks for an identification patch between ¾
+//! patch sizes and a robot's size away from the team patch. Here the layout is known, so with dₖₗ the
+//! layout's distance between patches k and l and τ the configured tolerance,
+//!
+//! | |pₖ − pₗ| − dₖₗ | ≤ τ for any two patches, and |pₖ − pose(cₖ)| ≤ τ once the pose is fitted,
+//!
+//! where pₖ is the candidate's place and cₖ the centroid in the layout. The second condition also tells left
+//! from right. The search is depth-first over the patches; identities that wear the same kinds so far share
+//! it, and every identity has the same share of [`MAX_CHECKS`].
 
 use crate::candidates::{Candidate, CandidateFinder};
 use crate::measure::distance_mm;
@@ -17,51 +21,50 @@ use common::messages::MAX_PATCHES;
 use std::cmp::Ordering;
 use std::ops::Range;
 
-/// Most distances looked at for one team patch, shared evenly by the robots of its team: rubbish takes a
-/// bounded time, and no robot's share depends on what others wear. Twelve robots that touch take some
+/// Most distances compared for one team patch, shared evenly by the identities of its team: any input takes a
+/// bounded time, and no identity's share depends on what others wear. Twelve touching robots take some
 /// hundred.
 const MAX_CHECKS: u32 = 6_000;
-/// Most hypotheses made of one team patch; when there are more, the worst are left out.
+/// Most hypotheses of one team patch; the costliest beyond it are dropped.
 const MAX_HYPOTHESES_EACH: usize = 64;
 /// Most candidates of one kind around a team patch. Touching robots of one colour have a dozen.
 const MAX_NEAR: usize = 32;
-/// Weight of a patch's distance from its place: this much when it is off by the whole tolerance.
-/// Areas count 1 at their limits: they depend on light and focus, distances do not.
+/// Cost of a patch that is a whole tolerance away from its place. Areas cost 1 at their limits: they depend
+/// on light and focus, distances do not.
 const PLACE_WEIGHT: f64 = 8.0;
-/// What each further fragment of a patch costs: of two explanations, the simpler one.
+/// Cost of each further fragment of a patch: prefers the simpler of two explanations.
 const FRAGMENT_COST: f64 = 0.05;
-/// What a patch costs that is cut out of its region where the team patch says it must be: it has a
-/// better size and place than a whole region by the way it is made, not by what is seen.
+/// Cost of a patch that was cut out of its region at the place that the team patch predicts: its size and
+/// place are good by construction, not by evidence.
 const CUT_COST: f64 = 0.05;
-/// In the place of a candidate: the patch was not found as one.
+/// Stands for a patch without a candidate.
 pub(crate) const NO_CANDIDATE: usize = usize::MAX;
 
-/// A robot that may be there.
+/// A possible robot.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hypothesis {
     /// Index into the pattern's identities.
     pub identity: usize,
-    /// For each patch, index among the candidates of its kind; [`NO_CANDIDATE`] where the pixels
-    /// were asked instead.
+    /// For each patch, index among the candidates of its kind, or [`NO_CANDIDATE`] where the pose comes from
+    /// pixels ([`second_opinion`](crate::second_opinion)).
     pub candidates: [usize; MAX_PATCHES],
-    /// Where each patch was measured.
+    /// Measured place of each patch.
     pub places: [FieldPoint; MAX_PATCHES],
     pub pose: Pose,
-    /// How badly the patches fit: sum over the patches of what place and area are off, see
-    /// [`PLACE_WEIGHT`].
+    /// Sum over the patches of the costs of place and area, see [`PLACE_WEIGHT`].
     pub misfit: f64,
-    /// Misfit, and what else speaks against it.
+    /// Misfit, cost of the prior, and cost of unexplained patches on the top.
     pub cost: f64,
 }
 
 impl Hypothesis {
-    /// The likeliest first. No two are equal, so the order is always the same.
+    /// Orders by cost, then by content: no two are equal, so the order is always the same.
     pub fn by_cost(a: &Self, b: &Self) -> Ordering {
         let content = |h: &Self| (h.identity, h.candidates);
         a.cost.total_cmp(&b.cost).then_with(|| content(a).cmp(&content(b)))
     }
 
-    /// Marks it as not to be believed.
+    /// Marks the hypothesis as ruled out.
     pub fn discard(&mut self) {
         self.cost = f64::INFINITY;
     }
@@ -71,18 +74,18 @@ impl Hypothesis {
     }
 }
 
-/// What became of a candidate for a team patch on its way to a robot.
+/// Result of the search for robots with one candidate for a team patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Fate {
+pub(crate) struct SearchResult {
     pub outcome: Outcome,
-    /// A limit kept some explanations from being looked at: what is said of it may be wrong.
+    /// A limit kept some explanations from being tried, so the outcome may be wrong.
     pub is_cut: bool,
-    /// It is doubtful, but there was no time left to ask its pixels.
+    /// No hypothesis fits well, and the frame's budget left no second opinion.
     pub is_unasked: bool,
 }
 
-impl Fate {
-    /// The better of the fates of two candidates made of the same region.
+impl SearchResult {
+    /// The better of the results of two candidates made of the same region.
     pub fn better(self, other: Self) -> Self {
         Self {
             outcome: self.outcome.max(other.outcome),
@@ -92,25 +95,24 @@ impl Fate {
     }
 }
 
-/// How far a candidate for a team patch came.
+/// How far the search came with a candidate for a team patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Outcome {
-    /// No robot of the team has its patches around it.
+    /// No robot's patches are all around it.
     Incomplete,
-    /// A complete robot, but outside the pitch.
+    /// A complete robot outside the pitch.
     Outside,
     /// At least one hypothesis.
     Complete,
 }
 
-/// Makes hypotheses of one team patch after the other, reusing its lists.
+/// Makes the hypotheses of one team patch after the other, reusing its lists.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Hypothesiser {
+pub(crate) struct HypothesisMaker {
     near: Near,
 }
 
-/// Candidates in reach of a team patch: those whose distance from it is that of the layout, give or take
-/// the tolerance (eq. 5).
+/// Candidates whose distance from a team patch is that of the layout within the tolerance (eq. 5).
 #[derive(Debug, Clone, Default)]
 struct Near {
     /// Indices among the candidates of their kind.
@@ -120,7 +122,7 @@ struct Near {
 }
 
 impl Near {
-    /// Returns whether a list was cut.
+    /// Fills the lists; returns whether [`MAX_NEAR`] cut one.
     fn find(
         &mut self,
         pattern: &Pattern,
@@ -156,14 +158,14 @@ impl Near {
     }
 }
 
-/// Whether two candidates are as far apart as the layout says, and nothing belongs to both.
+/// Whether two candidates have the layout's distance within the tolerance, and share no pixels.
 fn is_in_reach(pattern: &Pattern, a: &Candidate, b: &Candidate, expected_mm: f64) -> bool {
     let distance = distance_mm(a.measure.position, b.measure.position);
     (distance - expected_mm).abs() <= pattern.limits.patch_tolerance_mm && !a.overlaps(b)
 }
 
-impl Hypothesiser {
-    /// Appends all hypotheses of one candidate for a team patch; returns what became of it.
+impl HypothesisMaker {
+    /// Appends all hypotheses of one candidate for a team patch.
     pub fn of_team_patch(
         &mut self,
         scene: &Scene,
@@ -171,13 +173,13 @@ impl Hypothesiser {
         team_kind: usize,
         candidate: usize,
         hypotheses: &mut Vec<Hypothesis>,
-    ) -> Fate {
+    ) -> SearchResult {
         let pattern = scene.pattern;
         let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
         let team_patch = &finder.of_kind(team_kind)[candidate];
         let first = hypotheses.len();
         let is_cut = self.near.find(pattern, finder, team_kind, team_patch);
-        let mut builder = Builder {
+        let mut search = Search {
             scene,
             top,
             finder,
@@ -185,37 +187,37 @@ impl Hypothesiser {
             hypotheses,
             picked: [0; MAX_PATCHES],
             is_cut,
-            fate: Outcome::Incomplete,
+            outcome: Outcome::Incomplete,
         };
-        builder.picked[top.team_patch] = candidate;
-        builder.add_patch(pattern.wearers(team_kind), 0, MAX_CHECKS);
-        let Builder { mut is_cut, fate: outcome, .. } = builder;
+        search.picked[top.team_patch] = candidate;
+        search.add_patch(pattern.wearers(team_kind), 0, MAX_CHECKS);
+        let Search { mut is_cut, outcome, .. } = search;
         if hypotheses.len() > first + MAX_HYPOTHESES_EACH {
             hypotheses[first..].sort_unstable_by(Hypothesis::by_cost);
             hypotheses.truncate(first + MAX_HYPOTHESES_EACH);
             is_cut = true;
         }
-        Fate { outcome, is_cut, is_unasked: false }
+        SearchResult { outcome, is_cut, is_unasked: false }
     }
 }
 
-/// Puts together all hypotheses of one team patch.
-struct Builder<'a, 's> {
+/// Depth-first search for the hypotheses of one team patch.
+struct Search<'a, 's> {
     scene: &'a Scene<'s>,
     top: &'a Top,
     finder: &'a CandidateFinder,
     near: &'a Near,
     hypotheses: &'a mut Vec<Hypothesis>,
-    /// For each patch before the current one, and the team patch: index among its candidates.
+    /// For the team patch and each patch before the current one: index among the candidates of its kind.
     picked: [usize; MAX_PATCHES],
     is_cut: bool,
-    fate: Outcome,
+    outcome: Outcome,
 }
 
-impl Builder<'_, '_> {
-    /// Tries all candidates in reach for `patch` and everything behind it, for identities that wear the
-    /// same before it. Looks at no more than `checks` distances, of which each identity has the same
-    /// share; returns how many are left.
+impl Search<'_, '_> {
+    /// Tries all candidates in reach for `patch` and the patches after it, for identities that wear the same
+    /// kinds before it. Compares at most `checks` distances, of which each identity has the same share;
+    /// returns the number of unused ones.
     fn add_patch(&mut self, identities: &[usize], patch: usize, checks: u32) -> u32 {
         let pattern = self.scene.pattern;
         if patch == self.top.patches.len() {
@@ -237,7 +239,7 @@ impl Builder<'_, '_> {
                 }
                 checks -= 1;
                 let candidate = self.near.candidates[place];
-                if self.fits_those_picked(alike[0], patch, candidate) {
+                if self.fits_picked(alike[0], patch, candidate) {
                     self.picked[patch] = candidate;
                     checks = self.add_patch(alike, patch + 1, checks);
                 }
@@ -251,8 +253,8 @@ impl Builder<'_, '_> {
         &self.finder.of_kind(self.scene.pattern.identities[identity].kinds[patch])[index]
     }
 
-    /// Whether the identification patches before have the right distance from this one.
-    fn fits_those_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
+    /// Whether a candidate has the right distance from the identification patches picked before it.
+    fn fits_picked(&self, identity: usize, patch: usize, index: usize) -> bool {
         let pattern = self.scene.pattern;
         let candidate = self.candidate(identity, patch, index);
         (0..patch).filter(|&other| other != self.top.team_patch).all(|other| {
@@ -261,6 +263,7 @@ impl Builder<'_, '_> {
         })
     }
 
+    /// Adds the hypothesis of all picked candidates if they fit a pose on the pitch.
     fn complete(&mut self, identity: usize) {
         let pattern = self.scene.pattern;
         let mut places = [FieldPoint::default(); MAX_PATCHES];
@@ -283,10 +286,10 @@ impl Builder<'_, '_> {
             }
         }
         if !self.scene.pitch.contains(pose.position, 0.0) {
-            self.fate = self.fate.max(Outcome::Outside);
+            self.outcome = self.outcome.max(Outcome::Outside);
             return;
         }
-        self.fate = Outcome::Complete;
+        self.outcome = Outcome::Complete;
         let prior = self.scene.prior.cost(identity, pose.position, pattern.size_mm);
         self.hypotheses.push(Hypothesis {
             identity,
@@ -299,7 +302,7 @@ impl Builder<'_, '_> {
     }
 }
 
-/// The pose that fits patches measured at these places best.
+/// The pose that fits the layout's centroids to measured places by least squares, weighted by area.
 pub(crate) fn fit(top: &Top, places: &[FieldPoint; MAX_PATCHES]) -> Option<Pose> {
     fit_pose(
         top.patches

@@ -3,28 +3,25 @@
 //! Consumes `runs`, `frames` to measure what the runs have shown, and `world` as a hint; produces
 //! `detections`.
 //!
-//! One frame at a time, and each frame whole: nothing is searched only near where it was, so nothing
-//! stays lost. The steps, each in a file of its own:
+//! Each frame is searched as a whole, never only near the last places, so nothing stays lost. The steps, each
+//! in a file of its own:
 //!
-//! 1. [`regions`]: runs that touch and have one colour become a region.
-//! 2. `candidates`: regions, groups of fragments, and pieces of regions grown together become
-//!    candidates for patches, measured in millimetres on the plane of the robots' tops; and so
-//!    does, by `footprint`, what lies where a team patch's own shape says another patch must be.
-//! 3. `pairing`: candidates that stand to each other as the layout says become hypotheses of robots,
-//!    and `assignment` picks the set of hypotheses that explains most of the picture best. Where they
-//!    fit badly, `second_opinion` asks the pixels instead of the regions, by `agreement`.
-//! 4. `pose`: the places of the patches become a pose.
-//! 5. `refine`: poses are measured to hundredths of a pixel where the patches have their edges in the
-//!    raw picture (`raw`, `edges`, `edge_fit`, `local_map`), and get their covariance.
-//! 6. `faint`: where patches are blurred beyond their colours, the mixture of colours in the raw picture
-//!    is undone (`mixture`).
-//! 7. `unknown`: robots of which only the team can be told; `ball`, from its regions and the circle in
-//!    their outline (`silhouette`), measured by as much of its rim as is seen (`ball_fit`, `tinge`,
-//!    `sphere`); and `reasons`: what became of everything else.
+//! 1. [`regions`]: touching runs of one colour are merged into regions. 2. `candidates`: regions
+//! (`measured_regions`), groups of fragments, and pieces of regions grown together (`split`) become
+//! candidates for patches, measured in millimetres on the plane of the tops; and so do the pixels at the
+//! places that a team patch's shape predicts (`footprint`). 3. `pairing`: candidates at the layout's
+//! distances become `hypotheses` of robots, and `assignment` chooses the largest set without contradictions.
+//! Where none fits well, `second_opinion` identifies the robot by its pixels (`agreement`). 4. `pose`: the
+//! places of the patches become a pose. 5. `refine`: poses are fitted to the edges of the patches in the raw
+//! picture (`raw`, `edges`, `edge_pixels`, `edge_fit`, `local_map`), and get a covariance. 6. `faint`: robots
+//! whose patches are too blurred for colour classes are found by unmixing (`mixture`). 7. `unknown`: robots
+//! of which only the team is known. `ball`: balls by their regions and the circle in their outline
+//! (`silhouette`), fitted to the visible part of the rim (`ball_fit`, `tinge`, `sphere`). `reasons`: why
+//! other regions became nothing.
 //!
-//! The core, [`Tracker`], is a pure function of its input and survives any.
+//! The core, [`Tracker`], is a pure function of its input, and no input makes it panic.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// The process must outlive the readers of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod agreement;
@@ -43,6 +40,7 @@ mod hypotheses;
 mod linear;
 mod local_map;
 mod measure;
+mod measured_regions;
 mod mixture;
 mod pairing;
 mod pattern;
@@ -59,7 +57,6 @@ mod shares;
 mod silhouette;
 mod sphere;
 mod split;
-mod spots;
 pub mod stage;
 mod tinge;
 mod unknown;

@@ -1,9 +1,9 @@
-//! The camera model near one place, cheap enough to be asked for every pixel.
+//! Local map: the camera model near one place as a polynomial of second order, cheap enough for every pixel.
 
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
-/// Millimetres in a body's frame from pixels, to second order around the place of the body. What is
-/// left out is of third order: thousandths of a pixel.
+/// The map from pixels to millimetres in a body's frame, to second order around the body's place. The error
+/// of third order is some thousandths of a pixel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LocalMap {
     pub center: ImagePoint,
@@ -15,8 +15,8 @@ pub(crate) struct LocalMap {
 pub(crate) type RowMap = [[f32; 3]; 2];
 
 impl LocalMap {
-    /// For a body at `pose` on a plane `height_mm` above the floor that reaches so far around, where
-    /// pixels are about so large. `None` where the camera model has no answer.
+    /// The map for a body of the reach `reach_mm` at `pose` on a plane `height_mm` above the floor, in pixels
+    /// of about `mm_per_px`. `None` where the camera model has no answer.
     pub fn new(
         camera: &CameraModel,
         pose: &Pose,
@@ -25,7 +25,7 @@ impl LocalMap {
         mm_per_px: f64,
     ) -> Option<Self> {
         let center = camera.image_from_field(pose.position, height_mm);
-        // Fitted through points about as far away as the body reaches.
+        // Differences between points at about the body's reach.
         let step = (reach_mm / mm_per_px).clamp(1.0, 1000.0);
         let (sin, cos) = pose.orientation.sin_cos();
         let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)];
@@ -57,14 +57,13 @@ impl LocalMap {
         (a * d - b * c).abs().sqrt()
     }
 
-    /// Pixels that a length takes in the direction in which pixels are closest.
+    /// Length in pixels in the direction in which pixels are smallest.
     pub fn most_px(&self, length_mm: f64) -> f64 {
         let [[a, b, ..], [c, d, ..]] = self.terms;
         length_mm / f64::from(a.hypot(c).min(b.hypot(d)).max(1e-3))
     }
 
-    /// How fast a quantity changes from pixel to pixel at the centre that changes so fast along x and y, in
-    /// the direction in which it changes fastest.
+    /// Gradient per pixel, at the centre, of a quantity with these derivatives by x and y (per millimetre).
     pub fn slope(&self, [x, y]: [f32; 2]) -> f32 {
         let [[a, b, ..], [c, d, ..]] = self.terms;
         (x * a + y * c).hypot(x * b + y * d)

@@ -1,22 +1,22 @@
-//! What a set of pixels measures on the field: place, area and spread in millimetres.
+//! Measures: place, area and spread of a set of pixels, in the picture and on the field.
 
 use crate::pattern::{ExpectedPatch, principal_deviations};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint};
 use common::messages::{Region, Run};
 
-/// Sums over pixels, from which place and shape follow.
+/// Moments of a set of pixels, from which place and shape follow.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Moments {
     pub pixels: f64,
     /// Mean column and row.
     pub x_px: f64,
     pub y_px: f64,
-    /// Covariance [xx, xy, yy] of the area the pixels cover, in square pixels: a single pixel has
-    /// 1/12 each way.
+    /// Covariance [xx, xy, yy] of the area that the pixels cover, in square pixels: a single pixel has 1/12
+    /// each way.
     pub covariance: [f64; 3],
 }
 
-/// A set of pixels as it lies on the plane of the robots' tops (or of the ball's centre).
+/// A set of pixels on the plane of the robots' tops or of the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Measure {
     pub pixels: f64,
@@ -81,7 +81,7 @@ impl MomentSums {
         self.yy += y * y;
     }
 
-    /// The moments of everything added; those of nothing are zero.
+    /// The moments of all pixels added; zero if there are none.
     pub fn moments(&self) -> Moments {
         if self.pixels < 1.0 {
             return Moments::default();
@@ -102,8 +102,8 @@ impl MomentSums {
 }
 
 impl Measure {
-    /// What the pixels measure on the plane `height_mm` above the floor; `None` where the camera
-    /// model has no answer, as beyond its horizon.
+    /// The measure on the plane `height_mm` above the floor; `None` where the camera model has no answer, as
+    /// beyond the horizon.
     pub fn new(moments: &Moments, camera: &CameraModel, height_mm: f64) -> Option<Self> {
         let image = ImagePoint::new(moments.x_px, moments.y_px);
         let points = [(0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)]
@@ -129,7 +129,7 @@ impl Measure {
         usable.then_some(measure)
     }
 
-    /// Both as one: the average of their places, weighted by area.
+    /// The measure of both sets of pixels together.
     pub fn merged(&self, other: &Self) -> Self {
         let pixels = self.pixels + other.pixels;
         let area_mm2 = self.area_mm2 + other.area_mm2;
@@ -169,24 +169,25 @@ impl Measure {
         self.area_mm2 / (12.0 * major * minor).max(f64::MIN_POSITIVE)
     }
 
-    /// Whether the pixels could be a patch or most of one, and not one of the rims, one or two
-    /// pixels wide, that interpolated colours draw around patches.
+    /// Whether the pixels could be a patch or most of one, and not a rim, one or two pixels wide, of
+    /// interpolated colours around a patch.
     pub fn is_shaped_like(&self, patch: &ExpectedPatch) -> bool {
         self.deviations_mm()[1] >= MIN_NARROWNESS * patch.minor_mm
             && self.compactness() >= MIN_COMPACTNESS * patch.compactness()
     }
 }
 
-/// Distance in millimetres. For the inner loops: `hypot` guards against overflow beyond 10¹⁵⁴ mm
-/// and takes several times as long.
+/// Distance in millimetres, for inner loops: `hypot` guards against overflow beyond 10¹⁵⁴ mm and takes
+/// several times as long.
 pub(crate) fn distance_mm(a: FieldPoint, b: FieldPoint) -> f64 {
     let (dx, dy) = (a.x_mm - b.x_mm, a.y_mm - b.y_mm);
     (dx * dx + dy * dy).sqrt()
 }
 
-/// A patch a third of which shows is about a third as wide as it should be.
+/// Least width relative to the patch's: a third of a patch is about a third as wide.
 const MIN_NARROWNESS: f64 = 0.3;
-/// A ring two pixels wide around a patch of nine pixels reaches 0.35.
+/// Least compactness relative to the patch's: a ring two pixels wide around a patch of nine pixels reaches
+/// 0.35.
 const MIN_COMPACTNESS: f64 = 0.45;
 
 #[cfg(test)]

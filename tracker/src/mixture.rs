@@ -1,29 +1,38 @@
-//! What a blurred robot looks like: each pixel as a mixture of the colours of the patches around it.
+//! Linear unmixing of a blurred robot: each pixel as a mixture of the colours of the patches around it.
 //!
-//! Out of focus, or moving while the shutter is open, a small patch has no pixel of its own colour
-//! left, and no colour class finds it. Its light is all there, though, mixed with that of what lies
-//! beside it. How it is mixed follows from the layout, the pose and the blur:
+//! Out of focus, or moving while the shutter is open, a small patch has no pixel of its own colour left, and
+//! no colour class finds it. Its light is still in the picture, mixed with that of its neighbours. The
+//! mixture follows from layout, pose and blur:
 //!
 //! I = Σₖ sₖ·Lₖ,
 //!
-//! with sₖ the share of patch k (or of the body, or of the floor) in a pixel, and Lₖ its level, in each
-//! colour channel. For any pose and blur the levels are found by least squares: the mixture is undone.
-//! They are held, as if measured to within [`COLOR_DEVIATION`], at the colours that a robot wears,
-//! brighter or darker by one factor g for all of them:
+//! where sₖ is the share of part k (a patch, the body or the floor) in a pixel ([`tables`]), and Lₖ the
+//! part's level in each colour channel. For a given pose and blur the levels follow by least squares (linear
+//! spectral unmixing: Keshava and Mustard, Spectral unmixing, 2002). A prior of the deviation
+//! [`COLOR_DEVIATION`] ties them to the colours Cₖ that a robot wears, times one brightness g:
 //!
 //! cost = Σ |I − Σₖ sₖ·Lₖ|² + λ·Σₖ |Lₖ − g·Cₖ|².
 //!
-//! Levels and g enter linearly and are eliminated, so the cost of every robot of a team at a pose comes
-//! from the same sums. The difference between the costs of two robots, in units of what a pixel is off
-//! by, is the logarithm of a likelihood ratio.
+//! Levels and g enter linearly and are eliminated. With N = Σ s·sᵀ + λ, R = N⁻¹ and L⁰ = R·Σ s·I,
+//!
+//! cost(C) = left + λ·(g²·(CᵀC − λ·CᵀR·C) − 2·g·CᵀL⁰),   g = CᵀL⁰ / (CᵀC − λ·CᵀR·C),
+//!
+//! so the costs of all robots of a team at a pose come from the same sums. The difference between the costs
+//! of two robots, divided by twice the variance of a sample, is the logarithm of their likelihood ratio.
+
+mod cholesky;
+mod samples;
+mod tables;
 
 use crate::pattern::Top;
-use crate::raw::{CHANNELS, RawFrame};
+use crate::raw::CHANNELS;
+use cholesky::{Factor, Square};
 use common::config::PatchConfig;
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::{reach_mm, topmost_patch};
+use common::geometry::Pose;
 use common::messages::MAX_PATCHES;
 use fearless_simd::{Level, dispatch};
+pub(crate) use samples::{Samples, has_hue};
+use tables::{Table, WHOLE};
 
 /// Patches, body and floor.
 const PARTS: usize = MAX_PATCHES + 2;
@@ -31,50 +40,31 @@ const BODY: usize = MAX_PATCHES;
 const FLOOR: usize = MAX_PATCHES + 1;
 type Parts = [f32; PARTS];
 
-/// What a level is off by from the colour it is said to have, and what a sample is off by, in grey
-/// levels: paint, light, and a model that is not quite right.
+/// Deviation of a level from the configured colour (paint, light), and of a sample from the model (noise,
+/// blur that is not quite a Gaussian), 1σ in grey levels.
 const COLOR_DEVIATION: f64 = 12.0;
 const SAMPLE_DEVIATION: f64 = 6.0;
 const LAMBDA: f64 = (SAMPLE_DEVIATION / COLOR_DEVIATION) * (SAMPLE_DEVIATION / COLOR_DEVIATION);
-/// How much darker or brighter than configured all colours of a robot may be.
+/// Least and greatest brightness of a robot's colours, relative to the configured ones.
 const BRIGHTNESS: [f64; 2] = [0.2, 2.5];
-/// About so many samples are made of the pixels around a robot.
-const SAMPLES: f64 = 180.0;
-/// Lines are brighter than the ground by so many grey levels, in the darkest channel at least this part of
-/// what they are in the brightest.
-const LINE_LEVEL: f32 = 25.0;
-const GREYNESS: f32 = 0.7;
-/// At most. A mosaic takes an even number of pixels each way, so it may be some more.
-const MOST_SAMPLES: usize = 512;
-/// Samples are worked on in groups of so many: a register full.
+/// Samples that are worked on together: the lanes of a register.
 const LANES: usize = 8;
-const _: () = assert!(MOST_SAMPLES.is_multiple_of(LANES));
 /// Weight of a floor sample relative to one of the robot: lines and other robots may lie there.
 const FLOOR_WEIGHT: f32 = 0.3;
-/// Deviations of the blurs that there are tables for, as multiples of the robot's size.
-const SIGMAS: [f64; 5] = [0.035, 0.055, 0.085, 0.125, 0.18];
-/// Cells across a robot's size that the tables are made on, and cells of a table in a deviation of its
-/// blur: small tables stay in the processor's nearest memories.
-const CELLS_PER_SIZE: f64 = 48.0;
-const CELLS_PER_SIGMA: f64 = 2.0;
-/// The whole of a cell.
-const WHOLE: f32 = 255.0;
-/// A table reaches so many of its deviations beyond the robot.
-const REACH: f64 = 2.5;
-/// Places along a motion that are looked at.
+/// Points along a motion at which shares are taken: so many before and behind the middle.
 const PLACES: i32 = 2;
 const MOST_PLACES: usize = 2 * PLACES as usize + 1;
 
-/// How light is spread.
+/// Blur of a robot: a Gaussian and a motion.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Blur {
-    /// Index of the table.
+    /// Index into [`tables::SIGMAS`].
     pub sigma: usize,
-    /// Half of the way that is covered meanwhile, on the field.
+    /// Half of the way that the robot moves during the exposure, on the field.
     pub way_mm: [f64; 2],
 }
 
-/// The robots' tops, blurred.
+/// A robot's top under all blurs, by which pixels are unmixed.
 #[derive(Debug, Clone)]
 pub(crate) struct Mixture {
     level: Level,
@@ -83,106 +73,62 @@ pub(crate) struct Mixture {
     reach_mm: f64,
 }
 
-#[derive(Debug, Clone)]
-struct Table {
-    per_cell: f32,
-    middle: f32,
-    columns: usize,
-    /// The share of each part, in 255ths; sixteen bits, so that shares can be summed as they are.
-    cells: Vec<[u16; PARTS]>,
-}
-
-/// The pixels around a robot, a few put together to one sample each.
-#[derive(Debug, Clone)]
-pub(crate) struct Samples {
-    origin: FieldPoint,
-    count: usize,
-    x_mm: [f32; MOST_SAMPLES],
-    y_mm: [f32; MOST_SAMPLES],
-    levels: [[f32; MOST_SAMPLES]; CHANNELS],
-    /// Cell of the table for each place along the way, at the pose that is being tried.
-    cells: [[u32; MOST_SAMPLES]; MOST_PLACES],
-    /// The shares, by part.
-    shares: [[f32; MOST_SAMPLES]; PARTS],
-    /// The same, weighted.
-    weighted: [[f32; MOST_SAMPLES]; PARTS],
-}
-
-/// The colours that a robot wears: of each patch, in each channel.
+/// The colours that a robot wears, by patch and channel.
 pub(crate) type Colors = [[f64; CHANNELS]; MAX_PATCHES];
 
-/// Products of the weighted shares of all samples with the shares and with the levels, and the squares of
-/// these.
+/// Weighted sums over all samples: the normal equations.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
+    /// Shares times shares.
     products: [[f32; PARTS]; PARTS],
+    /// Shares times levels.
     levels: [[f32; PARTS]; CHANNELS],
+    /// Squares of the levels.
     squares: [f32; CHANNELS],
 }
 
-/// The mixture undone at a pose.
+/// The unmixed levels at a pose, to which any robot's colours can be compared.
 #[derive(Debug, Clone)]
 pub(crate) struct Unmixed {
     patch_count: usize,
-    /// Levels of the patches without regard to what they should be, but for λ.
+    /// L⁰: levels of the patches for colours 0.
     levels: Colors,
-    /// Inverse of the normal matrix of the weights, patch by patch.
+    /// R: inverse of the normal matrix, the rows and columns of the patches.
     inverse: [[f64; MAX_PATCHES]; MAX_PATCHES],
-    /// What is left without any colours, and how much there is to be explained.
+    /// Cost for colours 0.
     left: f64,
+    /// Sum of the squared differences of the levels from their mean.
     variation: f64,
-    /// Costs are what they would be if all samples had a weight of 1.
+    /// Turns weighted costs into those of samples of weight 1.
     scale: f64,
 }
 
-/// A robot's colours held against levels.
+/// Comparison of a robot's colours with unmixed levels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
     pub cost: f64,
-    /// Which part of what varies around the robot is explained.
+    /// Fraction of the variation around the robot that is explained (R²).
     pub explained: f64,
-    /// How bright the colours are.
+    /// g: brightness relative to the configured colours.
     pub brightness: f64,
 }
 
 impl Mixture {
-    /// For robots of this size with these patches on their top.
+    /// The tables for robots of this size with these patches on their top.
     pub fn new(patches: &[PatchConfig], top: &Top, size_mm: f64) -> Self {
-        let cell_mm = size_mm / CELLS_PER_SIZE;
-        let robot_mm = top.body.reach_mm().max(reach_mm(patches));
-        let largest_mm = REACH * SIGMAS[SIGMAS.len() - 1] * size_mm;
-        let columns = (2.0 * (robot_mm + largest_mm) / cell_mm).ceil() as usize;
-        let middle = columns as f64 / 2.0;
-        let place = |index: usize| (index as f64 + 0.5 - middle) * cell_mm;
-        let mut sharp = vec![Parts::default(); columns * columns];
-        for (index, cell) in sharp.iter_mut().enumerate() {
-            let point = [place(index % columns), place(index / columns)];
-            let is_near = point[0].hypot(point[1]) <= robot_mm;
-            let patch = is_near.then(|| topmost_patch(patches, point)).flatten();
-            let is_body = is_near && top.body.contains(point);
-            cell[patch.unwrap_or(if is_body { BODY } else { FLOOR })] = 1.0;
-        }
-        let mut tables = Vec::with_capacity(SIGMAS.len());
-        let (mut cells, mut variance) = (sharp, 0.0);
-        for sigma in SIGMAS {
-            // Goes on from the one before it.
-            let sigma = sigma * size_mm / cell_mm;
-            variance += blur(&mut cells, columns, sigma * sigma - variance);
-            let step = ((sigma / CELLS_PER_SIGMA) as usize).max(1);
-            tables.push(Table::new(&cells, columns, step, cell_mm));
-        }
         Self {
             level: Level::new(),
-            tables,
+            tables: tables::all(patches, top, size_mm),
             patch_count: top.patches.len().min(MAX_PATCHES),
-            reach_mm: robot_mm,
+            reach_mm: tables::robot_reach_mm(patches, top),
         }
     }
 
-    /// Deviations to choose from.
-    pub const SIGMA_COUNT: usize = SIGMAS.len();
+    /// Number of Gaussian blurs.
+    pub const SIGMA_COUNT: usize = tables::SIGMAS.len();
 
-    /// The mixture undone for a robot at `pose`; `None` if there is nothing to be undone.
+    /// Unmixes the samples for a robot at `pose`; `None` if the normal matrix is singular, as without
+    /// samples.
     pub fn unmix(&self, samples: &mut Samples, pose: &Pose, blur: &Blur) -> Option<Unmixed> {
         let sums = dispatch!(self.level, _simd => self.sum_up(samples, pose, blur));
         self.solve(samples, &sums)
@@ -204,7 +150,7 @@ impl Mixture {
         let Samples { x_mm, y_mm, levels, cells, shares, weighted, count, .. } = samples;
         let whole = count.next_multiple_of(LANES);
         for (place, cells) in (-places..=places).zip(cells.iter_mut()) {
-            // Evenly spread over the way, the ends at half a step.
+            // Evenly spread over the way, half a step from its ends.
             let part = 2.0 * place as f32 * per_place;
             let offset = [part * way[0] - turned_center[0], part * way[1] - turned_center[1]];
             let points = x_mm[..whole].iter().zip(&y_mm[..whole]);
@@ -217,7 +163,7 @@ impl Mixture {
         let scale = per_place * (1.0 / WHOLE);
         for index in 0..whole {
             let mut sum = [0; PARTS];
-            // Samples beyond the last one have no share in anything.
+            // Lanes beyond the last sample get shares of 0.
             if index < *count {
                 for cells in cells {
                     let cell = &table.cells[cells[index] as usize];
@@ -225,7 +171,7 @@ impl Mixture {
                 }
             }
             let share = sum.map(|sum: u16| scale * f32::from(sum));
-            // The floor tells little about the robot.
+            // Floor samples weigh less, see FLOOR_WEIGHT.
             let weight = 1.0 - (1.0 - FLOOR_WEIGHT) * share[FLOOR];
             for part in 0..PARTS {
                 shares[part][index] = share[part];
@@ -251,7 +197,7 @@ impl Mixture {
     }
 
     fn solve(&self, samples: &Samples, sums: &Sums) -> Option<Unmixed> {
-        // The parts that there are, side by side.
+        // Rows of the matrix: the patches of this top, body, floor.
         let patches = self.patch_count;
         let part_of = |row: usize| if row < patches { row } else { BODY + row - patches };
         let rows = patches + 2;
@@ -259,10 +205,10 @@ impl Mixture {
         for (row, column) in (0..rows).flat_map(|row| (0..rows).map(move |column| (row, column))) {
             matrix[row][column] = f64::from(sums.products[part_of(row)][part_of(column)]);
         }
-        // All shares of a sample together are 1.
+        // The shares of a sample add up to 1, so the sum of all products is the sum of the weights.
         let weight: f64 = matrix.iter().flatten().sum();
         for (row, terms) in matrix.iter_mut().enumerate().take(rows) {
-            // Body and floor may have any colour.
+            // Body and floor have no prior, only what keeps the matrix regular.
             terms[row] += if row < patches { LAMBDA } else { 1e-3 };
         }
         let factor = Factor::new(&matrix, rows)?;
@@ -299,8 +245,8 @@ impl Mixture {
 }
 
 impl Unmixed {
-    /// How well these colours explain the picture.
-    pub fn hold(&self, colors: &Colors) -> Match {
+    /// Cost and brightness of the best explanation of the picture by these colours.
+    pub fn compare(&self, colors: &Colors) -> Match {
         let (mut along, mut squares, mut explained) = (0.0, 0.0, 0.0);
         for channel in 0..CHANNELS {
             for (patch, color) in colors.iter().enumerate().take(self.patch_count) {
@@ -312,7 +258,7 @@ impl Unmixed {
                 }
             }
         }
-        // Quadratic in the brightness.
+        // The cost is quadratic in the brightness.
         let curvature = squares - LAMBDA * explained;
         let [least, most] = BRIGHTNESS;
         let brightness =
@@ -323,13 +269,12 @@ impl Unmixed {
         Match { cost: self.scale * cost, explained, brightness }
     }
 
-    /// How far the levels are from these colours, at the brightness that fits them best, in grey levels of
-    /// that brightness.
+    /// Distance of the levels from these colours at the best brightness, in grey levels at brightness 1.
     pub fn distance(&self, colors: &Colors) -> f64 {
-        let brightness = self.hold(colors).brightness;
+        let brightness = self.compare(colors).brightness;
         let mut squares = 0.0;
         for (patch, color) in colors.iter().enumerate().take(self.patch_count) {
-            // Undoes the shrinkage of the levels that λ causes.
+            // Undoes the shrinkage of the levels towards 0 that λ causes.
             let held = (1.0 - LAMBDA * self.inverse[patch][patch]).max(0.05);
             for (level, color) in self.levels[patch].iter().zip(color) {
                 squares += (level / (held * brightness) - color).powi(2);
@@ -338,7 +283,7 @@ impl Unmixed {
         squares.sqrt()
     }
 
-    /// The levels of a patch once they are held at these colours.
+    /// The levels of a patch under the prior of these colours.
     pub fn level(&self, colors: &Colors, brightness: f64, patch: usize) -> [f64; CHANNELS] {
         std::array::from_fn(|channel| {
             let pull = colors.iter().enumerate().take(self.patch_count);
@@ -348,161 +293,7 @@ impl Unmixed {
     }
 }
 
-impl Table {
-    /// Mean of each square of so many cells.
-    fn new(cells: &[Parts], columns: usize, step: usize, cell_mm: f64) -> Self {
-        let across = columns / step;
-        let mean = |index: usize| {
-            let (left, top) = (index % across * step, index / across * step);
-            let inside = (0..step * step).map(|i| (top + i / step) * columns + left + i % step);
-            let mut sum = Parts::default();
-            for cell in inside {
-                sum.iter_mut().zip(&cells[cell]).for_each(|(sum, part)| *sum += part);
-            }
-            sum.map(|sum| (WHOLE * sum / (step * step) as f32).round() as u16)
-        };
-        Self {
-            per_cell: (1.0 / (cell_mm * step as f64)) as f32,
-            middle: (columns as f64 / 2.0 / step as f64) as f32,
-            columns: across,
-            cells: (0..across * across).map(mean).collect(),
-        }
-    }
-
-    /// The cell in which a point lies; the nearest one for a point outside.
-    #[inline(always)]
-    fn cell_at(&self, x: f32, y: f32) -> u32 {
-        // Added to a small number, this leaves its nearest whole one in the lowest bits: a conversion
-        // that a processor can do for many numbers at once, other than the language's own.
-        const WHOLE_BITS: f32 = (1 << 23) as f32;
-        let last = (self.columns - 1) as f32;
-        // `max` makes NaN 0.
-        let index = |at: f32| {
-            let place = (at * self.per_cell + (self.middle - 0.5)).max(0.0).min(last);
-            (place + WHOLE_BITS).to_bits() & ((1 << 23) - 1)
-        };
-        index(y) * self.columns as u32 + index(x)
-    }
-}
-
-impl Samples {
-    /// Takes what is around `place` on the plane of the robots' tops, without what is of others.
-    pub fn take(
-        &mut self,
-        mixture: &Mixture,
-        top: &Top,
-        camera: &CameraModel,
-        frame: &RawFrame,
-        place: FieldPoint,
-        is_other: impl Fn(FieldPoint) -> bool,
-    ) {
-        self.count = 0;
-        let height_mm = top.height_mm;
-        let center = camera.image_from_field(place, height_mm);
-        let mm_per_px = camera.pixel_area_mm2(center, height_mm).sqrt();
-        let [x_mm, y_mm] = top.patches[top.team_patch].centroid_mm;
-        let reach_mm = mixture.reach_mm + x_mm.hypot(y_mm);
-        let reach_px = reach_mm / mm_per_px;
-        let is_usable = center.x_px.is_finite() && center.y_px.is_finite() && reach_px < 1e4;
-        if !is_usable || reach_px < 1.0 {
-            return;
-        }
-        // Even, so that each sample has all colours of a Bayer mosaic.
-        let step = (std::f64::consts::PI * reach_px * reach_px / SAMPLES).sqrt();
-        let step = (2.0 * (step / 2.0).round()).max(2.0) as i64;
-        let at = |x: f64, y: f64| camera.field_from_image(ImagePoint::new(x, y), height_mm);
-        let first = |center: f64| ((center - reach_px) as i64 / step * step).max(0);
-        let (left, top) = (first(center.x_px), first(center.y_px));
-        let last = |center: f64, end: usize| ((center + reach_px) as i64).min(end as i64 - step);
-        self.origin = place;
-        // The map from pixels to millimetres is as good as linear over a robot.
-        let here = at(center.x_px, center.y_px);
-        let (right, down) =
-            (at(center.x_px + 1.0, center.y_px), at(center.x_px, center.y_px + 1.0));
-        let right = [right.x_mm - here.x_mm, right.y_mm - here.y_mm];
-        let down = [down.x_mm - here.x_mm, down.y_mm - here.y_mm];
-        for row in (top..=last(center.y_px, frame.height)).step_by(step as usize) {
-            for column in (left..=last(center.x_px, frame.width)).step_by(step as usize) {
-                let middle = (step - 1) as f64 / 2.0;
-                let dx = column as f64 + middle - center.x_px;
-                let dy = row as f64 + middle - center.y_px;
-                let offset = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
-                let there = FieldPoint::new(place.x_mm + offset[0], place.y_mm + offset[1]);
-                if offset[0].hypot(offset[1]) > reach_mm || is_other(there) {
-                    continue;
-                }
-                let levels = frame.mean(row as usize, column as usize, step as usize);
-                if self.count == MOST_SAMPLES {
-                    return;
-                }
-                [self.x_mm[self.count], self.y_mm[self.count]] = offset.map(|value| value as f32);
-                for (all, level) in self.levels.iter_mut().zip(levels) {
-                    all[self.count] = level;
-                }
-                self.count += 1;
-            }
-        }
-    }
-
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// Leaves out what is white or grey beside what is mostly there: lines and walls, which are none of
-    /// the patches if all of these have a hue.
-    pub fn drop_lines(&mut self) {
-        let count = self.count;
-        if count == 0 {
-            return;
-        }
-        let ground: [f32; CHANNELS] = std::array::from_fn(|channel| {
-            // Not used before the first trial.
-            let sorted = &mut self.shares[0][..count];
-            sorted.copy_from_slice(&self.levels[channel][..count]);
-            *sorted.select_nth_unstable_by(count / 2, f32::total_cmp).1
-        });
-        self.count = 0;
-        for index in 0..count {
-            let levels = self.levels.map(|levels| levels[index]);
-            let above: [f32; CHANNELS] =
-                std::array::from_fn(|channel| levels[channel] - ground[channel]);
-            let least = above.iter().copied().fold(f32::INFINITY, f32::min);
-            let most = above.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            if most < LINE_LEVEL || least < GREYNESS * most {
-                self.x_mm[self.count] = self.x_mm[index];
-                self.y_mm[self.count] = self.y_mm[index];
-                for (all, level) in self.levels.iter_mut().zip(levels) {
-                    all[self.count] = level;
-                }
-                self.count += 1;
-            }
-        }
-    }
-}
-
-/// Whether a colour has a hue.
-pub(crate) fn has_hue(color: &[f64; CHANNELS]) -> bool {
-    let least = color.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = color.iter().copied().fold(0.0, f64::max);
-    least < f64::from(GREYNESS) * most
-}
-
-impl Default for Samples {
-    fn default() -> Self {
-        Self {
-            origin: FieldPoint::default(),
-            count: 0,
-            x_mm: [0.0; MOST_SAMPLES],
-            y_mm: [0.0; MOST_SAMPLES],
-            levels: [[0.0; MOST_SAMPLES]; CHANNELS],
-            cells: [[0; MOST_SAMPLES]; MOST_PLACES],
-            shares: [[0.0; MOST_SAMPLES]; PARTS],
-            weighted: [[0.0; MOST_SAMPLES]; PARTS],
-        }
-    }
-}
-
-/// Products of two rows of numbers, whole registers of them.
+/// Scalar product of two rows whose lengths are multiples of [`LANES`].
 #[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0; LANES];
@@ -514,7 +305,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     sums.iter().sum()
 }
 
-/// The same with the squares of the second.
+/// Scalar product of a row with the squares of another.
 #[inline(always)]
 fn dot_of_squares(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0; LANES];
@@ -524,79 +315,4 @@ fn dot_of_squares(a: &[f32], b: &[f32]) -> f32 {
         }
     }
     sums.iter().sum()
-}
-
-/// Blurs cells by about a variance in square cells, with three boxes; returns the variance it was.
-fn blur(cells: &mut [Parts], columns: usize, variance: f64) -> f64 {
-    let mut left = variance;
-    for boxes in [3.0, 2.0, 1.0] {
-        let half = (((12.0 * left / boxes + 1.0).max(1.0).sqrt() - 1.0) / 2.0).round() as usize;
-        left -= ((2 * half + 1).pow(2) - 1) as f64 / 12.0;
-        for vertical in [false, true] {
-            let before = cells.to_vec();
-            for line in 0..columns {
-                let index = |place: usize| {
-                    if vertical { place * columns + line } else { line * columns + place }
-                };
-                for place in 0..columns {
-                    let mut sum = Parts::default();
-                    // Beyond the table it goes on as at its border.
-                    for offset in 0..=2 * half {
-                        let other = (place + offset).saturating_sub(half).min(columns - 1);
-                        let cell = &before[index(other)];
-                        sum.iter_mut().zip(cell).for_each(|(sum, part)| *sum += part);
-                    }
-                    cells[index(place)] = sum.map(|sum| sum / (2 * half + 1) as f32);
-                }
-            }
-        }
-    }
-    variance - left
-}
-
-type Square = [[f64; PARTS]; PARTS];
-
-/// A positive definite matrix as the product of a lower triangle with its transpose (Cholesky).
-struct Factor {
-    rows: usize,
-    lower: Square,
-    /// One over the diagonal of the triangle.
-    inverse: [f64; PARTS],
-}
-
-impl Factor {
-    /// Factorises the first `rows` rows and columns; `None` if they are not positive definite.
-    fn new(matrix: &Square, rows: usize) -> Option<Self> {
-        let mut factor = Self { rows, lower: Square::default(), inverse: [0.0; PARTS] };
-        for (row, terms) in matrix.iter().enumerate().take(rows) {
-            for column in 0..=row {
-                let (own, other) = (&factor.lower[row], &factor.lower[column]);
-                let known = own[..column].iter().zip(&other[..column]).map(|(a, b)| a * b);
-                let left = terms[column] - known.sum::<f64>();
-                if row != column {
-                    factor.lower[row][column] = left * factor.inverse[column];
-                } else if left > 1e-9 && left.is_finite() {
-                    factor.lower[row][row] = left.sqrt();
-                    factor.inverse[row] = 1.0 / factor.lower[row][row];
-                } else {
-                    return None;
-                }
-            }
-        }
-        Some(factor)
-    }
-
-    /// The vector that the matrix takes to `right`.
-    fn solve(&self, right: [f64; PARTS]) -> [f64; PARTS] {
-        let mut x = right;
-        for row in 0..self.rows {
-            let known = (0..row).map(|k| self.lower[row][k] * x[k]).sum::<f64>();
-            x[row] = (x[row] - known) * self.inverse[row];
-        }
-        for row in (0..self.rows).rev() {
-            let known = (row + 1..self.rows).map(|k| self.lower[k][row] * x[k]).sum::<f64>();
-            x[row] = (x[row] - known) * self.inverse[row];
-        }
-        x
-    }
 }

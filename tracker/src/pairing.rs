@@ -1,16 +1,24 @@
-//! From candidates to robots: section 6.1 of the paper, for any layout of patches.
+//! Pairing of candidates into robots: section 6.1 of the paper, for any layout of patches.
 //!
-//! Of each team patch there are [hypotheses](crate::hypotheses): the complete robots it could belong to.
-//! Hypotheses contradict each other when they use the same pixels, are the same robot, have team
-//! patches of one team closer than eq. (4) allows, or when their bodies would overlap. Which to
-//! believe is decided for the whole picture at once: as many as possible, and of those the ones
-//! that fit best. So each team patch gets its own identification patch, as Fig. 7 demands, even
-//! where another robot's lies nearer.
+//! ```text
+//! for each candidate for a team patch:
+//!     hypotheses = the complete robots that it could belong to      (hypotheses)
+//!     if none fits well: replace them by those of the pixels         (second_opinion)
+//! cost of each hypothesis += unexplained patches on its top
+//! choose the largest set without contradictions, the cheapest of equals (assignment)
+//! drop robots whose pixels speak as well for another number
+//! measure robots that share a region again
+//! ```
+//!
+//! Two hypotheses contradict each other if they use the same pixels, are the same robot, have team patches of
+//! one team closer than eq. (4) allows, or if their bodies overlap. Because the choice is made for the whole
+//! picture at once, each team patch gets its own identification patch, as Fig. 7 demands, even where another
+//! robot's lies nearer.
 
 use crate::assignment::{Choice, Solver};
 use crate::candidates::{Candidate, CandidateFinder};
 use crate::class_index::ClassIndex;
-use crate::hypotheses::{Fate, Hypothesis, Hypothesiser, NO_CANDIDATE, Outcome, fit};
+use crate::hypotheses::{Hypothesis, HypothesisMaker, NO_CANDIDATE, Outcome, SearchResult, fit};
 use crate::measure::{Measure, MomentSums, distance_mm};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
@@ -21,59 +29,59 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 use std::ops::Range;
 
-/// Most hypotheses that are weighed against each other; when there are more, the worst of each team
-/// patch are left out. A match has one or two for each robot.
+/// Most hypotheses of a frame; beyond it the costliest of each team patch are dropped. A match has one or two
+/// for each robot.
 const MAX_HYPOTHESES: usize = 512;
-/// Most poses of paired robots that a second opinion begins with.
+/// Most paired poses that a second opinion starts from.
 const MAX_STARTS: usize = 4;
-/// What each other patch costs that lies on what would be the robot's top: it must have slipped
-/// between two robots, or be one that the robot should have been explained with.
-const STRANGER_COST: f64 = 2.0;
-/// A team patch whose best robot has this misfit for each patch, or more, gets a second opinion.
+/// Cost of each other patch on the top of a hypothesis: it lies between two robots, or the robot should have
+/// been explained with it.
+const UNEXPLAINED_COST: f64 = 2.0;
+/// Misfit per patch of the best hypothesis from which a team patch gets a second opinion.
 const DOUBTFUL: f64 = 0.1;
 
 /// Finds the robots of a frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pairing {
     pub finder: CandidateFinder,
-    hypothesiser: Hypothesiser,
+    hypothesis_maker: HypothesisMaker,
     hypotheses: Vec<Hypothesis>,
-    /// For each kind of a team patch, what became of its candidates.
-    fates: Vec<Vec<Fate>>,
-    /// Candidates for team patches with hypotheses, in the order in which these are made.
+    /// For each kind of team patch, the results of its candidates.
+    results: Vec<Vec<SearchResult>>,
+    /// Candidates for team patches, in the order in which their hypotheses are made.
     groups: Vec<Group>,
     choices: Vec<Choice>,
+    /// Indices of the chosen hypotheses.
     believed: Vec<usize>,
     /// The search for the best choice was given up.
     is_cut: bool,
-    /// Those believed before the ambiguous among them were dropped.
+    /// `believed` before ambiguous robots were dropped.
     named: Vec<usize>,
     solver: Solver,
     second_opinion: SecondOpinion,
-    /// Indices of groups in the order in which their pixels are asked.
+    /// Indices of groups in the order of their second opinions.
     order: Vec<usize>,
     index: ClassIndex,
     paired: Vec<Pose>,
-    /// The believed hypotheses, and their patches, that pieces of a region belong to, and what is
-    /// measured of each.
+    /// Believed hypotheses and their patches to which pieces of a region belong, and the sums over the pixels
+    /// of each.
     owners: Vec<(usize, usize)>,
     sums: Vec<MomentSums>,
 }
 
-/// A candidate for a team patch.
+/// A candidate for a team patch, and its hypotheses.
 #[derive(Debug, Clone)]
 struct Group {
     team: Team,
     /// Kind of the team patch.
     kind: usize,
     candidate: usize,
-    /// Its hypotheses.
     hypotheses: Range<usize>,
-    /// One of them fits well.
+    /// One of the hypotheses fits well.
     fits: bool,
 }
 
-/// What the steps below look at.
+/// Context of a frame that does not change while it is worked on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub pattern: &'a Pattern,
@@ -91,18 +99,18 @@ impl Pairing {
         self.believe(scene);
         self.separate_grown_together(scene, frame);
         self.write(scene, frame);
-        let is_cut = |fate: &Fate| fate.is_cut || fate.is_unasked;
-        if self.is_cut || self.finder.is_cut || self.fates.iter().flatten().any(is_cut) {
+        let is_cut = |result: &SearchResult| result.is_cut || result.is_unasked;
+        if self.is_cut || self.finder.is_cut || self.results.iter().flatten().any(is_cut) {
             frame.flags |= DetectionFrame::SEARCH_CUT;
         }
     }
 
-    /// The hypotheses that are believed.
+    /// The chosen hypotheses.
     pub fn robots(&self) -> impl Iterator<Item = &Hypothesis> {
         self.believed.iter().map(|&index| &self.hypotheses[index])
     }
 
-    /// The candidate a robot's patch was found as; `None` if only its pixels were.
+    /// The candidate of a robot's patch; `None` for a robot found by its pixels.
     pub fn candidate(
         &self,
         pattern: &Pattern,
@@ -113,31 +121,33 @@ impl Pairing {
         self.finder.of_kind(kind).get(robot.candidates[patch])
     }
 
-    /// What became of a candidate for a team patch.
-    pub fn fate(&self, kind: usize, candidate: usize) -> Fate {
-        let unknown = Fate { outcome: Outcome::Incomplete, is_cut: true, is_unasked: false };
-        self.fates.get(kind).and_then(|fates| fates.get(candidate)).copied().unwrap_or(unknown)
+    /// Result of the search with a candidate for a team patch.
+    pub fn result(&self, kind: usize, candidate: usize) -> SearchResult {
+        let unknown =
+            SearchResult { outcome: Outcome::Incomplete, is_cut: true, is_unasked: false };
+        let of_kind = self.results.get(kind);
+        of_kind.and_then(|results| results.get(candidate)).copied().unwrap_or(unknown)
     }
 
     fn hypothesise(&mut self, scene: &Scene, frame: &DetectionFrame) {
         let pattern = scene.pattern;
         self.hypotheses.clear();
         self.groups.clear();
-        self.fates.resize(pattern.kinds.len(), Vec::new());
-        self.fates.iter_mut().for_each(Vec::clear);
+        self.results.resize(pattern.kinds.len(), Vec::new());
+        self.results.iter_mut().for_each(Vec::clear);
         for team in Team::ALL {
             for &kind in pattern.team_kinds(team) {
                 for candidate in 0..self.finder.of_kind(kind).len() {
                     let first = self.hypotheses.len();
                     let hypotheses = &mut self.hypotheses;
-                    let fate = self.hypothesiser.of_team_patch(
+                    let result = self.hypothesis_maker.of_team_patch(
                         scene,
                         &self.finder,
                         kind,
                         candidate,
                         hypotheses,
                     );
-                    self.fates[kind].push(fate);
+                    self.results[kind].push(result);
                     let hypotheses = first..self.hypotheses.len();
                     let fits = self.any_fits(pattern, kind, hypotheses.clone());
                     self.groups.push(Group { team, kind, candidate, hypotheses, fits });
@@ -150,8 +160,8 @@ impl Pairing {
         self.hypotheses.sort_unstable_by(Hypothesis::by_cost);
     }
 
-    /// Leaves out hypotheses until there are no more than [`MAX_HYPOTHESES`]: every team patch keeps its
-    /// best ones, and none keeps more than another that has as many.
+    /// Drops hypotheses until there are at most [`MAX_HYPOTHESES`]: every team patch keeps its cheapest ones,
+    /// up to the same number.
     fn keep_best_of_each(&mut self) {
         let count = |group: &Group| group.hypotheses.len();
         let total =
@@ -165,16 +175,15 @@ impl Pairing {
             let hypotheses = &mut self.hypotheses[group.hypotheses.clone()];
             hypotheses.sort_unstable_by(Hypothesis::by_cost);
             hypotheses[most..].iter_mut().for_each(Hypothesis::discard);
-            self.fates[group.kind][group.candidate].is_cut = true;
+            self.results[group.kind][group.candidate].is_cut = true;
         }
     }
 
-    /// Replaces the hypotheses of team patches by what their pixels say, where they fit badly and the
-    /// pixels say something.
+    /// Replaces the hypotheses of team patches without a good one by second opinions, if there are any.
     fn ask_pixels(&mut self, scene: &Scene, frame: &DetectionFrame) {
         let pattern = scene.pattern;
         let mut work = 0;
-        // The likeliest of each kind first: whatever one team's colour is mistaken for, the other has its turn.
+        // By rank, so that teams take turns however many regions one team's colour has.
         let mut order = std::mem::take(&mut self.order);
         order.clear();
         order.extend(0..self.groups.len());
@@ -186,7 +195,7 @@ impl Pairing {
                 continue;
             }
             if work >= WORK_PER_FRAME {
-                self.fates[kind][candidate].is_unasked = true;
+                self.results[kind][candidate].is_unasked = true;
                 continue;
             }
             self.paired.clear();
@@ -220,19 +229,20 @@ impl Pairing {
             if self.hypotheses.len() > first {
                 self.hypotheses[hypotheses].iter_mut().for_each(Hypothesis::discard);
                 self.groups[index].hypotheses = first..self.hypotheses.len();
-                self.fates[kind][candidate].outcome = Outcome::Complete;
+                self.results[kind][candidate].outcome = Outcome::Complete;
             }
         }
         self.order = order;
     }
 
-    /// Whether one of the hypotheses fits so well that its pixels need not be asked.
+    /// Whether one of the hypotheses fits so well that no second opinion is needed.
     fn any_fits(&self, pattern: &Pattern, kind: usize, hypotheses: Range<usize>) -> bool {
         let doubtful = DOUBTFUL * pattern.top_of_kind(&pattern.kinds[kind]).patches.len() as f64;
         self.hypotheses[hypotheses].iter().any(|hypothesis| hypothesis.misfit < doubtful)
     }
 
-    /// Whether a hypothesis fits well that uses the same pixels as a team patch, on whichever top.
+    /// Whether a well fitting hypothesis of the team, on any top, uses pixels of a candidate for a team
+    /// patch.
     fn is_explained(&self, team: Team, kind: usize, candidate: usize) -> bool {
         let own = &self.finder.of_kind(kind)[candidate];
         self.groups.iter().any(|group| {
@@ -246,12 +256,12 @@ impl Pairing {
     fn believe(&mut self, scene: &Scene) {
         let pattern = scene.pattern;
         for index in 0..self.hypotheses.len() {
-            let strangers = self.count_strangers(pattern, &self.hypotheses[index]);
-            self.hypotheses[index].cost += STRANGER_COST * f64::from(strangers);
+            let unexplained = self.count_unexplained(pattern, &self.hypotheses[index]);
+            self.hypotheses[index].cost += UNEXPLAINED_COST * f64::from(unexplained);
         }
         self.choices.clear();
         self.choices.extend(self.hypotheses.iter().map(|hypothesis| {
-            // All that begin with the same pixels of the team's colour exclude each other.
+            // Hypotheses of one team patch exclude each other.
             let patch = pattern.top_of(hypothesis.identity).team_patch;
             let kind = pattern.identities[hypothesis.identity].kinds[patch];
             let team_patch = &self.finder.of_kind(kind)[hypothesis.candidates[patch]];
@@ -268,8 +278,8 @@ impl Pairing {
         self.drop_ambiguous();
     }
 
-    /// Of a robot whose pixels speak for another of its team just as well, and that other one is not
-    /// found elsewhere, it is not known which of the two it is: better no name than a wrong one.
+    /// Drops robots found by their pixels that could as well be another robot of the team which was not found
+    /// elsewhere: no name is better than a wrong one.
     fn drop_ambiguous(&mut self) {
         let (hypotheses, choices) = (&self.hypotheses, &self.choices);
         let is_named = |identity: usize, believed: &[usize]| {
@@ -290,11 +300,11 @@ impl Pairing {
         });
     }
 
-    /// Other regions of a patch's size and shape on the robot's top.
-    fn count_strangers(&self, pattern: &Pattern, hypothesis: &Hypothesis) -> u32 {
+    /// Number of other regions of a patch's size and shape on the robot's top.
+    fn count_unexplained(&self, pattern: &Pattern, hypothesis: &Hypothesis) -> u32 {
         let top = pattern.top_of(hypothesis.identity);
         let own = &pattern.identities[hypothesis.identity].kinds;
-        // Pixels have been asked about everything on the top already.
+        // A second opinion has compared everything on the top already.
         if hypothesis.candidates[..own.len()].contains(&NO_CANDIDATE) {
             return 0;
         }
@@ -304,8 +314,8 @@ impl Pairing {
                 .any(|(&kind, &candidate)| self.finder.of_kind(kind)[candidate].uses_region(region))
         };
         let mut count = 0;
-        for spot in self.finder.spots(top) {
-            let place = spot.measure.position;
+        for measured in self.finder.measured_on(top) {
+            let place = measured.measure.position;
             if distance_mm(place, hypothesis.pose.position) > top.core.reach_mm() {
                 continue;
             }
@@ -313,11 +323,11 @@ impl Pairing {
             let could_be_patch = || {
                 let same_height = pattern.tops.iter().filter(|other| other.height == top.height);
                 same_height.flat_map(|top| &top.patches).any(|patch| {
-                    spot.measure.area_mm2 >= pattern.limits.min_area_ratio * patch.area_mm2
-                        && spot.measure.is_shaped_like(patch)
+                    measured.measure.area_mm2 >= pattern.limits.min_area_ratio * patch.area_mm2
+                        && measured.measure.is_shaped_like(patch)
                 })
             };
-            if top.core.contains(place) && !is_own(spot.region) && could_be_patch() {
+            if top.core.contains(place) && !is_own(measured.region) && could_be_patch() {
                 count += 1;
             }
         }

@@ -1,4 +1,4 @@
-//! Where robots and balls can be.
+//! The area in which robots and balls can be.
 
 use common::config::Config;
 use common::geometry::FieldPoint;

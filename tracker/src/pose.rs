@@ -1,14 +1,15 @@
 //! The pose of a robot from the places of its patches.
 //!
-//! The pose is the rigid motion that brings the layout's centroids closest to the measured ones, in
-//! the sense of least squares weighted by the patches' areas. For two squares on a diagonal it is
-//! eq. (6): the centre is the mean of both, and the heading the direction from the identification
-//! patch to the team patch less π/4.
+//! The pose is the rigid motion that brings the layout's centroids closest to the measured places, by least
+//! squares weighted by the patches' areas (the planar case of Procrustes' problem). With p and q the layout's
+//! and the measured offsets from their weighted means, θ = atan2(Σ w·(p × q), Σ w·(p · q)). For two squares
+//! on a diagonal this is eq. (6): the centre is the mean of both, and the heading the direction from the
+//! identification patch to the team patch less π/4.
 
 use common::config::Pair;
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
-/// Fits a pose to patches: where the layout has each, where it was measured, and what it weighs.
+/// Fits a pose to patches, each given by its centroid in the layout, its measured place and its weight.
 /// `None` when the places leave the heading open or are not numbers.
 pub(crate) fn fit_pose(
     patches: impl Iterator<Item = (Pair, FieldPoint, f64)> + Clone,
@@ -22,8 +23,7 @@ pub(crate) fn fit_pose(
     let layout = layout.map(|sum| sum / weight);
     let measured = measured.map(|sum| sum / weight);
 
-    // The best rotation turns the layout's offsets so that the sum of their scalar products with
-    // the measured offsets is greatest.
+    // Sums of scalar and vector products of the offsets.
     let (mut along, mut across) = (0.0, 0.0);
     for ([x, y], place, w) in patches {
         let (px, py) = (x - layout[0], y - layout[1]);
@@ -47,8 +47,7 @@ pub(crate) fn robot_from_field(pose: &Pose, point: FieldPoint) -> Pair {
     [cos * dx + sin * dy, cos * dy - sin * dx]
 }
 
-/// Where the centre of the robot's top appears in the picture, and which way its heading points
-/// there: radians, 0 to the right, π/2 up on the screen.
+/// Image of the centre of the robot's top, and of its heading: radians, 0 to the right, π/2 up on the screen.
 pub(crate) fn image_pose(camera: &CameraModel, pose: &Pose, height_mm: f64) -> (ImagePoint, f64) {
     const STEP_MM: f64 = 5.0;
     let at = |x: f64| camera.image_from_field(pose.field_from_robot([x, 0.0]), height_mm);

@@ -1,14 +1,14 @@
-//! Where the filter expects the robots: used only to choose between explanations that are equally
-//! good, and to know where to look first.
+//! Prior: the poses at which the filter expects the robots. It decides between equally good explanations, and
+//! edge fits begin there.
 
 use crate::pattern::Pattern;
 use common::geometry::{FieldPoint, Pose};
 use common::messages::{DetectionFrame, FrameHeader, RobotState, TrackStatus, WorldFrame};
 
-/// A `world` older than this says nothing about where anybody is.
+/// Largest age of a `world` that is used.
 const MAX_AGE_NS: u64 = 500_000_000;
-/// What it costs to be a robot's size away from where the robot is expected. Small against the cost
-/// of patches that do not fit (1 for each at its limits).
+/// Cost of a robot at its size's distance from the expected place. Small against the cost of patches that do
+/// not fit (1 for each at its limits).
 const PRIOR_WEIGHT: f64 = 0.25;
 
 /// Expected poses of the robots of a pattern.
@@ -18,9 +18,9 @@ pub(crate) struct Prior {
 }
 
 impl Prior {
-    /// Takes over the tracks of `world`, carried forward to the time of `frame`. Returns the frame
-    /// number of the `world`, or [`DetectionFrame::NO_WORLD`] if there is none or it is of no use:
-    /// not from before the frame, or too old.
+    /// Takes over the tracks of `world`, predicted to the time of `frame`. Returns the frame number of the
+    /// `world`, or [`DetectionFrame::NO_WORLD`] if there is none, or it is not from before the frame or too
+    /// old.
     pub fn update(
         &mut self,
         pattern: &Pattern,
@@ -43,13 +43,13 @@ impl Prior {
         world.frame.seq
     }
 
-    /// Where a robot is expected; `None` if nothing is known of it.
+    /// Expected pose of a robot; `None` if it has no track.
     pub fn pose(&self, identity: usize) -> Option<&Pose> {
         self.poses.get(identity)?.as_ref()
     }
 
-    /// The cost of finding a robot at a place: 0 where it is expected, growing with the distance up
-    /// to a robot's size; in between for a robot that nothing is known about.
+    /// Cost of a robot at a place: 0 where it is expected, growing with the squared distance up to a robot's
+    /// size, half of the greatest cost for a robot without a track.
     pub fn cost(&self, identity: usize, place: FieldPoint, robot_size_mm: f64) -> f64 {
         match self.poses.get(identity).copied().flatten() {
             Some(Pose { position, .. }) => {

@@ -1,4 +1,4 @@
-//! The tracker's process: runs in, detections out.
+//! The tracker's process: receives runs, publishes detections.
 
 use crate::Tracker;
 use common::bus::Received;
@@ -13,7 +13,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut process = Process::start(ProcessKind::Tracker, options, config)?;
     let input = topics::RUNS.in_lane(options.lane);
     let output = topics::DETECTIONS.in_lane(options.lane);
-    // Before its input: no output is missed whose input is not.
+    // Subscribes to the output before the input, so the output of every input that may be missed is seen.
     let previous = process.bus.newest_only(&output)?;
     let runs = process.bus.subscriber_with_history(&input)?;
     let frames = process.bus.subscriber_with_history(&topics::FRAMES.in_lane(options.lane))?;
@@ -48,8 +48,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             continue;
         }
         prior = world.newest()?.or(prior);
-        // The frame that the runs were made from, if it has not been overwritten meanwhile.
-        // Numbers far ahead are rubbish, and must not be waited for.
+        // Finds the frame that the runs were made from, if it has not been overwritten. A number far ahead is
+        // invalid, and must not be waited for.
         let newest = seq.saturating_add(topics::FRAMES.buffer as u64);
         let is_due =
             |frame: &Received<u8, FrameHeader>| (seq..=newest).contains(&frame.header().seq);

@@ -1,11 +1,11 @@
-//! A frame's bytes as samples: what the sensor measured, where it measured it.
+//! Raw frame: the samples of the sensor at their places, without interpolation.
 //!
-//! Nothing is interpolated. A Bayer pixel gives one sample of the one colour it sees; an RGB pixel
-//! gives three. Of YUV pictures only the Y is used, which each pixel has for itself.
+//! A Bayer pixel gives one sample of its colour, an RGB pixel three. YUV pictures give Y only, because
+//! several pixels share U and V.
 
 use common::messages::{FrameHeader, PixelFormat};
 
-/// Colour channels a sample may belong to.
+/// Colour channels of samples.
 pub(crate) const CHANNELS: usize = 3;
 
 /// A frame whose header agrees with its bytes.
@@ -15,18 +15,19 @@ pub(crate) struct RawFrame<'a> {
     stride: usize,
     pub width: usize,
     pub height: usize,
-    /// By parity of the row and of the column: which channel a Bayer pixel sees, or the first of a pixel.
+    /// Channel of a pixel's first sample, by parity of the row and of the column.
     channels: [[usize; 2]; 2],
     pub samples_per_pixel: usize,
-    /// Bytes from a pixel to the next one in its row, and from where it begins to its first sample.
+    /// Bytes from a pixel to the next one in its row.
     step: usize,
+    /// Bytes from a pixel's begin to its first sample.
     first: usize,
-    /// Of samples of two bytes: by how much they are shifted down to make a byte.
+    /// For samples of two bytes, their bits beyond eight.
     deep: Option<u32>,
 }
 
 impl<'a> RawFrame<'a> {
-    /// `None` if the header is not that of a picture of the expected size in these bytes.
+    /// `None` if the header does not describe a picture of this size in these bytes.
     pub fn new(header: &FrameHeader, bytes: &'a [u8], width: u32, height: u32) -> Option<Self> {
         let layout = header.check(width, height, bytes.len()).ok()?;
         let [stride, width, height] = [header.stride, width, height].map(|value| value as usize);
@@ -53,14 +54,14 @@ impl<'a> RawFrame<'a> {
         Some(Self { bytes, stride, width, height, channels, samples_per_pixel, step, first, deep })
     }
 
-    /// How many of red, green and blue there are samples of.
+    /// Number of channels that have samples.
     pub fn channels(&self) -> usize {
         let is_bayer = self.channels != [[0; 2]; 2];
         if is_bayer { CHANNELS } else { self.samples_per_pixel }
     }
 
-    /// Means of each channel over a square of `size` pixels, an even number, that begins at this row
-    /// and column and lies in the picture. 0 for a channel that there are no samples of.
+    /// Means of each channel over a square of `size` × `size` pixels (even) that begins at this row and
+    /// column and lies in the picture; 0 for a channel without samples.
     pub fn mean(&self, row: usize, column: usize, size: usize) -> [f32; CHANNELS] {
         let (mut sums, mut counts) = ([0.0; CHANNELS], [0.0f32; CHANNELS]);
         for row in row..row + size {
@@ -75,14 +76,14 @@ impl<'a> RawFrame<'a> {
         std::array::from_fn(|channel| sums[channel] / counts[channel].max(1.0))
     }
 
-    /// Channel and value (0–255) of a sample of a pixel, which the picture must have.
+    /// Channel and value (0 to 255) of a sample of a pixel within the picture.
     #[inline(always)]
     pub fn sample(&self, row: usize, column: usize, index: usize) -> (usize, f32) {
         let channel = self.channels[row & 1][column & 1] + index;
         let place = row * self.stride + column * self.step + self.first + index;
         let byte = self.bytes[place];
         let Some(shift) = self.deep else { return (channel, f32::from(byte)) };
-        // Bits above those that the format has are ignored, as the classifier does.
+        // Ignores bits above those of the format, as the classifier does.
         let value = u16::from_le_bytes([byte, self.bytes[place + 1]]) << (8 - shift);
         (channel, f32::from(value) / 256.0)
     }

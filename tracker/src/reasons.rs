@@ -1,28 +1,28 @@
-//! Why candidates became nothing: what a person needs to see to set up colours and lamps.
+//! Rejections: the reasons why regions became no robot, from which colours and lamps are set up.
 
 use crate::candidates::Candidate;
 use crate::faint::FaintRobots;
-use crate::hypotheses::{Fate, Outcome};
+use crate::hypotheses::{Outcome, SearchResult};
 use crate::measure::distance_mm;
+use crate::measured_regions::MeasuredRegion;
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::{Kind, Pattern, Top};
-use crate::spots::Spot;
 use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
 use common::messages::{DetectionFrame, MAX_REGIONS, RejectReason, Rejected, Team};
 
-/// Below this fraction of the smallest size that is admitted, a region is plain noise and not
-/// worth listing.
+/// Least area of a region that is listed, as a fraction of the smallest admitted area: smaller ones are
+/// noise.
 const WORTH_LISTING: f64 = 0.25;
 
-/// Collects rejections; the most telling survive when there are too many.
+/// Collects rejections; of too many the largest are kept.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Rejections {
     list: Vec<(f64, Rejected)>,
     used: UsedRegions,
 }
 
-/// The regions that robots were put together from.
+/// The regions of robots that were found.
 #[derive(Debug, Clone, Default)]
 struct UsedRegions {
     is_used: Vec<bool>,
@@ -54,14 +54,14 @@ impl Rejections {
         self.list.clear();
     }
 
-    /// Adds a candidate of a team, or what stands in its place ([`Rejected::BALL`]).
+    /// Adds a region of a team, or of [`Rejected::BALL`] or [`Rejected::UNKNOWN_TEAM`].
     pub fn add(&mut self, team: u32, reason: RejectReason, place: ImagePoint, area_mm2: f64) {
         let (x_px, y_px) = (place.x_px as f32, place.y_px as f32);
         self.list.push((area_mm2, Rejected { team, reason: reason as u32, x_px, y_px }));
     }
 
-    /// Appends what was collected to the message, largest first, and the small fry behind all
-    /// others; what does not fit is dropped.
+    /// Appends the rejections to the message, largest first, those that are too small behind all others, as
+    /// far as there is room.
     pub fn write(&mut self, frame: &mut DetectionFrame) {
         self.list.sort_unstable_by(|(a_area, a), (b_area, b)| {
             let is_small = |rejected: &Rejected| rejected.reason == RejectReason::TooSmall as u32;
@@ -82,7 +82,7 @@ impl Rejections {
     }
 }
 
-/// Lists what should have become a robot and did not.
+/// Lists the regions that should have become a robot and did not.
 pub(crate) fn explain(
     pattern: &Pattern,
     pairing: &Pairing,
@@ -110,31 +110,36 @@ fn explain_team_patches(
         let (class, top) = (pattern.team_class(team), first_top(pattern, team));
         let worth_listing =
             WORTH_LISTING * pattern.limits.min_area_ratio * least_team_patch_mm2(pattern, team);
-        for spot in pairing.finder.spots_of(top, class) {
-            if spot.measure.area_mm2 < worth_listing
-                || unknown.use_region(spot.region)
-                || faint.covers(pattern, spot.measure.position)
+        for measured in pairing.finder.measured_of(top, class) {
+            if measured.measure.area_mm2 < worth_listing
+                || unknown.use_region(measured.region)
+                || faint.covers(pattern, measured.measure.position)
             {
                 continue;
             }
-            let reason = match reason(pattern, pairing, used, team, spot) {
-                // There may be a robot so blurred that its patches have no pixels of their own.
+            let reason = match reason(pattern, pairing, used, team, measured) {
+                // A blurred robot may be there.
                 Some(RejectReason::NoIdentificationPatch | RejectReason::TooSmall)
-                    if faint.has_skipped(spot.region) =>
+                    if faint.has_skipped(measured.region) =>
                 {
                     Some(RejectReason::NotLookedAt)
                 }
                 reason => reason,
             };
             if let Some(reason) = reason {
-                rejections.add(team as u32, reason, spot.measure.image, spot.measure.area_mm2);
+                rejections.add(
+                    team as u32,
+                    reason,
+                    measured.measure.image,
+                    measured.measure.area_mm2,
+                );
             }
         }
     }
 }
 
-/// Lists every identification patch of the right size that is in no robot and has no region of a
-/// team's colour beside it: whoever wears it is not seen, because his team's colour is not.
+/// Lists every identification patch of the right size that is in no robot and has no region of a team's
+/// colour near it: the robot is not found because its team's colour is not.
 fn explain_lonely_patches(
     pattern: &Pattern,
     pairing: &Pairing,
@@ -143,41 +148,43 @@ fn explain_lonely_patches(
     rejections: &mut Rejections,
 ) {
     let is_of_team = |class: u32| Team::ALL.iter().any(|&team| pattern.team_class(team) == class);
-    // Where teams have different heights, each patch is off by the same little.
+    // Where teams have different heights, the error of each place is small.
     let top = first_top(pattern, Team::Yellow);
-    // However small: a bad team patch is listed with a reason of its own.
+    // Regions of any size: a bad team patch is listed with a reason of its own.
     let team_spots = || {
-        let of = |team| pairing.finder.spots_of(top, pattern.team_class(team)).iter();
+        let of = |team| pairing.finder.measured_of(top, pattern.team_class(team)).iter();
         Team::ALL.into_iter().flat_map(of)
     };
-    for spot in pairing.finder.spots(top) {
-        if spot.outside
-            || is_of_team(spot.class)
-            || used.contain(spot.region)
-            || faint.covers(pattern, spot.measure.position)
+    for measured in pairing.finder.measured_on(top) {
+        if measured.outside
+            || is_of_team(measured.class)
+            || used.contain(measured.region)
+            || faint.covers(pattern, measured.measure.position)
         {
             continue;
         }
         let could_be = pattern.kinds.iter().filter(|kind| {
             let patch = pattern.patch_of_kind(kind);
             kind.team.is_none()
-                && kind.class == spot.class
-                && pattern.limits.admit_area(spot.measure.area_mm2 / patch.area_mm2)
-                && spot.measure.is_shaped_like(patch)
+                && kind.class == measured.class
+                && pattern.limits.admit_area(measured.measure.area_mm2 / patch.area_mm2)
+                && measured.measure.is_shaped_like(patch)
         });
         let farthest = could_be.map(|kind| reach_mm(pattern, kind)).reduce(f64::max);
         let is_lonely = farthest.is_some_and(|farthest| {
-            let distance = |team: &Spot| distance_mm(team.measure.position, spot.measure.position);
+            let distance = |team: &MeasuredRegion| {
+                distance_mm(team.measure.position, measured.measure.position)
+            };
             team_spots().all(|team| distance(team) > farthest)
         });
         if is_lonely {
-            let (reason, measure) = (RejectReason::NoTeamPatch, &spot.measure);
+            let (reason, measure) = (RejectReason::NoTeamPatch, &measured.measure);
             rejections.add(Rejected::UNKNOWN_TEAM, reason, measure.image, measure.area_mm2);
         }
     }
 }
 
-/// The top by whose height a team's regions are judged: that of its first kind.
+/// The top of a team's first kind, whose height is used for all regions of the team.
 fn first_top(pattern: &Pattern, team: Team) -> &Top {
     pattern.top_of_kind(&pattern.kinds[pattern.team_kinds(team)[0]])
 }
@@ -194,18 +201,18 @@ fn reach_mm(pattern: &Pattern, kind: &Kind) -> f64 {
     top.distance_mm(kind.patch, top.team_patch) + pattern.limits.patch_tolerance_mm
 }
 
-/// Why a region of a team's colour is not in a robot; `None` if it is.
+/// The reason why a region of a team's colour is not in a robot; `None` if it is in one.
 fn reason(
     pattern: &Pattern,
     pairing: &Pairing,
     used: &UsedRegions,
     team: Team,
-    spot: &Spot,
+    measured: &MeasuredRegion,
 ) -> Option<RejectReason> {
-    if used.contain(spot.region) {
+    if used.contain(measured.region) {
         return None;
     }
-    if spot.outside {
+    if measured.outside {
         return Some(RejectReason::OutsideField);
     }
     let candidates = || {
@@ -214,38 +221,41 @@ fn reason(
             pairing.finder.of_kind(kind).iter().enumerate().map(move |c| (kind, c))
         })
     };
-    let fates = candidates()
-        .filter(|(_, (_, candidate))| candidate.uses_region(spot.region))
-        .map(|(kind, (index, _))| pairing.fate(kind, index));
-    let fate = fates.reduce(Fate::better);
-    let Some(fate) = fate else {
+    let results = candidates()
+        .filter(|(_, (_, candidate))| candidate.uses_region(measured.region))
+        .map(|(kind, (index, _))| pairing.result(kind, index));
+    let result = results.reduce(SearchResult::better);
+    let Some(result) = result else {
         let team_kinds = pattern.team_kinds(team).iter().map(|&kind| &pattern.kinds[kind]);
         let expected_mm2 = team_kinds.map(|kind| pattern.patch_of_kind(kind).area_mm2);
         let most_mm2 = pattern.limits.max_area_ratio * expected_mm2.fold(0.0, f64::max);
-        let too_large = spot.measure.area_mm2 > most_mm2;
-        // Neither can be a string of many pixels: too narrow is too small.
+        let too_large = measured.measure.area_mm2 > most_mm2;
+        // A region of the right area but too narrow counts as too small.
         return Some(if too_large { RejectReason::TooLarge } else { RejectReason::TooSmall });
     };
 
     let least_distance = TEAM_PATCH_DISTANCE * first_top(pattern, team).team_patch_size_mm();
     let too_close = candidates().any(|(_, (_, other))| {
-        !other.uses_region(spot.region)
-            && distance_mm(other.measure.position, spot.measure.position) < least_distance
-            && (other.measure.area_mm2 > spot.measure.area_mm2 || used.contain(other.seed().region))
+        !other.uses_region(measured.region)
+            && distance_mm(other.measure.position, measured.measure.position) < least_distance
+            && (other.measure.area_mm2 > measured.measure.area_mm2
+                || used.contain(other.seed().region))
     });
     if too_close {
         return Some(RejectReason::TooCloseToTeamPatch);
     }
-    if fate.is_unasked {
+    if result.is_unasked {
         return Some(RejectReason::NotLookedAt);
     }
-    if fate.is_cut {
+    if result.is_cut {
         return Some(RejectReason::SearchCut);
     }
-    Some(match fate.outcome {
+    Some(match result.outcome {
         Outcome::Complete => RejectReason::TakenByAnother,
         Outcome::Outside => RejectReason::OutsideField,
-        Outcome::Incomplete if unused_identification_near(pattern, pairing, used, team, spot) => {
+        Outcome::Incomplete
+            if unused_identification_near(pattern, pairing, used, team, measured) =>
+        {
             RejectReason::LayoutMismatch
         }
         Outcome::Incomplete => RejectReason::NoIdentificationPatch,
@@ -259,7 +269,7 @@ fn unused_identification_near(
     pairing: &Pairing,
     used: &UsedRegions,
     team: Team,
-    spot: &Spot,
+    measured: &MeasuredRegion,
 ) -> bool {
     let is_worn = |kind: usize| {
         let identities = &pattern.identities;
@@ -271,7 +281,7 @@ fn unused_identification_near(
             && is_worn(index)
             && pairing.finder.of_kind(index).iter().any(|candidate| {
                 !used.contain(candidate.seed().region)
-                    && distance_mm(candidate.measure.position, spot.measure.position) <= reach
+                    && distance_mm(candidate.measure.position, measured.measure.position) <= reach
             })
     })
 }
@@ -283,7 +293,7 @@ mod tests {
     use common::messages::MAX_REJECTED;
 
     #[test]
-    fn the_small_fry_goes_first_when_the_list_is_full() {
+    fn regions_that_are_too_small_are_dropped_first_when_the_list_is_full() {
         let mut rejections = Rejections::default();
         for index in 0..MAX_REJECTED {
             let place = ImagePoint::new(index as f64, 0.0);

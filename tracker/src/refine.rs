@@ -1,6 +1,10 @@
-//! What has been found, measured once more in the raw picture; and how sure each measurement is.
+//! Refinement: robots and balls measured in the raw picture, with a covariance.
+//!
+//! Robots are fitted by their edges ([`edge_fit`](crate::edge_fit)), balls by their rim
+//! ([`ball_fit`](crate::ball_fit)). Where a fit fails, pose or place stay those of the regions, with a
+//! covariance that follows from how they were found.
 
-use crate::ball::Shows;
+use crate::ball::Visible;
 use crate::ball_fit::{BallFitter, Start};
 use crate::edge_fit::{Deviations, EdgeFitter, Fitted};
 use crate::edges::EdgeMap;
@@ -16,31 +20,30 @@ use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::layout::topmost_patch;
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, Team};
 
-/// A centroid of so many pixels of a class is off by this over the root of their number, 1σ in
-/// pixels.
+/// Sigma of a patch's centroid, px, times the root of the number of its pixels.
 const CENTROID_NOISE_PX: f64 = 0.7;
-/// A pose by agreement is off by this, 1σ in pixels, and its patches turned by as much.
+/// Sigma of a pose by agreement, px; that of its heading is as much at the patches.
 const AGREEMENT_NOISE_PX: f64 = 0.5;
-/// The edges of a region that is more than a patch were guessed.
+/// Factor on the sigma of a region that is larger than a patch: its border with the rest was estimated.
 const MERGED_FACTOR: f64 = 3.0;
-/// A region of more than so many patches' area is more than a patch.
+/// Area in patches from which a region counts as larger than a patch.
 const MERGED_AREA_RATIO: f64 = 1.5;
-/// By how much more uncertain than it is the pose that the fit begins with is said to be: it has
-/// been made of the same pixels.
+/// Inflates the start pose's sigma: it was measured from the same pixels.
 const START_FACTOR: f64 = 2.0;
-/// A ball may lie so far from where its regions put it, and a fit begins as uncertain as that at least.
+/// Largest distance of a fitted ball from its start, and least sigma of the start.
 const BALL_REACH_PX: f64 = 1.4;
 const BALL_START_PX: f64 = 0.6;
-/// A ball whose place its colour tells as surely as this, 1σ, shows three quarters of its rim.
+/// Sigma of a ball's place by its colour, below which about three quarters of its rim are visible.
 const BALL_WELL_SEEN_PX: f64 = 0.46;
-/// The rest of a ball is looked for within so many radii of where it seems to be.
+/// Radius around a partial ball within which the rest of it is searched by its tinge, in ball radii.
 const TINGE_RADII: f64 = 1.8;
-/// A rim that leaves so much more of the ball's outline outside than the one it began with is another's.
+/// Largest increase of the outline's share outside the ball during a fit; beyond it the rim is another's.
 const MORE_OUTSIDE: f64 = 0.08;
-/// A ball whose rim cannot be measured is as far off as light from a side may put it, in radii, 1σ.
+/// Sigma of a ball whose rim cannot be measured, in radii: light from a side moves the centroid of its
+/// colour.
 const BALL_UNMEASURED: f64 = 0.05;
 
-/// Measures robots and balls again.
+/// Refines robots and balls.
 #[derive(Debug, Clone)]
 pub(crate) struct Refiner {
     /// One for each top of the pattern.
@@ -52,7 +55,7 @@ pub(crate) struct Refiner {
     ball_height_mm: f64,
 }
 
-/// The edges of a top, and what its patches' centroids say.
+/// The edges of a top, and the weights of its patches' centroids.
 #[derive(Debug, Clone)]
 struct TopEdges {
     fitter: EdgeFitter,
@@ -60,11 +63,11 @@ struct TopEdges {
     patches: Vec<Patch>,
 }
 
-/// What a patch's centroid says of the pose.
+/// A patch in the fit of a pose to centroids.
 #[derive(Debug, Clone, Copy)]
 struct Patch {
     area_mm2: f64,
-    /// From the centroid of all patches.
+    /// Distance from the centroid of all patches.
     lever_mm: f64,
 }
 
@@ -94,8 +97,8 @@ impl Refiner {
         }
     }
 
-    /// Measures the robots of `seen` by their edges in `frame`, where they can be, looking first where
-    /// they are `expected`, which also names their top; gives all of them their covariance.
+    /// Fits the robots of `seen` to their edges in `frame`, and gives all of them a covariance. `expected`
+    /// returns a robot's top and the pose at which the fit begins.
     pub fn refine_robots(
         &mut self,
         camera: &CameraModel,
@@ -135,16 +138,16 @@ impl Refiner {
         }
     }
 
-    /// Measures the balls of `seen` by their rims, likewise; of some only a part shows in
-    /// their colour.
+    /// Fits the balls of `seen` to their rims in `frame`, and gives all of them a covariance. `visible` has
+    /// the part of each that its colour covers.
     pub fn refine_balls(
         &mut self,
         camera: &CameraModel,
         frame: Option<&RawFrame>,
-        shows: impl Iterator<Item = Shows>,
+        visible: impl Iterator<Item = Visible>,
         seen: &mut DetectionFrame,
     ) {
-        for (index, part) in (0..seen.balls().len()).zip(shows) {
+        for (index, part) in (0..seen.balls().len()).zip(visible) {
             let ball = seen.balls()[index];
             let position = FieldPoint::new(f64::from(ball.x_mm), f64::from(ball.y_mm));
             let deviation_mm = f64::from(ball.covariance[0]).sqrt();
@@ -153,7 +156,7 @@ impl Refiner {
             self.silhouette.trace(region.map_or(&[], |region| seen.runs_of(region)));
             let outline_px = self.sphere.radius_mm / mm_per_px;
             let mut begin = position;
-            if let (Shows::Part, Some(frame)) = (part, frame) {
+            if let (Visible::Part, Some(frame)) = (part, frame) {
                 let middle = ImagePoint::new(f64::from(ball.x_px), f64::from(ball.y_px));
                 let reach_px = TINGE_RADII * outline_px;
                 let silhouette = &mut self.silhouette;
@@ -174,11 +177,12 @@ impl Refiner {
                 };
                 let outside = |place| silhouette.outside(&self.sphere, camera, place);
                 ball.fit(camera, frame?, &start, Some(shows)).filter(|fitted| {
-                    part == Shows::All || outside(fitted.position) < outside(place) + MORE_OUTSIDE
+                    part == Visible::All || outside(fitted.position) < outside(place) + MORE_OUTSIDE
                 })
             };
             let mut fitted = fit_from(&mut self.ball, begin);
-            // Something else of the ball's tinge may have led astray; most of the rim shows its colour.
+            // Something else may have the ball's tinge. Where most of the rim has the ball's colour, fits
+            // from that.
             if fitted.is_none() && deviation_mm < BALL_WELL_SEEN_PX * mm_per_px {
                 begin = position;
                 fitted = fit_from(&mut self.ball, begin);
@@ -236,7 +240,7 @@ impl TopEdges {
         }
     }
 
-    /// How uncertain a pose is that was fitted to the centroids of its patches.
+    /// Sigma of a pose by centroids, or by agreement.
     fn deviations(
         &self,
         camera: &CameraModel,
@@ -247,7 +251,7 @@ impl TopEdges {
         let mm_per_px = mm_per_px(camera, position, self.height_mm);
         let is_missing = |region: &u32| *region as usize >= regions.len();
         if robot.patch_regions[..self.patches.len()].iter().any(is_missing) {
-            // Not of centroids, but laid over broken patches where most pixels agree.
+            // A pose by agreement.
             let position_mm = AGREEMENT_NOISE_PX * mm_per_px;
             let reach = self.patches.iter().map(|patch| patch.lever_mm).fold(1.0, f64::max);
             return Deviations { position_mm, heading_rad: (position_mm / reach).min(1.0) };

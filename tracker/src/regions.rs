@@ -1,38 +1,41 @@
-//! From runs to regions: the segmentation of section 5 of the paper, on runs instead of pixels.
+//! Region merging: the segmentation of section 5 of the paper, on runs instead of pixels.
 //!
-//! Runs come sorted by row and column. Two fingers, one on the row above and one on the current
-//! row, move right together and find every pair of runs that share a column; pairs of the same
-//! class belong to one region (4-connectivity: a pixel looks at its upper and its left neighbour,
-//! as in Fig. 6). Regions that turn out to be one are joined in a union-find forest, always to the
-//! one whose first run comes first. So a parent stands before its children, and once all rows are
-//! done a single pass from front to back numbers the regions and counts their pixels and runs; another
-//! one sorts the runs by region. What is too small is noise; of the rest each region's runs, now side by
-//! side, are summed up. Every run is looked at a constant number of times, and no pixel is looked at at
-//! all.
+//! Runs come sorted by row and column. Two indices, one in the row above and one in the current row, move
+//! right together and find every pair of runs that share a column; pairs of one class belong to one region
+//! (4-connectivity: a pixel is compared with its upper and its left neighbour, as in Fig. 6). Regions that
+//! turn out to be one are joined in a union-find forest, always to the one whose first run comes first. So a
+//! parent stands before its children, and after the last row
 //!
-//! Where the next run lies nobody can guess, and a wrong guess of the processor costs more than all the
-//! rest. So there are few branches: row and column are compared as one number, the upper finger takes its
-//! first two steps without one, and whether a run joins anything is asked once, of the first two runs
-//! above it together.
+//! 1. one pass from front to back numbers the regions and counts their pixels and runs,
+//! 2. regions below the least size are dropped,
+//! 3. one pass sorts the runs by region, and
+//! 4. one pass sums up each region's runs.
 //!
-//! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing
-//! is relabelled here, so which way round does not matter for the result.
+//! The time is linear in the runs; pixels are not visited.
+//!
+//! A processor cannot predict the place of the next run, and a mispredicted branch costs more than the rest
+//! of the work. So there are few branches: row and column are compared as one number, the upper index takes
+//! its first two steps without a branch, and one branch decides for the first two runs above together whether
+//! a run joins any.
+//!
+//! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing is
+//! relabelled here, so the direction does not matter for the result.
 
 use bytemuck::{Zeroable, zeroed_box};
 use common::messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
 use std::cmp::Reverse;
 
-/// Finds the regions of a picture. Keeps its tables from frame to frame to spare the allocator.
+/// Finds the regions of a picture, reusing its tables.
 #[derive(Debug)]
 pub struct RegionFinder {
     width: u32,
     height: u32,
     class_count: u32,
     min_region_px: u32,
-    /// The usable runs, in the order given, and how many.
+    /// The valid runs in their order.
     runs: Box<ByRun<Run>>,
     run_count: usize,
-    /// Where they are, for those a row below, and [`NOWHERE`] behind the last one.
+    /// Span of each valid run, shifted to the row below, and [`NOWHERE`] after the last one.
     spans: Box<ByRun<Span>>,
     forest: Forest,
     /// For each run, the number of its region among all.
@@ -40,19 +43,19 @@ pub struct RegionFinder {
     /// All regions, by their first run.
     regions: Box<ByRun<Count>>,
     region_count: usize,
-    /// Numbers of those to publish.
+    /// Numbers of the regions that are published.
     kept: Vec<u16>,
     by_size: Vec<(Reverse<u32>, u32)>,
 }
 
-/// Something for each run. So long that an index of 16 bits is never beyond it and need not be checked;
-/// what is not used takes no memory.
+/// A value for each run. Its length makes bounds checks of 16-bit indices unnecessary; unused pages take no
+/// memory.
 type ByRun<T> = [T; 1 << 16];
 const _: () = assert!(MAX_RUNS < 1 << 16);
 
-/// What a run covers, its row and columns as [`place`]s.
+/// The pixels of a run, as [`place`]s.
 #[derive(Debug, Clone, Copy, Zeroable)]
-// A power of two: where one is, is then a shift.
+// 16 bytes, so that an address is a shift of the index.
 #[repr(align(16))]
 struct Span {
     begin: u32,
@@ -60,23 +63,23 @@ struct Span {
     class: u32,
 }
 
-/// A union-find forest over runs: for each run, one of its region that stands before it, or itself if
-/// it is the first.
+/// A union-find forest over runs: the parent of each run is an earlier run of its region, or the run itself
+/// if it is the first.
 #[derive(Debug)]
 struct Forest(Box<ByRun<u16>>);
 
-/// How large a region is.
+/// Pixels and runs of a region.
 #[derive(Debug, Clone, Copy, Default, Zeroable)]
 struct Count {
     pixels: u32,
     runs: u16,
-    /// Where its next run goes.
+    /// Index of its next run in the message.
     next_run: u16,
 }
 
-/// Behind everything.
+/// A span after all others.
 const NOWHERE: Span = Span { begin: u32::MAX, end: u32::MAX, class: u32::MAX };
-/// From a place to the one below it.
+/// Difference between a place and the one below it.
 const ROW: u32 = 1 << 16;
 
 /// Row and column as one number, in the order of pixels.
@@ -85,7 +88,7 @@ fn place(row: u16, column: u16) -> u32 {
 }
 
 impl RegionFinder {
-    /// For pictures of `width` × `height` pixels, at most 65,535 each way, and classes below
+    /// A finder for pictures of `width` × `height` pixels, at most 65,535 each way, and classes below
     /// `class_count`. Regions of fewer than `min_region_px` pixels are noise and not published.
     pub fn new(width: u32, height: u32, class_count: u32, min_region_px: u32) -> Self {
         Self {
@@ -112,10 +115,9 @@ impl RegionFinder {
     /// than [`MAX_REGIONS`] remain, the smallest are left out too, of equals the later ones, and
     /// [`DetectionFrame::REGIONS_OVERFLOW`] is set.
     ///
-    /// Runs are outside input. Empty and inverted ones, those beyond the picture or of an unknown
-    /// class, and those that begin before the end of the run to their left are skipped; a row that
-    /// does not follow the one before it starts afresh, connected to nothing; what exceeds
-    /// [`MAX_RUNS`] is not looked at.
+    /// Runs are outside input. Skipped are empty and inverted ones, those beyond the picture or of an unknown
+    /// class, those that begin before the end of the run to their left, and those beyond [`MAX_RUNS`]. A row
+    /// that is above the one before it begins anew, connected to nothing.
     pub fn find(&mut self, runs: &[Run], out: &mut DetectionFrame) {
         self.connect(&runs[..runs.len().min(MAX_RUNS)]);
         self.count();
@@ -123,12 +125,12 @@ impl RegionFinder {
         self.publish(out);
     }
 
-    /// Takes over the usable runs and leads each to an earlier one of its region.
+    /// Takes over the valid runs, and builds the forest.
     fn connect(&mut self, runs: &[Run]) {
         let (width, height, class_count) = (self.width, self.height, self.class_count);
         let Self { runs: taken, spans, forest, .. } = self;
         let at = usize::from;
-        let (mut here, mut finger) = (0u16, 0u16);
+        let (mut here, mut above) = (0u16, 0u16);
         let mut last = Span { begin: 0, end: 0, class: u32::MAX };
         for &run in runs {
             let is_valid = (run.begin < run.end)
@@ -145,29 +147,29 @@ impl RegionFinder {
                 if overlaps_last {
                     continue;
                 }
-                // An earlier row: nothing so far lies above it.
-                finger = here;
+                // An earlier row: no run so far lies above it.
+                above = here;
             }
-            // A classifier has no reason to cut a run in two, but nothing forbids it.
+            // Adjacent runs of one class: the message format does not forbid them.
             let is_cut = (begin == last.end) & (class == last.class);
             last = Span { begin, end, class };
             taken[at(here)] = Run { reserved: 0, ..run };
             spans[at(here)] = Span { begin: begin + ROW, end: end + ROW, class };
             spans[at(here + 1)] = NOWHERE;
 
-            // Mostly it is two steps or fewer.
+            // Mostly there are at most two steps.
             let is_past = |upper: u16| spans[at(upper)].end <= begin;
-            finger += u16::from(is_past(finger)) + u16::from(is_past(finger + 1));
-            while is_past(finger) {
-                finger += 1;
+            above += u16::from(is_past(above)) + u16::from(is_past(above + 1));
+            while is_past(above) {
+                above += 1;
             }
             let overlaps = |upper: u16| spans[at(upper)].begin < end;
             let is_same = |upper: u16| spans[at(upper)].class == class;
             let mut node = here - u16::from(is_cut);
             forest.0[at(here)] = node;
-            if overlaps(finger) & is_same(finger) | overlaps(finger + 1) {
-                // The last run that overlaps may also overlap the next one: the finger stays.
-                let mut upper = finger;
+            if overlaps(above) & is_same(above) | overlaps(above + 1) {
+                // `above` stays: the last run that overlaps may also overlap the next run of this row.
+                let mut upper = above;
                 while overlaps(upper) {
                     if is_same(upper) {
                         let root = forest.root(upper);
@@ -182,12 +184,12 @@ impl RegionFinder {
         self.run_count = at(here);
     }
 
-    /// Numbers the regions and counts what they have.
+    /// Numbers the regions, and counts their pixels and runs.
     fn count(&mut self) {
         let Self { runs, forest, numbers, regions, .. } = self;
         let mut count = 0u16;
         for (node, run) in (0u16..).zip(&runs[..self.run_count]) {
-            // It stands before its child and has its number, which is that of the root.
+            // The parent comes first, so it already has the number of the region.
             let parent = forest.0[usize::from(node)];
             let is_first = parent == node;
             let number = if is_first { count } else { numbers[usize::from(parent)] };
@@ -201,7 +203,7 @@ impl RegionFinder {
         self.region_count = count.into();
     }
 
-    /// Decides which regions are published and in which order, and where their runs go.
+    /// Chooses the regions that are published, and the places of their runs in the message.
     fn select(&mut self, out: &mut DetectionFrame) {
         let Self { regions, kept, by_size, .. } = self;
         let regions = &mut regions[..self.region_count];
@@ -225,7 +227,7 @@ impl RegionFinder {
         }
         let run_count: u32 =
             kept.iter().map(|&number| u32::from(regions[usize::from(number)].runs)).sum();
-        // Runs of regions that are not published go behind all others, over each other: no branch.
+        // Runs of other regions are written behind all others, over each other, which spares a branch.
         for region in &mut *regions {
             region.next_run = run_count as u16;
         }
@@ -238,7 +240,7 @@ impl RegionFinder {
         (out.region_count, out.run_count) = (kept.len() as u32, run_count);
     }
 
-    /// Sorts the runs into their regions, sums those up, and writes them.
+    /// Writes the runs sorted by region, and the regions.
     fn publish(&mut self, out: &mut DetectionFrame) {
         let Self { runs, numbers, regions, .. } = self;
         for (&run, &number) in runs[..self.run_count].iter().zip(&numbers[..]) {
@@ -256,14 +258,14 @@ impl RegionFinder {
     }
 }
 
-/// The region of these runs, of which there is at least one, from top to bottom.
+/// The region of these runs, at least one, from top to bottom.
 fn summed_up(runs: &[Run], pixel_count: u32, first_run: usize) -> Region {
     let (mut double_x, mut y) = (0, 0);
     let (mut left, mut right) = (u16::MAX, 0);
     for run in runs {
         let (row, begin, end) = (u64::from(run.row), u64::from(run.begin), u64::from(run.end));
         let pixels = end - begin;
-        // First and last column times the number of columns: always even.
+        // Twice the sum of the columns: (first + last)·number.
         double_x += (begin + end - 1) * pixels;
         y += row * pixels;
         left = left.min(run.begin);
@@ -286,7 +288,7 @@ fn summed_up(runs: &[Run], pixel_count: u32, first_run: usize) -> Region {
 }
 
 impl Forest {
-    /// Makes the trees of two runs one; returns its root.
+    /// Joins the trees of two runs; returns the root.
     fn join(&mut self, a: u16, b: u16) -> u16 {
         let (a, b) = (self.root(a), self.root(b));
         let first = a.min(b);
@@ -294,7 +296,7 @@ impl Forest {
         first
     }
 
-    /// The root of a run's tree; halves the path on its way.
+    /// The root of a run's tree, with path halving.
     fn root(&mut self, mut node: u16) -> u16 {
         loop {
             let parent = self.0[usize::from(node)];

@@ -1,14 +1,19 @@
-//! Robots whose patches are in too bad a state to be paired: what the pixels themselves say.
+//! Second opinions: robots whose patches are in too bad a state to be paired, identified by their pixels.
 //!
-//! Where a team patch found no robot that fits it well, its shape (or what was paired with it)
-//! says where the robot must be; the pose is then fitted to all pixels around it
-//! ([`agreement`](crate::agreement)), first to those of any identification colour, and then each robot
-//! of the team is asked how well it agrees. That needs no whole region of any colour, so it also names
-//! robots whose patches are half dark, cut in pieces or grown together. Of robots that agree about
-//! equally well, the assignment may choose; all others are ruled out, since a wrong name is worse than
-//! none.
+//! ```text
+//! for a team patch without a hypothesis that fits well:
+//!     starts = poses that the patch's shape allows, and poses paired with it
+//!     any    = pose of best agreement from the best start, every patch accepting the colours of all robots
+//!     for each robot of the team that agrees about as well as the best at one of the starts or at any:
+//!         pose = pose of best agreement from there, with the robot's own colours
+//!     robots = those that agree within AMBIGUITY of the best, unless another colour contradicts them
+//! ```
+//!
+//! [`agreement`](crate::agreement) has the measure. No whole region of any colour is needed, so robots whose
+//! patches are half dark, cut in pieces or grown together are identified too. Among robots that agree about
+//! equally well the assignment chooses; all others are ruled out, since a wrong name is worse than none.
 
-use crate::agreement::{Accepted, Cover, Surroundings};
+use crate::agreement::{Accepted, Coverage, NearbyPixels};
 use crate::class_index::ClassIndex;
 use crate::footprint;
 use crate::measure::Measure;
@@ -17,24 +22,24 @@ use crate::pattern::{Pattern, Top};
 use common::geometry::Pose;
 use common::messages::{DetectionFrame, MAX_PATCHES};
 
-/// Looks at pixels that second opinions may take in a frame, about a millisecond of them; ten robots of 250
-/// pixels take a tenth. Patches that are not asked about for lack of it are listed with
+/// Most pixel visits of second opinions in a frame, about a millisecond; ten robots of 250 pixels take a
+/// tenth. Patches beyond it are listed with
 /// [`RejectReason::NotLookedAt`](common::messages::RejectReason::NotLookedAt).
 pub(crate) const WORK_PER_FRAME: u64 = 600_000;
-/// A robot that seems to stand so far outside the pitch may still prove to stand on it.
+/// Largest distance of a start outside the pitch: the fitted pose may still lie on it.
 const START_SLACK_MM: f64 = 15.0;
-/// Half of the team patch must agree, after what disagrees has been taken off …
+/// Least agreement of the team patch: about half of it has its colour.
 const MIN_TEAM_AGREEMENT: f32 = 0.3;
-/// … and of the identification patches together so much: one may be too dark to have a colour, if
-/// the others are good.
+/// Least mean agreement of the identification patches: one may be too dark to have a colour if the others are
+/// good.
 const MIN_MEAN_AGREEMENT: f32 = -0.05;
-/// Another colour that fills so much of a patch contradicts the robot that would wear the patch.
+/// Fraction of a patch in another colour that contradicts a robot.
 const CONTRADICTION: f32 = 0.5;
-/// From a pose at which less of the team patch agrees nothing good comes.
+/// Least agreement of the team patch at the best start.
 const MIN_START: f32 = 0.0;
-/// Robots that agree less than the best by this before their own pose is fitted will not overtake it.
+/// Lag of a robot's total agreement behind the best at the starts, from which it is not fitted.
 const WORTH_FITTING: f32 = 0.25;
-/// Robots that agree less than the best by this, over all their patches together, are ruled out.
+/// Lag of a robot's total agreement behind the best after the fit, from which it is ruled out.
 pub(crate) const AMBIGUITY: f32 = 0.15;
 
 /// A robot that the pixels agree with.
@@ -43,24 +48,23 @@ pub(crate) struct Opinion {
     /// Index into the pattern's identities.
     pub identity: usize,
     pub pose: Pose,
-    /// Sum over the patches of what is missing to full agreement, weighted like the sum of a
-    /// hypothesis: 0 is perfect.
+    /// Sum over the patches of 1 − agreement.
     pub misfit: f64,
 }
 
 /// Gives second opinions, reusing its lists.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SecondOpinion {
-    surroundings: Surroundings,
-    /// Poses that were looked at, and what the pixels cover there.
-    seen: Vec<(Pose, Cover)>,
-    /// The robots that the pixels of the team patch asked about last agree with.
+    nearby: NearbyPixels,
+    /// Starts, and the coverage at each.
+    seen: Vec<(Pose, Coverage)>,
+    /// The robots of the last call of [`SecondOpinion::ask`].
     pub opinions: Vec<Opinion>,
 }
 
 impl SecondOpinion {
-    /// Asks the pixels around a team patch of a kind which robot it is. `paired` are poses of robots that
-    /// were paired with it, if any. Returns how many looks at pixels it took.
+    /// Identifies the robot of a team patch of a kind by the pixels around it. `paired` are poses of
+    /// hypotheses with this team patch. Returns the number of pixel visits.
     pub fn ask(
         &mut self,
         scene: &Scene,
@@ -72,10 +76,10 @@ impl SecondOpinion {
     ) -> u64 {
         self.opinions.clear();
         self.form(scene, frame, index, team_kind, team_patch, paired);
-        self.surroundings.take_work()
+        self.nearby.take_work()
     }
 
-    /// Returns early where there is nothing to be seen.
+    /// Fills `opinions`; returns early where nothing agrees.
     fn form(
         &mut self,
         scene: &Scene,
@@ -88,35 +92,37 @@ impl SecondOpinion {
         let pattern = scene.pattern;
         let top = pattern.top_of_kind(&pattern.kinds[team_kind]);
         let shares = &top.shares;
-        let Self { surroundings, seen, opinions } = self;
+        let Self { nearby, seen, opinions } = self;
         seen.clear();
         let by_shape = footprint::poses(&top.patches[top.team_patch], team_patch);
-        // A floor beside the pitch may be full of what looks like team patches.
+        // A floor beside the pitch may be full of regions like team patches.
         let is_inside = |pose: &Pose| scene.pitch.contains(pose.position, START_SLACK_MM);
         if !by_shape.iter().flatten().chain(paired).any(is_inside) {
             return;
         }
-        surroundings.look_at(top, scene.camera, frame, index, team_patch.position);
+        nearby.collect(top, scene.camera, frame, index, team_patch.position);
         let any = accepted_by_any(pattern, team_kind);
         for pose in paired.iter().chain(by_shape.iter().flatten()) {
-            seen.push((*pose, surroundings.cover(shares, pose)));
+            seen.push((*pose, nearby.coverage(shares, pose)));
         }
         let starts = seen.iter().filter(|(pose, _)| is_inside(pose));
-        let starts = starts.map(|(pose, cover)| (cover.total(shares, &any), pose, cover));
-        let Some((_, &start, cover)) = starts.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
+        let starts = starts.map(|(pose, coverage)| (coverage.total(shares, &any), pose, coverage));
+        let Some((_, &start, coverage)) = starts.reduce(|a, b| if b.0 > a.0 { b } else { a })
+        else {
             return;
         };
-        if cover.agreement(shares, &any)[top.team_patch] < MIN_START {
+        if coverage.agreement(shares, &any)[top.team_patch] < MIN_START {
             return;
         }
-        let near = surroundings.best_near(shares, &any, start);
-        // Where the floor has a patch's colour, any pose agrees somehow, and pairing knew better: robots begin
-        // from either.
+        let near = nearby.best_near(shares, &any, start);
+        // Where the floor has a patch's colour, any pose agrees somehow, and the paired poses are better
+        // starts.
         seen.truncate(paired.len());
-        seen.push((near, surroundings.cover(shares, &near)));
+        seen.push((near, nearby.coverage(shares, &near)));
         seen.rotate_right(1);
         let start_of = |accepted: &Accepted| {
-            let starts = seen.iter().map(|(pose, cover)| (cover.total(shares, accepted), *pose));
+            let starts =
+                seen.iter().map(|(pose, coverage)| (coverage.total(shares, accepted), *pose));
             starts.fold((f32::NEG_INFINITY, near), |a, b| if b.0 > a.0 { b } else { a })
         };
         let wearers = || pattern.wearers(team_kind).iter().copied();
@@ -129,20 +135,20 @@ impl SecondOpinion {
             if agreement < at_once - WORTH_FITTING {
                 continue;
             }
-            let pose = surroundings.best_near(shares, &accepted, start);
-            let agreement = surroundings.cover(shares, &pose).agreement(shares, &accepted);
+            let pose = nearby.best_near(shares, &accepted, start);
+            let agreement = nearby.coverage(shares, &pose).agreement(shares, &accepted);
             let agreement = &agreement[..top.patches.len()];
             best = best.max(agreement.iter().sum());
             if !is_believable(top, agreement) {
                 continue;
             }
-            let inside = surroundings.cover_inside(shares, &pose).parts(shares, &accepted);
+            let inside = nearby.coverage_inside(shares, &pose).parts(shares, &accepted);
             if !is_contradicted(top, &inside) {
                 let misfit = agreement.iter().map(|&part| 1.0 - f64::from(part)).sum();
                 opinions.push(Opinion { identity, pose, misfit });
             }
         }
-        // Whoever is ruled out may still have been the best: then nobody is sure.
+        // `best` includes robots that were ruled out: if one of them was the best, no other is certain.
         let full = top.patches.len() as f64;
         opinions.retain(|opinion| full - opinion.misfit >= f64::from(best - AMBIGUITY));
     }
@@ -154,8 +160,8 @@ fn is_believable(top: &Top, agreement: &[f32]) -> bool {
     own >= MIN_TEAM_AGREEMENT && mean >= MIN_MEAN_AGREEMENT
 }
 
-/// Whether a patch of another colour lies where a robot would wear one of its own. One that is missing
-/// says nothing: it may be too dark to have a colour.
+/// Whether another colour fills an identification patch of the robot. A patch without colour does not
+/// contradict: it may be too dark.
 fn is_contradicted(top: &Top, inside: &[[f32; 2]; MAX_PATCHES]) -> bool {
     let patches = inside.iter().enumerate().take(top.patches.len());
     patches
@@ -163,7 +169,7 @@ fn is_contradicted(top: &Top, inside: &[[f32; 2]; MAX_PATCHES]) -> bool {
         .any(|(_, [own, other])| *other >= CONTRADICTION && own < other)
 }
 
-/// The colours of a robot.
+/// For each patch, the class that a robot wears.
 fn accepted_by(pattern: &Pattern, identity: usize) -> Accepted {
     let mut accepted = [0; MAX_PATCHES];
     for (bits, &kind) in accepted.iter_mut().zip(&pattern.identities[identity].kinds) {
@@ -172,7 +178,7 @@ fn accepted_by(pattern: &Pattern, identity: usize) -> Accepted {
     accepted
 }
 
-/// The colours of all robots that wear a team patch of a kind, patch by patch.
+/// For each patch, the classes that any robot with a team patch of a kind wears.
 fn accepted_by_any(pattern: &Pattern, team_kind: usize) -> Accepted {
     let mut accepted = [0; MAX_PATCHES];
     for &identity in pattern.wearers(team_kind) {

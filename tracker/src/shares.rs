@@ -1,46 +1,46 @@
-//! The layout as a table: how much of each patch there is at every point of a robot's top, the rims faded.
+//! Shares: the layout as a table of each patch's share at every point of a robot's top, faded at the rims.
 
 use crate::linear::UPPER;
 use common::config::PatchConfig;
 use common::layout::{reach_mm, topmost_patch};
 use common::messages::MAX_PATCHES;
 
-/// Patch rims fade over this distance (1 σ): demosaicing mixes pixels with their neighbours, and a sum that
-/// changes gradually shows the way to its maximum.
+/// Standard deviation of the fading: demosaicing mixes pixels with their neighbours, and a sum that changes
+/// gradually has a gradient towards its maximum.
 const FADE_MM: f64 = 6.0;
-/// Side of a cell: so small beside the fade that a pixel may take its cell's share as it is.
+/// Side of a cell: small beside the fading, so no interpolation between cells is needed.
 const CELL_MM: f64 = 1.0;
-/// A cell with at least this share of a patch lies inside it, and not where a neighbour's colour begins.
+/// Least share of a patch in the cells of its inside.
 const INSIDE: f32 = 0.5;
-/// Floats in a table's row: one for each patch, and as many more as fill a register.
+/// Floats in a row of the table: one for each patch, padded to a register.
 pub(crate) const ROW: usize = 8;
 const _: () = assert!(MAX_PATCHES <= ROW);
 
 /// One value for each patch; the rest is 0.
 pub(crate) type PatchRow = [f32; ROW];
 
-/// How much of each patch there is at every point of a robot's top.
+/// The share of each patch at every point of a robot's top.
 #[derive(Debug, Clone)]
 pub(crate) struct Shares {
-    /// Half the table's side. Beyond it there is nothing of a patch, nor in the cells at its border.
+    /// Half the table's side. Shares are 0 beyond it and in the cells at its border.
     pub reach_mm: f64,
     columns: usize,
     /// Share of each patch, by cell.
     cells: Vec<PatchRow>,
-    /// Share of a patch, and how it changes per millimetre in x and in y: patch by patch, by cell.
+    /// Share of a patch and its derivatives by x and y per millimetre: patch by patch, by cell.
     slopes: Vec<[f32; 4]>,
     /// For each patch, the sum of its shares in square millimetres.
     pub areas_mm2: PatchRow,
-    /// For each patch, the area of the cells well inside it, see [`INSIDE`].
+    /// For each patch, the area of the cells inside it, see [`INSIDE`].
     pub insides_mm2: PatchRow,
-    /// Second derivatives of the sum over a whole robot at its own pose, negative, in square millimetres:
-    /// upper triangle for steps in x, y (mm) and heading (rad), all in the robot's frame.
+    /// Negative second derivatives, by steps in x, y (mm) and heading (rad) in the robot's frame, of the sum
+    /// over a whole robot at its own pose, in square millimetres; as an upper triangle.
     pub curvature: [f64; 6],
 }
 
 impl Shares {
     pub fn new(patches: &[PatchConfig]) -> Self {
-        // A ring of cells without shares all around.
+        // Leaves room for a border of cells without shares.
         let reach_mm = reach_mm(patches) + 2.0 * FADE_MM + CELL_MM;
         let columns = ((2.0 * reach_mm / CELL_MM).ceil() as usize).max(3) + 2;
         let reach_mm = columns as f64 * CELL_MM / 2.0;
@@ -81,15 +81,16 @@ impl Shares {
         Self { reach_mm, columns, cells, slopes, areas_mm2, insides_mm2, curvature }
     }
 
-    /// Index of the cell in which a point of the robot's frame lies; a cell without shares for a point outside.
+    /// Index of the cell in which a point of the robot's frame lies; a cell without shares for a point
+    /// outside.
     #[inline(always)]
     pub fn cell_at(&self, x_mm: f32, y_mm: f32) -> u32 {
-        // Added to a small number, this leaves its nearest whole one in the lowest bits: a conversion that a
-        // processor can do for many numbers at once, other than the language's own.
+        // Adding 2²³ rounds to the nearest whole number and leaves it in the lowest bits: a conversion that
+        // vector instructions have, other than the language's saturating one.
         const WHOLE_BITS: f32 = (1 << 23) as f32;
         let middle = (self.columns as f32 - 1.0) / 2.0;
         let last = (self.columns - 1) as f32;
-        // `max` makes NaN 0.
+        // `max` turns NaN into 0.
         let index = |at_mm: f32| {
             let place = (at_mm * (1.0 / CELL_MM as f32) + middle).max(0.0).min(last);
             (place + WHOLE_BITS).to_bits() & ((1 << 23) - 1)
@@ -103,29 +104,28 @@ impl Shares {
         &self.cells
     }
 
-    /// Share of a patch, and its change per millimetre in x and y, by cell.
+    /// Share of a patch and its derivatives by x and y, by cell.
     #[inline(always)]
     pub fn slopes_of(&self, patch: usize) -> &[[f32; 4]] {
         let count = self.columns * self.columns;
         &self.slopes[patch * count..(patch + 1) * count]
     }
 
-    /// Whether a cell lies well inside a patch.
+    /// Whether a cell with this share of a patch lies inside it.
     #[inline(always)]
     pub fn is_inside(share: f32) -> bool {
         share >= INSIDE
     }
 
-    /// Square millimetres that a whole robot's patches agree with at its own pose.
+    /// Sum of all shares in square millimetres: that over a whole robot at its own pose.
     pub fn area_mm2(&self) -> f32 {
         self.areas_mm2.iter().sum()
     }
 }
 
-/// The negative second derivatives of the sum over a robot whose patches are all there, at its pose.
-/// The sum is the correlation of its patches with the patches faded. That is the correlation of the
-/// patches faded half as much (in variance) with themselves, so its second derivatives are products of
-/// their slopes.
+/// [`Shares::curvature`]. The sum over a robot is the correlation of its sharp patches with the faded ones.
+/// That equals the autocorrelation of patches faded by half the variance, so the negative second derivatives
+/// at 0 are sums of products of the slopes of these.
 fn curvature(
     mut shares: Vec<[f32; MAX_PATCHES]>,
     columns: usize,
@@ -135,7 +135,7 @@ fn curvature(
     let mut sums = [0.0; 6];
     for (row, column) in (1..columns - 1).flat_map(|row| (1..columns - 1).map(move |c| (row, c))) {
         let cell = row * columns + column;
-        // How the share of each patch changes from the cell before to the one behind.
+        // Derivative of each patch's share, by the central difference.
         let between = |step: usize| {
             let pairs = shares[cell - step].iter().zip(&shares[cell + step]);
             pairs.map(|(before, behind)| f64::from(behind - before) / (2.0 * CELL_MM))
@@ -150,7 +150,7 @@ fn curvature(
     sums
 }
 
-/// Blurs shares with a kernel of three boxes, which is as good as a Gaussian.
+/// Blurs shares with three box filters, which is close to a Gaussian.
 fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
     // A box of width w has a variance of (w² − 1)/12 cells²; each takes its part of what is left.
     let mut left = (sigma_mm / CELL_MM).powi(2);

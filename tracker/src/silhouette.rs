@@ -1,11 +1,20 @@
-//! A circle of known size in the outline of a region: where a ball lies of which a part is hidden, or too dark
-//! for its colour.
+//! Silhouette: a circle of known size in the outline of a region, which locates a ball that is partly hidden
+//! or partly too dark for its colour.
 //!
-//! What is seen of such a ball ends in part at its rim, and in part at whatever hides it or where its colour
-//! ends; its centroid says little. Any three points of the rim tell its place. Each place is asked how much of
-//! the outline lies on its circle, and how much outside, where nothing of a ball can be; the best one is
-//! improved by least squares over the points on it. The colour may end a little before the rim, so circles may
-//! be smaller than the ball. Edges of robots are straight or bent the other way, and find no such circle.
+//! The visible part of such a ball ends at its rim on one side, and at what hides it or at the limit of its
+//! colour on the other, so its centroid says little. But any three points of the rim determine its place
+//! (random sample consensus: Fischler and Bolles, 1981):
+//!
+//! ```text
+//! TRIALS times: circle through three points of the outline; skip it if its radius is not a ball's
+//!               score = Σ over all points, d = signed distance from the circle / tolerance:
+//!                       1 − d² on the circle (|d| < 1), −1 outside (d > 1), 0 inside
+//! three Gauss–Newton steps from the best circle, over the points on it, with a prior of the radius
+//! ```
+//!
+//! Points outside count against a circle because nothing of a ball can be there. The colour may end a little
+//! before the rim, so circles may be smaller than the ball. Edges of robots are straight or concave, and fit
+//! no such circle.
 
 use crate::linear::{inverse, times};
 use crate::local_map::{LocalMap, mm_per_px};
@@ -13,52 +22,53 @@ use crate::sphere::{Outline, Sphere};
 use common::geometry::{CameraModel, FieldPoint, Pose};
 use common::messages::Run;
 
-/// A point counts as on the circle from so far off it, in radii and in pixels, whichever is more.
+/// Tolerance of points on the circle: the larger of these, in radii and in pixels.
 const ON_RIM: f64 = 0.07;
 const ON_RIM_PX: f64 = 0.55;
-/// Radii of the circles that count, as parts of the ball's.
+/// Admitted radii of circles, as multiples of the ball's.
 const RADII: std::ops::Range<f64> = 0.7..1.2;
-/// A pixel's middle so far beyond a ball's rim shows nothing of it.
+/// Distance from a ball's rim beyond which a pixel shows nothing of it.
 const CLEARLY_PX: f64 = 1.8;
-/// Points so near each other tell nothing of a circle; in radii.
+/// Least distance between the three points of a circle, in radii.
 const APART: f64 = 0.6;
-/// Most points that are tried.
+/// Most points of the outline that are used.
 const MOST_POINTS: usize = 48;
-/// So many times three of them.
+/// Triples of points that are tried.
 const TRIALS: u32 = 160;
-/// Parts of the rim that are told apart when it is asked how much of it is seen.
+/// Sectors of the rim, by which its visible share is measured.
 const SECTORS: usize = 16;
 
-/// The outer border of a region: from where to where it reaches in each row and column.
+/// The outer border of a region: its extent in each row and column.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Silhouette {
     top: usize,
     left: usize,
-    /// First pixel and the one behind the last, by row from `top`.
+    /// First pixel and end, by row from `top`.
     rows: Vec<[u16; 2]>,
-    /// Likewise by column from `left`.
+    /// First pixel and end, by column from `left`.
     columns: Vec<[u16; 2]>,
 }
 
-/// How large the circle in an outline usually is, as a part of the ball's radius, with its deviation.
+/// Prior of the circle's radius, as a multiple of the ball's: mean and standard deviation.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Usual {
-    radius: f64,
-    spread: f64,
+pub(crate) struct RadiusPrior {
+    mean: f64,
+    sigma: f64,
 }
 
-/// Where the colour's bounds end, which is before the rim.
-pub(crate) const BY_CLASS: Usual = Usual { radius: 0.93, spread: 0.08 };
-/// Where the last of the ball's tinge ends, which is behind it.
-pub(crate) const BY_TINGE: Usual = Usual { radius: 1.05, spread: 0.04 };
+/// Prior for the outline of a colour class, which ends before the rim.
+pub(crate) const BY_CLASS: RadiusPrior = RadiusPrior { mean: 0.93, sigma: 0.08 };
+/// Prior for the outline of the ball's tinge, which ends beyond the rim.
+pub(crate) const BY_TINGE: RadiusPrior = RadiusPrior { mean: 1.05, sigma: 0.04 };
 
-/// A circle of which a part is in the outline, in units of its radius.
+/// A circle in an outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Rim {
+    /// In units of the ball's radius.
     pub center: [f64; 2],
-    /// Share of the circle that is seen.
+    /// Share of the circle that the outline covers.
     pub share: f64,
-    /// Share of the outline's points that lie outside.
+    /// Share of the outline's points that lie outside the circle.
     pub outside: f64,
 }
 
@@ -88,13 +98,14 @@ impl Silhouette {
         }
     }
 
-    /// Whether a pixel lies between the outline's ends in its row; holes count as filled.
+    /// Whether a pixel lies between the outline's ends in its row. Holes count as covered.
     pub fn covers(&self, row: usize, column: usize) -> bool {
         let row = self.rows.get(row.wrapping_sub(self.top));
         row.is_some_and(|[begin, end]| (usize::from(*begin)..usize::from(*end)).contains(&column))
     }
 
-    /// Points of the outline in pixels, one side after the other, so that every second is as good as all.
+    /// Points of the outline in pixels, one side after the other, so that every n-th of them are spread
+    /// evenly.
     fn points(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let rows = |end| ends(&self.rows, end).map(|(row, x)| [x, (self.top + row) as f64]);
         let columns =
@@ -102,25 +113,24 @@ impl Silhouette {
         rows(0).chain(rows(1)).chain(columns(0)).chain(columns(1))
     }
 
-    /// Where a ball lies that ends where the outline does, near `position`, if `usual` is where outlines of its
-    /// kind lie.
+    /// Position of the ball whose rim is in the outline, and the circle. `position` is where it lies roughly.
     pub fn ball(
         &self,
         sphere: &Sphere,
         camera: &CameraModel,
         position: FieldPoint,
-        usual: &Usual,
+        prior: &RadiusPrior,
     ) -> Option<(FieldPoint, Rim)> {
         let outline = sphere.outline(position);
         let pose = Pose { position, orientation: outline.direction };
         let (place, per_px) = into_outline(sphere, camera, &pose, &outline)?;
-        let rim = self.rim(place, per_px, usual)?;
+        let rim = self.rim(place, per_px, prior)?;
         let [along, across] = rim.center;
         let middle = [along * outline.long_mm - outline.beyond_mm, across * outline.short_mm];
         Some((pose.field_from_robot(middle), rim))
     }
 
-    /// Share of the outline's points that lie clearly outside of a ball.
+    /// Share of the outline's points that lie clearly outside a ball.
     pub fn outside(&self, sphere: &Sphere, camera: &CameraModel, position: FieldPoint) -> f64 {
         let outline = sphere.outline(position);
         let pose = Pose { position, orientation: outline.direction };
@@ -140,9 +150,14 @@ impl Silhouette {
         if all > 0.0 { outside / all } else { 1.0 }
     }
 
-    /// The circle that explains the outline best; `place` takes pixels to units of its radius, of which
-    /// `per_px` make a pixel.
-    fn rim(&self, place: impl Fn([f64; 2]) -> [f64; 2], per_px: f64, usual: &Usual) -> Option<Rim> {
+    /// The circle that explains the outline best. `place` takes pixels to units of the ball's radius,
+    /// `per_px` is a pixel in these.
+    fn rim(
+        &self,
+        place: impl Fn([f64; 2]) -> [f64; 2],
+        per_px: f64,
+        prior: &RadiusPrior,
+    ) -> Option<Rim> {
         let all = self.points().count();
         let every = all.div_ceil(MOST_POINTS).max(1);
         let mut points = [[0.0; 2]; MOST_POINTS];
@@ -159,7 +174,7 @@ impl Silhouette {
         let (mut best, mut best_score) = (None, 0.0);
         let mut dice = 1u32;
         for _ in 0..TRIALS {
-            // Any three, the same each time.
+            // A fixed pseudo-random sequence (Numerical Recipes' linear congruential generator).
             let [a, b, c] = [0; 3].map(|_| {
                 dice = dice.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 points[((u64::from(dice) * count as u64) >> 32) as usize]
@@ -172,19 +187,21 @@ impl Silhouette {
         }
         let mut circle = best?;
         for _ in 0..3 {
-            circle = improved(points, &circle, tolerance, usual)?;
+            circle = improved(points, &circle, tolerance, prior)?;
         }
         Some(describe(points, &circle, tolerance))
     }
 }
 
-/// Where spans that are not empty begin, or end.
+/// Borders of the spans that are not empty, with their indices: the first ones (`end` 0) or the last ones
+/// (1).
 fn ends(spans: &[[u16; 2]], end: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
     let are_there = spans.iter().enumerate().filter(|(_, [begin, end])| begin < end);
     are_there.map(move |(index, span)| (index, f64::from(span[end]) - 0.5))
 }
 
-/// Takes pixels into the frame of an outline, in units of its half axes, and says how many make a pixel.
+/// The map from pixels to the frame of an outline, in units of its half axes, and the length of a pixel in
+/// these.
 fn into_outline(
     sphere: &Sphere,
     camera: &CameraModel,
@@ -210,13 +227,13 @@ struct Circle {
 }
 
 impl Circle {
-    /// How far outside of it a point lies.
+    /// Distance of a point from the circle, positive outside.
     fn outside(&self, [x, y]: [f64; 2]) -> f64 {
         ((x - self.center[0]).powi(2) + (y - self.center[1]).powi(2)).sqrt() - self.radius
     }
 }
 
-/// The circle through three points, if it can be a ball's.
+/// The circle through three points, if they are apart and its radius can be a ball's.
 fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<Circle> {
     let [p, q] = [b, c].map(|to| [to[0] - a[0], to[1] - a[1]]);
     let [pp, qq] = [p, q].map(|[x, y]| x * x + y * y);
@@ -231,7 +248,7 @@ fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<Circle> {
     RADII.contains(&radius).then_some(Circle { center: [a[0] + x, a[1] + y], radius })
 }
 
-/// Points on the circle, less those outside.
+/// Score of a circle, as described above.
 fn score(points: &[[f64; 2]], circle: &Circle, tolerance: f64) -> f64 {
     let one = |point: &[f64; 2]| {
         let off = circle.outside(*point) / tolerance;
@@ -240,12 +257,17 @@ fn score(points: &[[f64; 2]], circle: &Circle, tolerance: f64) -> f64 {
     points.iter().map(one).sum()
 }
 
-/// A step of Gauss and Newton's towards the points on the circle.
-fn improved(points: &[[f64; 2]], circle: &Circle, tolerance: f64, usual: &Usual) -> Option<Circle> {
-    // A little of the place that there is, for arcs that leave a direction open.
-    let sure = (tolerance / usual.spread).powi(2);
-    let mut normal = [0.05, 0.0, 0.0, 0.05, 0.0, sure];
-    let mut pull = [0.0, 0.0, sure * (usual.radius - circle.radius)];
+/// A Gauss–Newton step of the circle towards the points on it.
+fn improved(
+    points: &[[f64; 2]],
+    circle: &Circle,
+    tolerance: f64,
+    prior: &RadiusPrior,
+) -> Option<Circle> {
+    let by_prior = (tolerance / prior.sigma).powi(2);
+    // The weak prior of the centre is for arcs so short that they leave a direction open.
+    let mut normal = [0.05, 0.0, 0.0, 0.05, 0.0, by_prior];
+    let mut pull = [0.0, 0.0, by_prior * (prior.mean - circle.radius)];
     for point in points {
         let off = circle.outside(*point);
         let weight = (1.0 - (off / tolerance).powi(2)).max(0.0);
@@ -262,6 +284,7 @@ fn improved(points: &[[f64; 2]], circle: &Circle, tolerance: f64, usual: &Usual)
     Some(Circle { center: [a + x, b + y], radius: circle.radius + wider })
 }
 
+/// Share of the circle that points lie on, by sectors, and share of the points outside.
 fn describe(points: &[[f64; 2]], circle: &Circle, tolerance: f64) -> Rim {
     let center = circle.center;
     let mut seen = [false; SECTORS];
@@ -285,7 +308,7 @@ fn describe(points: &[[f64; 2]], circle: &Circle, tolerance: f64) -> Rim {
 mod tests {
     use super::*;
 
-    /// Runs of what `inside` says.
+    /// Runs of the pixels that are `inside`.
     fn runs(inside: impl Fn(f64, f64) -> bool) -> Vec<Run> {
         let mut runs: Vec<Run> = Vec::new();
         for row in 80..120u16 {
@@ -315,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_is_found_by_what_is_seen_of_it() {
+    fn a_circle_is_found_by_a_visible_part() {
         for radius in [3.5, 5.8, 11.0] {
             for (cut, share) in [(2.0, 0.99), (0.3, 0.6), (0.0, 0.45), (-0.35, 0.3)] {
                 for degrees in [0, 20, 45, 70, 130, 200, 290] {
@@ -335,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_round_has_no_rim() {
+    fn shapes_that_are_not_round_have_no_rim() {
         let radius = 5.8;
         for part in [
             runs(|x, y| (x - 200.0).abs() < 12.0 && (y - 100.0).abs() < 1.0),

@@ -1,22 +1,21 @@
-//! Takes apart regions that are two or more patches of one colour grown together.
+//! Splitting of regions that are two or more patches of one colour grown together.
 //!
-//! When robots touch, patches of one colour can lie a pixel apart, and interpolated colours fill
-//! the gap. Such a region has the area of several patches; k-means over its pixels gives back where
-//! each of them lies. Whether to believe it is decided later, among all explanations of the
-//! picture.
+//! When robots touch, patches of one colour can lie a pixel apart, and interpolated colours fill the gap.
+//! Such a region has the area of several patches; k-means over its pixels (Lloyd's algorithm) gives the place
+//! of each. Whether the pieces are patches is decided later, among all explanations of the picture.
 
 use crate::measure::{MomentSums, Moments};
 use common::messages::{Region, Run};
 
-/// Most pieces a region is taken apart into.
+/// Most pieces of a region.
 pub(crate) const MAX_PIECES: usize = 4;
-/// Rounds of k-means; two squares side by side settle in three or four.
+/// Most rounds of k-means; two squares side by side settle in three or four.
 const MAX_ROUNDS: usize = 12;
-/// Pixels a frame may spend on splitting, times rounds and pieces: a few milliseconds, and some
-/// hundred times what touching robots need. Regions beyond it stay whole.
+/// Most work in a frame, in pixels times rounds times pieces: a few milliseconds, some hundred times what
+/// touching robots need. Regions beyond it stay whole.
 const WORK_PER_FRAME: usize = 500_000;
 
-/// Splits regions; counts its work over a frame.
+/// Splits regions, and counts its work over a frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Splitter {
     pixels: Vec<(f64, f64)>,
@@ -24,12 +23,12 @@ pub(crate) struct Splitter {
 }
 
 impl Splitter {
-    /// To be called once a frame.
+    /// Begins a new frame's budget.
     pub fn start_frame(&mut self) {
         self.work = 0;
     }
 
-    /// Takes a region apart into `count` pieces, if the frame's share of work allows it.
+    /// Splits a region into `count` pieces, if the frame's budget allows it.
     pub fn split(
         &mut self,
         region: &Region,

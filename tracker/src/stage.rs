@@ -1,4 +1,4 @@
-//! The pure tracker: runs in, everything seen out.
+//! The pure tracker: from the runs of a frame to its detections.
 
 use crate::ball::BallFinder;
 use crate::faint::FaintRobots;
@@ -17,8 +17,8 @@ use common::messages::{DetectedRobot, DetectionFrame, MAX_RUNS, Run, RunsHeader,
 
 pub use crate::error::TrackerError;
 
-/// Finds regions, robots and balls in one frame after another. It remembers nothing of a frame but
-/// the memory it used: the same input gives the same output, whatever came before.
+/// Finds regions, robots and balls in one frame after another. Only allocations are kept between frames: the
+/// same input gives the same output, whatever came before.
 #[derive(Debug)]
 pub struct Tracker {
     camera: CameraModel,
@@ -28,13 +28,13 @@ pub struct Tracker {
     prior: Prior,
     pairing: Pairing,
     faint: FaintRobots,
-    /// Whether robots of which only the team is known are reported.
+    /// Whether unidentified robots are reported.
     report_unknown: bool,
     unknown: UnknownRobots,
     ball_finder: BallFinder,
     refiner: Refiner,
     rejections: Rejections,
-    /// Of the pictures, as configured.
+    /// Configured width and height of the pictures.
     size: (u32, u32),
 }
 
@@ -66,25 +66,23 @@ impl Tracker {
         })
     }
 
-    /// Works on one frame: `runs` is the valid part of the payload that `header` came with, `pixels`
-    /// the bytes of the raw frame itself, if they are at hand, and `prior` the newest `world` there
-    /// is. Everything in `out` is replaced, except that arrays keep stale
-    /// elements behind their counts, and `t_runs_taken_ns` and `t_sent_ns` are left 0 for the sender
-    /// to fill in.
+    /// Works on one frame. `runs` is the valid part of the payload of `header`, `pixels` the bytes of the raw
+    /// frame if they are available, and `prior` the newest `world`. Everything in `out` is replaced, except
+    /// that arrays keep stale elements behind their counts; `t_runs_taken_ns` and `t_sent_ns` are left 0 for
+    /// the sender.
     ///
-    /// Runs that make no sense are skipped (see [`RegionFinder::find`]), runs beyond [`MAX_RUNS`]
-    /// are cut off, which counts as [`DetectionFrame::INPUT_OVERFLOW`], and so is any number of
-    /// candidates beyond what a match can have, so that rubbish takes a bounded time.
+    /// Invalid runs are skipped (see [`RegionFinder::find`]), and runs beyond [`MAX_RUNS`] are cut off
+    /// ([`DetectionFrame::INPUT_OVERFLOW`]). Limits on all lists and searches bound the time that any input
+    /// takes ([`DetectionFrame::SEARCH_CUT`]).
     ///
-    /// With the raw frame, robots and balls are measured by their edges; without it, or where there
-    /// is too little of them, by their classified pixels ([`DetectionFrame::FRAME_USED`],
-    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). What is found
-    /// by classified pixels, and under which name, does not depend on it; robots whose colours are mixed
-    /// beyond that, out of focus or by their motion, are found in it besides.
+    /// With the raw frame, robots and balls are measured by their edges; without it, or where too few edges
+    /// are visible, by their classified pixels ([`DetectionFrame::FRAME_USED`],
+    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). The robots that are
+    /// found by classified pixels, and their numbers, do not depend on the raw frame; blurred robots are
+    /// found only with it.
     ///
-    /// `prior` decides between explanations of the picture that are equally good, and says where to
-    /// measure first, which changes a pose by less than it is uncertain, and nothing else; it is
-    /// ignored if it is not from before the frame.
+    /// `prior` decides between equally good explanations, and edge fits begin at its poses, which changes a
+    /// pose by less than its sigma. It is ignored if it is not from before the frame.
     pub fn step(
         &mut self,
         header: &RunsHeader,
@@ -138,8 +136,8 @@ impl Tracker {
         let (pattern, pairing, rejections) = (&self.pattern, &self.pairing, &mut self.rejections);
         explain(pattern, pairing, &self.faint, &self.unknown, rejections);
         self.ball_finder.find(&self.pattern, &self.camera, &self.pitch, out, &mut self.rejections);
-        let shows = self.ball_finder.shows();
-        self.refiner.refine_balls(&self.camera, frame.as_ref(), shows, out);
+        let visible = self.ball_finder.visible();
+        self.refiner.refine_balls(&self.camera, frame.as_ref(), visible, out);
         self.rejections.write(out);
     }
 }

@@ -1,28 +1,32 @@
-//! All of a ball of which the classes show a part: the pixels beside that part with the same tinge.
+//! Tinge: extends the region of a ball's colour to the whole ball, by pixels of the same hue.
 //!
 //! Light from one side leaves the other side of a ball too dark for its colour's bounds, and a rim that faces
-//! the floor is darker than its middle. Hue goes through that unchanged: less light takes the same part from
-//! each channel. So with t the tinge of a pixel, its colour without its grey and less that of what lies around,
-//! and T that of the ball's region, s = t·T / T² says how much of the ball's light a pixel has, and what is left
-//! of t how much of another hue. Floors, lines, walls and robots' bodies have s ≈ 0 however bright they are,
-//! other patches another hue. Pixels of the ball's hue that hang together with its region are the ball.
+//! the floor is darker than its middle. Less light takes the same part from each channel, so the hue stays.
+//! With t the tinge of a pixel (its colour less its grey, less the median tinge around) and T the mean tinge
+//! of the ball's region,
+//!
+//! s = t·T / T²,   r = |t − s·T|,
+//!
+//! s is the part of the ball's light in the pixel and r its light of another hue. Floor, lines, walls and
+//! robots' bodies have s ≈ 0 at any brightness; other patches have a large r. The ball is the pixels with s
+//! above [`MIN_SHARE`] and r below [`OTHER_HUE`]·s·|T| that are connected with its region.
 
 use crate::raw::{CHANNELS, RawFrame};
 use crate::silhouette::Silhouette;
 use common::geometry::ImagePoint;
 use common::messages::Run;
 
-/// Pixels with less of the ball's light are not of it; nor those whose tinge is as weak as noise, in grey levels.
+/// Least part of the ball's light in a pixel of the ball, and least tinge in grey levels (noise).
 const MIN_SHARE: f32 = 0.12;
 const MIN_TINGE: f32 = 8.0;
-/// So much of another hue, as a part of what they have of the ball's, they may have besides.
+/// Most light of another hue, as a fraction of the ball's light in the pixel.
 const OTHER_HUE: f32 = 0.4;
-/// Pixels along a side that are looked at at most.
+/// Largest side of the window, in pixels.
 const MOST_SIDE: usize = 96;
 
 type Color = [f32; CHANNELS];
 
-/// Looks for the rest of a ball; its memory is used again.
+/// Extends silhouettes, reusing its memory.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Tinge {
     tinges: Vec<Color>,
@@ -33,8 +37,9 @@ pub(crate) struct Tinge {
 }
 
 impl Tinge {
-    /// Has `silhouette`, which is that of a ball's region, take in the rest of the ball, as far as it lies within
-    /// `reach_px` of `middle`. `false`, and nothing is changed, if the picture has no colours there.
+    /// Extends `silhouette`, which is that of a ball's region, to the rest of the ball within `reach_px` of
+    /// `middle`. Returns `false` and changes nothing if the picture has no colours there or the ball no
+    /// tinge.
     pub fn complete(
         &mut self,
         frame: &RawFrame,
@@ -42,7 +47,7 @@ impl Tinge {
         reach_px: f64,
         silhouette: &mut Silhouette,
     ) -> bool {
-        // Conversion brings negative numbers to 0. A pixel has neighbours on all sides.
+        // The conversion to usize saturates negative numbers at 0. Every pixel needs neighbours on all sides.
         let span = |middle: f64, limit: usize| {
             let first = ((middle - reach_px) as usize).max(1);
             first..((middle + reach_px) as usize + 1).min(limit.saturating_sub(1)).max(first)
@@ -83,7 +88,7 @@ impl Tinge {
                 self.ahead.push(index);
             }
         }
-        self.keep_what_hangs_together(width);
+        self.keep_connected(width);
         self.runs.clear();
         for (row, line) in rows.zip(self.is_ball.chunks_exact(width)) {
             let mut begin = columns.start;
@@ -123,8 +128,8 @@ impl Tinge {
         })
     }
 
-    /// Leaves only what neighbours lead to from the pixels `ahead`.
-    fn keep_what_hangs_together(&mut self, width: usize) {
+    /// Keeps only pixels that are 4-connected with those of the list `ahead` (flood fill).
+    fn keep_connected(&mut self, width: usize) {
         const REACHED: f32 = f32::INFINITY;
         for &index in &self.ahead {
             self.tinges[index][0] = REACHED;
@@ -150,7 +155,8 @@ impl Tinge {
     }
 }
 
-/// The colour of a pixel without its grey; each channel's is the mean of the samples around that have it.
+/// The colour of a pixel less its grey. In a mosaic each channel is a weighted mean of its samples among the
+/// nine pixels around.
 fn tinge_at(frame: &RawFrame, row: usize, column: usize) -> Option<Color> {
     let mut color = [0.0; CHANNELS];
     if frame.samples_per_pixel == CHANNELS {

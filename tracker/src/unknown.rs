@@ -1,9 +1,8 @@
-//! Robots of which nothing is known but their team: what is left of the team's colour when all that
-//! can be told apart is accounted for.
+//! Unidentified robots: candidates for team patches that belong to no identified robot.
 //!
-//! A team need not know which patches its opponents wear, and a robot of its own may have lost
-//! one. What its team patch tells is where it is, to within the patch's distance from the robot's
-//! centre. Number and heading are not guessed.
+//! A team need not know which patches its opponents wear, and a robot of its own may have lost one. The team
+//! patch gives the robot's place to within the patch's distance from the robot's centre. Number and heading
+//! are not guessed.
 
 use crate::candidates::Candidate;
 use crate::faint::FaintRobots;
@@ -13,15 +12,15 @@ use crate::pattern::Top;
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, RobotId, Team};
 use std::f64::consts::PI;
 
-/// At most this much confidence without a number.
+/// Confidence of an unidentified robot whose patch has the expected area.
 const CONFIDENCE: f64 = 0.5;
 
-/// Deviation of a patch's place.
+/// Sigma of a patch's place.
 const MEASURED_MM: f64 = 1.0;
-/// Variance of a heading of which nothing is known, evenly spread over a turn.
+/// Variance of an unknown heading, evenly spread over a turn.
 const ANY_HEADING: f64 = PI * PI / 3.0;
 
-/// Finds them, and keeps them until the next frame.
+/// Finds unidentified robots, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct UnknownRobots {
     found: Vec<Found>,
@@ -36,12 +35,13 @@ struct Found {
 }
 
 impl UnknownRobots {
-    /// Nobody was looked for.
+    /// Forgets the robots of the last frame.
     pub fn clear(&mut self) {
         self.found.clear();
     }
 
-    /// Appends to the frame, by team, what `pairing` has found no robot for.
+    /// Adds the candidates that are in no identified robot to the frame, which stays sorted by team and
+    /// number.
     pub fn find(
         &mut self,
         scene: &Scene,
@@ -66,7 +66,7 @@ impl UnknownRobots {
                 }
             }
         }
-        // The centre lies as far from the patch as the patch from it, nobody knows which way.
+        // The centre lies at the layout's distance from the patch, in an unknown direction.
         for &Found { team, top, candidate } in &self.found {
             let top = &pattern.tops[top];
             let [x, y] = top.patches[top.team_patch].centroid_mm;
@@ -94,7 +94,7 @@ impl UnknownRobots {
         }
     }
 
-    /// Whether a region is in one of them.
+    /// Whether a region is in an unidentified robot.
     pub fn use_region(&self, region: u32) -> bool {
         self.found.iter().any(|found| found.candidate.uses_region(region))
     }
@@ -108,7 +108,7 @@ impl UnknownRobots {
     }
 }
 
-/// Whether it is a part of a robot that was found, or lies on one.
+/// Whether a candidate is in a paired robot, or lies on one.
 fn is_of_known(scene: &Scene, pairing: &Pairing, candidate: &Candidate) -> bool {
     let pattern = scene.pattern;
     pairing.robots().any(|robot| {

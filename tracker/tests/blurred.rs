@@ -188,10 +188,10 @@ fn robots_out_of_focus_keep_their_names() {
 }
 
 #[test]
-fn robots_with_a_patch_that_nobody_wears_get_no_name() {
+fn robots_with_a_patch_of_no_listed_robot_get_no_name() {
     let (config, robots) = (Config::default(), robots());
     let mut known = config.clone();
-    // What yellow 3 and blue 1 wear belongs to nobody.
+    // Yellow 3 and blue 1 are not listed.
     known.robots.identities.retain(|identity| {
         (identity.team, identity.id) != (Yellow, 3) && (identity.team, identity.id) != (Blue, 1)
     });

@@ -416,16 +416,16 @@ fn a_robot_of_which_only_the_team_is_known_has_a_place() {
         let found = &frame.robots()[index];
         let off = (f64::from(found.x_mm) - place[0]).hypot(f64::from(found.y_mm) - place[1]);
         assert!(off < 1.5 && !found.is_identified() && found.confidence <= 0.5, "{found:?}");
-        // As uncertain as the patch is far from the centre, and turned anyhow.
+        // Sigma is the distance of the patch from the centre; the heading is unknown.
         let [xx, .., tt] = found.covariance.map(f32::sqrt);
         assert!((15.0..25.0).contains(&xx) && tt > 1.5, "{found:?}");
     }
-    // They are not rejected as well, and the rest still is.
+    // Reported robots are not rejected as well; other regions still are.
     let told: Vec<_> = frame.rejected().iter().map(|rejected| rejected.reason).collect();
     assert!(!told.contains(&(RejectReason::NoIdentificationPatch as u32)), "{told:?}");
     assert!(told.contains(&(RejectReason::TooLarge as u32)), "{told:?}");
 
-    // Off by default: nobody is reported who has no number.
+    // Off by default.
     picture.config.robots.report_unknown = false;
     assert_eq!(names(&picture.detections()), [(Yellow, 1), (Blue, 0)]);
 }

@@ -57,7 +57,7 @@ fn a_tall_robot_of_which_only_the_team_is_known_is_where_it_is() {
     config.robots.report_unknown = true;
     let opponent = robot(Blue, 2, 900.0, -700.0, 30.0);
     let picture = Picture::of_robots(&config, &[opponent]);
-    // Nobody knows its identification patch.
+    // No listed robot wears its identification patch.
     config.robots.identities.retain(|identity| (identity.team, identity.id) != (Blue, 2));
     let frame = detections(&config, &picture.runs(), None);
     let [found] = frame.robots() else { panic!("{:?}", frame.robots()) };

@@ -106,7 +106,7 @@ fn labels() -> impl Strategy<Value = Labels> {
     })
 }
 
-/// What is promised of [`RegionFinder::find`], word for word: the runs of each region.
+/// The contract of [`RegionFinder::find`] implemented literally: the runs of each region.
 fn plainly_connected(width: u16, height: u16, runs: &[Run]) -> Vec<Vec<Run>> {
     let mut usable: Vec<Run> = Vec::new();
     for run in runs.iter().map(|&run| Run { reserved: 0, ..run }) {

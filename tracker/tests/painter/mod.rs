@@ -258,7 +258,7 @@ impl World {
         let bounce = 0.6 * self.floor[1];
         let mut sum = self.ambient * (0.5 + 0.5 * normal[2] + (0.5 - 0.5 * normal[2]) * bounce);
         if normal[2] > 0.99 && at[2] < 1.0 {
-            // What the ball hides of the sky from the floor.
+            // The ball hides a part of the sky from the floor.
             let d = add(ball, at, -1.0);
             sum *= 1.0 - (self.ball.radius / dot(d, d).sqrt().max(self.ball.radius)).powi(3);
         }
@@ -422,7 +422,7 @@ impl World {
         }
     }
 
-    /// As the sensor reads it out.
+    /// The picture as the sensor reads it out.
     pub fn with_noise(&mut self, pixels: &[f64], read: f64, shot: f64) -> Vec<u8> {
         pixels
             .iter()

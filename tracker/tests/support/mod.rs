@@ -198,7 +198,7 @@ impl Picture {
     }
 }
 
-/// What a new tracker makes of runs.
+/// The detections of a new tracker.
 pub fn detections(
     config: &Config,
     runs: &[Run],

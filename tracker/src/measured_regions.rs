@@ -1,4 +1,4 @@
-//! The regions of a frame that may be of a patch, measured on the plane of the tops.
+//! The regions of a frame in colours of patches, measured on the plane of the tops.
 
 use crate::class_index::{CLASSES, ClassIndex};
 use crate::measure::{Measure, Moments};
@@ -6,15 +6,15 @@ use crate::pitch::Pitch;
 use common::geometry::CameraModel;
 use common::messages::{DetectionFrame, Region};
 
-/// A region of a colour that some patch has.
+/// A region in a colour of some patch, and its measures.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Spot {
+pub(crate) struct MeasuredRegion {
     /// Index of the region in the message.
     pub region: u32,
     pub class: u32,
     pub bounds: Bounds,
     pub measure: Measure,
-    /// Too far outside the pitch to belong to a robot on it.
+    /// Whether it lies too far outside the pitch to belong to a robot on it.
     pub outside: bool,
 }
 
@@ -25,11 +25,11 @@ pub(crate) struct Bounds {
     pub rows: [i32; 2],
 }
 
-/// The spots at one height, class by class, in each class the largest first.
+/// The measured regions at one height, class by class, in each class the largest first.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Spots {
-    list: Vec<Spot>,
-    /// Where the spots of each class end in `list`; there those of the next begin.
+pub(crate) struct MeasuredRegions {
+    list: Vec<MeasuredRegion>,
+    /// End of each class in `list`, and begin of the next.
     ends: [usize; CLASSES],
 }
 
@@ -41,17 +41,17 @@ impl Bounds {
         }
     }
 
-    /// Whether both have a pixel in common, as rectangles.
+    /// Whether two rectangles have a pixel in common.
     pub fn meets(&self, other: &Self) -> bool {
         let meets = |a: [i32; 2], b: [i32; 2]| a[0] <= b[1] && b[0] <= a[1];
         meets(self.columns, other.columns) && meets(self.rows, other.rows)
     }
 }
 
-impl Spots {
-    /// Measures the regions of `frame` that have one of the `classes` (a bit set) at a height. Spots on the
-    /// pitch, or outside by no more than `slack_mm`, are inside.
-    #[allow(clippy::too_many_arguments)] // A frame, and everything that says where its regions lie.
+impl MeasuredRegions {
+    /// Measures the regions of `frame` in one of the `classes` (a bit set) at a height. Regions at most
+    /// `slack_mm` outside the pitch count as inside.
+    #[allow(clippy::too_many_arguments)] // A frame, and the geometry that places its regions.
     pub fn measure(
         &mut self,
         frame: &DetectionFrame,
@@ -72,7 +72,7 @@ impl Spots {
                 let Some(measure) = Measure::new(&moments, camera, height_mm) else { continue };
                 let outside = !pitch.contains(measure.position, slack_mm);
                 let (class, bounds) = (region.class, Bounds::of_region(region));
-                self.list.push(Spot { region: index, class, bounds, measure, outside });
+                self.list.push(MeasuredRegion { region: index, class, bounds, measure, outside });
             }
             self.list[begin..].sort_unstable_by(|a, b| {
                 b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
@@ -81,13 +81,13 @@ impl Spots {
         }
     }
 
-    /// All of them, class by class.
-    pub fn all(&self) -> &[Spot] {
+    /// All measured regions, class by class.
+    pub fn all(&self) -> &[MeasuredRegion] {
         &self.list
     }
 
-    /// The spots of a class, largest first.
-    pub fn of_class(&self, class: u32) -> &[Spot] {
+    /// The measured regions of a class, largest first.
+    pub fn of_class(&self, class: u32) -> &[MeasuredRegion] {
         let class = class as usize;
         let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.list[begin..self.ends[class]]
