@@ -49,12 +49,17 @@ pub(crate) struct Solver {
 struct Search {
     words: usize,
     conflicts: Vec<u64>,
-    groups: Vec<u64>,
+    /// Group of each choice, numbered from 0 in the order of their cheapest choices.
+    groups: Vec<usize>,
     costs: Vec<f64>,
+    /// The component's groups in the order of these numbers.
+    numbers: Vec<u64>,
     /// Choices still open, one bit set for each depth of the search.
     open: Vec<u64>,
-    /// Groups among the open choices: number, how many choices, least cost.
-    tally: Vec<(u64, u32, f64)>,
+    /// For each group, its number of open choices.
+    tally: Vec<u32>,
+    /// The groups with open choices, in the order of their cheapest open choices.
+    open_groups: Vec<usize>,
     chosen: Vec<usize>,
     best: Vec<usize>,
     best_cost: f64,
@@ -150,7 +155,17 @@ impl Search {
             }
         }
         self.groups.clear();
-        self.groups.extend(component.iter().map(|&choice| choices[choice].group));
+        self.numbers.clear();
+        for &choice in component {
+            let group = choices[choice].group;
+            let known = self.numbers.iter().position(|&number| number == group);
+            self.groups.push(known.unwrap_or(self.numbers.len()));
+            if known.is_none() {
+                self.numbers.push(group);
+            }
+        }
+        self.tally.clear();
+        self.tally.resize(self.numbers.len(), 0);
         self.costs.clear();
         self.costs.extend(component.iter().map(|&choice| choices[choice].cost));
     }
@@ -193,17 +208,20 @@ impl Search {
         }
         self.steps_left -= 1;
 
-        self.tally.clear();
+        self.open_groups.clear();
+        self.tally.fill(0);
+        let mut least_cost = 0.0;
         for choice in bits(&self.open[depth * self.words..(depth + 1) * self.words]) {
             let group = self.groups[choice];
-            match self.tally.iter_mut().find(|entry| entry.0 == group) {
-                // Choices come by cost: the first of a group is its cheapest.
-                Some(entry) => entry.1 += 1,
-                None => self.tally.push((group, 1, self.costs[choice])),
+            // Choices come by cost: the first of a group is its cheapest.
+            if self.tally[group] == 0 {
+                self.open_groups.push(group);
+                least_cost += self.costs[choice];
             }
+            self.tally[group] += 1;
         }
-        let most = self.chosen.len() + self.tally.len();
-        let least_cost = cost + self.tally.iter().map(|entry| entry.2).sum::<f64>();
+        let most = self.chosen.len() + self.open_groups.len();
+        let least_cost = cost + least_cost;
         // The tolerance keeps rounding from sending the search after equal solutions.
         let hopeless = most < self.best.len()
             || (most == self.best.len() && least_cost > self.best_cost - 1e-9);
@@ -211,7 +229,8 @@ impl Search {
             return;
         }
         // The group with the fewest open choices.
-        let Some(&(group, ..)) = self.tally.iter().min_by_key(|entry| entry.1) else {
+        let fewest = self.open_groups.iter().min_by_key(|&&group| self.tally[group]);
+        let Some(&group) = fewest else {
             self.best.clone_from(&self.chosen);
             self.best_cost = cost;
             return;

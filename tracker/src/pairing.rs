@@ -53,6 +53,8 @@ pub(crate) struct Pairing {
     choices: Vec<Choice>,
     /// Indices of the chosen hypotheses.
     believed: Vec<usize>,
+    /// For each hypothesis, the set of its regions ([`region_set`]).
+    region_sets: Vec<u64>,
     /// The search for the best choice was given up.
     is_cut: bool,
     /// `believed` before ambiguous robots were dropped.
@@ -272,8 +274,15 @@ impl Pairing {
             }
         }));
         let (hypotheses, finder) = (&self.hypotheses, &self.finder);
-        let contradict =
-            |a: usize, b: usize| contradict(pattern, finder, &hypotheses[a], &hypotheses[b]);
+        self.region_sets.clear();
+        let region_sets = hypotheses.iter().map(|it| region_set(pattern, finder, it));
+        self.region_sets.extend(region_sets);
+        let region_sets = &self.region_sets;
+        let contradict = |a: usize, b: usize| {
+            let (one, other) = (&hypotheses[a], &hypotheses[b]);
+            are_in_the_way(pattern, one, other)
+                || region_sets[a] & region_sets[b] != 0 && share_pixels(pattern, finder, one, other)
+        };
         self.is_cut = !self.solver.solve(&self.choices, contradict, &mut self.believed);
         self.drop_ambiguous();
     }
@@ -465,7 +474,17 @@ impl Pairing {
     }
 }
 
-fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &Hypothesis) -> bool {
+/// The regions of a hypothesis as a set of 64 bits: two sets without a common bit have no common region.
+fn region_set(pattern: &Pattern, finder: &CandidateFinder, hypothesis: &Hypothesis) -> u64 {
+    let kinds = pattern.identities[hypothesis.identity].kinds.iter();
+    let candidates = kinds.zip(&hypothesis.candidates);
+    let candidates = candidates.filter_map(|(&kind, &index)| finder.of_kind(kind).get(index));
+    let parts = candidates.flat_map(Candidate::parts);
+    parts.fold(0, |set, part| set | 1 << (part.region % u64::BITS))
+}
+
+/// Whether two hypotheses are the same robot, or would stand in the same place.
+fn are_in_the_way(pattern: &Pattern, a: &Hypothesis, b: &Hypothesis) -> bool {
     let (identity_a, identity_b) =
         (&pattern.identities[a.identity], &pattern.identities[b.identity]);
     let (top_a, top_b) = (pattern.top_of(a.identity), pattern.top_of(b.identity));
@@ -477,9 +496,18 @@ fn contradict(pattern: &Pattern, finder: &CandidateFinder, a: &Hypothesis, b: &H
         distance_mm(a.places[top_a.team_patch], b.places[top_b.team_patch])
             < TEAM_PATCH_DISTANCE * least_mm
     };
-    if identity_a.team == identity_b.team && too_close() {
-        return true;
-    }
+    identity_a.team == identity_b.team && too_close()
+}
+
+/// Whether two hypotheses use the same pixels in the same colour.
+fn share_pixels(
+    pattern: &Pattern,
+    finder: &CandidateFinder,
+    a: &Hypothesis,
+    b: &Hypothesis,
+) -> bool {
+    let (identity_a, identity_b) =
+        (&pattern.identities[a.identity], &pattern.identities[b.identity]);
     identity_a.kinds.iter().zip(&a.candidates).any(|(&kind_a, &candidate_a)| {
         let Some(ours) = finder.of_kind(kind_a).get(candidate_a) else { return false };
         identity_b.kinds.iter().zip(&b.candidates).any(|(&kind_b, &candidate_b)| {
