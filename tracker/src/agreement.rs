@@ -286,11 +286,12 @@ impl NearbyPixels {
         let (x_mm, y_mm) = (&self.x_mm[..count], &self.y_mm[..count]);
         let (ahead_mm, aside_mm) = (&mut self.ahead_mm[..count], &mut self.aside_mm[..count]);
         let cells = &mut self.cells[..count];
+        let grid = shares.grid();
         for index in 0..count {
             let (dx, dy) = (x_mm[index] - center_x, y_mm[index] - center_y);
             let (ahead, aside) = (cos * dx + sin * dy, cos * dy - sin * dx);
             (ahead_mm[index], aside_mm[index]) = (ahead, aside);
-            cells[index] = shares.cell_at(ahead, aside);
+            cells[index] = grid.cell_at(ahead, aside);
         }
     }
 

@@ -30,7 +30,8 @@ use cholesky::{Factor, Square};
 use common::config::PatchConfig;
 use common::geometry::Pose;
 use common::messages::MAX_PATCHES;
-use fearless_simd::{Level, dispatch};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8};
 pub(crate) use samples::{Samples, has_hue};
 use tables::{Table, WHOLE};
 
@@ -49,6 +50,8 @@ const LAMBDA: f64 = (SAMPLE_DEVIATION / COLOR_DEVIATION) * (SAMPLE_DEVIATION / C
 const BRIGHTNESS: [f64; 2] = [0.2, 2.5];
 /// Samples that are worked on together: the lanes of a register.
 const LANES: usize = 8;
+/// Samples that are summed up before the sum is added to the total, which keeps rounding errors small.
+const BLOCK: usize = 32;
 /// Weight of a floor sample relative to one of the robot: lines and other robots may lie there.
 const FLOOR_WEIGHT: f32 = 0.3;
 /// Points along a motion at which shares are taken: so many before and behind the middle.
@@ -83,8 +86,8 @@ struct Sums {
     products: [[f32; PARTS]; PARTS],
     /// Shares times levels.
     levels: [[f32; PARTS]; CHANNELS],
-    /// Squares of the levels.
-    squares: [f32; CHANNELS],
+    /// Shares times the squares of the levels, all channels together.
+    squares: Parts,
 }
 
 /// The unmixed levels at a pose, to which any robot's colours can be compared.
@@ -130,12 +133,12 @@ impl Mixture {
     /// Unmixes the samples for a robot at `pose`; `None` if the normal matrix is singular, as without
     /// samples.
     pub fn unmix(&self, samples: &mut Samples, pose: &Pose, blur: &Blur) -> Option<Unmixed> {
-        let sums = dispatch!(self.level, _simd => self.sum_up(samples, pose, blur));
+        let sums = dispatch!(self.level, simd => self.sum_up(simd, samples, pose, blur));
         self.solve(samples, &sums)
     }
 
     #[inline(always)]
-    fn sum_up(&self, samples: &mut Samples, pose: &Pose, blur: &Blur) -> Sums {
+    fn sum_up<S: Simd>(&self, simd: S, samples: &mut Samples, pose: &Pose, blur: &Blur) -> Sums {
         let table = &self.tables[blur.sigma.min(self.tables.len() - 1)];
         let (sin, cos) = pose.orientation.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);
@@ -147,8 +150,9 @@ impl Mixture {
         let way = turned(blur.way_mm[0] as f32, blur.way_mm[1] as f32);
         let places = if blur.way_mm == [0.0; 2] { 0 } else { PLACES };
         let per_place = 1.0 / (2 * places + 1) as f32;
-        let Samples { x_mm, y_mm, levels, cells, shares, weighted, count, .. } = samples;
+        let Samples { x_mm, y_mm, levels, cells, count, .. } = samples;
         let whole = count.next_multiple_of(LANES);
+        let grid = table.grid;
         for (place, cells) in (-places..=places).zip(cells.iter_mut()) {
             // Evenly spread over the way, half a step from its ends.
             let part = 2.0 * place as f32 * per_place;
@@ -156,42 +160,31 @@ impl Mixture {
             let points = x_mm[..whole].iter().zip(&y_mm[..whole]);
             for (cell, (&x, &y)) in cells[..whole].iter_mut().zip(points) {
                 let [x, y] = turned(x, y);
-                *cell = table.cell_at(x + offset[0], y + offset[1]);
+                *cell = grid.cell_at(x + offset[0], y + offset[1]);
             }
         }
         let cells = &cells[..2 * places as usize + 1];
         let scale = per_place * (1.0 / WHOLE);
-        for index in 0..whole {
-            let mut sum = [0; PARTS];
-            // Lanes beyond the last sample get shares of 0.
-            if index < *count {
+        let mut sums = Sums::default();
+        for begin in (0..*count).step_by(BLOCK) {
+            let mut block = BlockSums::new(simd);
+            for index in begin..(*count).min(begin + BLOCK) {
+                let mut sum = [0u16; PARTS];
                 for cells in cells {
                     let cell = &table.cells[cells[index] as usize];
-                    sum.iter_mut().zip(cell).for_each(|(sum, share)| *sum += share);
+                    for part in 0..PARTS {
+                        sum[part] += cell[part];
+                    }
                 }
+                let mut share = Parts::default();
+                for part in 0..PARTS {
+                    share[part] = scale * f32::from(sum[part]);
+                }
+                // Floor samples weigh less, see FLOOR_WEIGHT.
+                let weight = 1.0 - (1.0 - FLOOR_WEIGHT) * share[FLOOR];
+                block.add(simd, &share, weight, levels.each_ref().map(|levels| levels[index]));
             }
-            let share = sum.map(|sum: u16| scale * f32::from(sum));
-            // Floor samples weigh less, see FLOOR_WEIGHT.
-            let weight = 1.0 - (1.0 - FLOOR_WEIGHT) * share[FLOOR];
-            for part in 0..PARTS {
-                shares[part][index] = share[part];
-                weighted[part][index] = weight * share[part];
-            }
-        }
-        let mut sums = Sums::default();
-        let used = |part: usize| part < self.patch_count || part == BODY || part == FLOOR;
-        for row in (0..PARTS).filter(|&row| used(row)) {
-            let weighted = &weighted[row][..whole];
-            for column in (0..=row).filter(|&column| used(column)) {
-                let product = dot(weighted, &shares[column][..whole]);
-                (sums.products[row][column], sums.products[column][row]) = (product, product);
-            }
-            for (sums, levels) in sums.levels.iter_mut().zip(levels.iter()) {
-                sums[row] = dot(weighted, &levels[..whole]);
-            }
-            for (sum, levels) in sums.squares.iter_mut().zip(levels.iter()) {
-                *sum += dot_of_squares(weighted, &levels[..whole]);
-            }
+            block.add_to(&mut sums);
         }
         sums
     }
@@ -244,6 +237,48 @@ impl Mixture {
     }
 }
 
+/// Sums over a block of samples, in registers.
+struct BlockSums<S: Simd> {
+    products: [f32x8<S>; PARTS],
+    levels: [f32x8<S>; CHANNELS],
+    squares: f32x8<S>,
+}
+
+impl<S: Simd> BlockSums<S> {
+    #[inline(always)]
+    fn new(simd: S) -> Self {
+        let zero = f32x8::splat(simd, 0.0);
+        Self { products: [zero; PARTS], levels: [zero; CHANNELS], squares: zero }
+    }
+
+    /// Adds a sample.
+    #[inline(always)]
+    fn add(&mut self, simd: S, share: &Parts, weight: f32, levels: [f32; CHANNELS]) {
+        let shares = f32x8::simd_from(simd, *share);
+        let weighted = shares * f32x8::splat(simd, weight);
+        for (row, &share) in self.products.iter_mut().zip(share) {
+            *row += weighted * f32x8::splat(simd, share);
+        }
+        let mut square = 0.0;
+        for (sum, level) in self.levels.iter_mut().zip(levels) {
+            *sum += weighted * f32x8::splat(simd, level);
+            square += level * level;
+        }
+        self.squares += weighted * f32x8::splat(simd, square);
+    }
+
+    #[inline(always)]
+    fn add_to(self, sums: &mut Sums) {
+        let rows = sums.products.iter_mut().chain(&mut sums.levels).chain([&mut sums.squares]);
+        let own = self.products.into_iter().chain(self.levels).chain([self.squares]);
+        for (row, own) in rows.zip(own) {
+            for (sum, &own) in row.iter_mut().zip(own.iter()) {
+                *sum += own;
+            }
+        }
+    }
+}
+
 impl Unmixed {
     /// Cost and brightness of the best explanation of the picture by these colours.
     pub fn compare(&self, colors: &Colors) -> Match {
@@ -291,28 +326,4 @@ impl Unmixed {
             self.levels[patch][channel] + LAMBDA * brightness * pull.sum::<f64>()
         })
     }
-}
-
-/// Scalar product of two rows whose lengths are multiples of [`LANES`].
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
-        for lane in 0..LANES {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    sums.iter().sum()
-}
-
-/// Scalar product of a row with the squares of another.
-#[inline(always)]
-fn dot_of_squares(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
-        for lane in 0..LANES {
-            sums[lane] += a[lane] * (b[lane] * b[lane]);
-        }
-    }
-    sums.iter().sum()
 }

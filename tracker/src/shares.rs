@@ -1,5 +1,6 @@
 //! Shares: the layout as a table of each patch's share at every point of a robot's top, faded at the rims.
 
+use crate::cell_grid::CellGrid;
 use crate::linear::UPPER;
 use common::config::PatchConfig;
 use common::layout::{reach_mm, topmost_patch};
@@ -81,21 +82,11 @@ impl Shares {
         Self { reach_mm, columns, cells, slopes, areas_mm2, insides_mm2, curvature }
     }
 
-    /// Index of the cell in which a point of the robot's frame lies; a cell without shares for a point
-    /// outside.
+    /// The grid of the table's cells. A point outside lies in a cell without shares.
     #[inline(always)]
-    pub fn cell_at(&self, x_mm: f32, y_mm: f32) -> u32 {
-        // Adding 2²³ rounds to the nearest whole number and leaves it in the lowest bits: a conversion that
-        // vector instructions have, other than the language's saturating one.
-        const WHOLE_BITS: f32 = (1 << 23) as f32;
-        let middle = (self.columns as f32 - 1.0) / 2.0;
-        let last = (self.columns - 1) as f32;
-        // `max` turns NaN into 0.
-        let index = |at_mm: f32| {
-            let place = (at_mm * (1.0 / CELL_MM as f32) + middle).max(0.0).min(last);
-            (place + WHOLE_BITS).to_bits() & ((1 << 23) - 1)
-        };
-        index(y_mm) * self.columns as u32 + index(x_mm)
+    pub fn grid(&self) -> CellGrid {
+        let columns = self.columns as f32;
+        CellGrid::new(self.columns, 1.0 / CELL_MM as f32, (columns - 1.0) / 2.0)
     }
 
     /// Shares by cell.
@@ -196,7 +187,7 @@ mod tests {
     fn points_outside_have_no_share() {
         let shares = Shares::new(&Config::default().robots.patches);
         for [x, y] in [[1e9, 0.0], [0.0, -1e9], [f32::NAN, 0.0], [f32::INFINITY, f32::NAN]] {
-            assert_eq!(shares.cells()[shares.cell_at(x, y) as usize], PatchRow::default());
+            assert_eq!(shares.cells()[shares.grid().cell_at(x, y) as usize], PatchRow::default());
         }
     }
 }

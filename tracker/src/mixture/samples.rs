@@ -1,6 +1,6 @@
 //! Samples of the raw picture around a robot, for the [mixture](super) model.
 
-use super::{LANES, MOST_PLACES, Mixture, PARTS};
+use super::{LANES, MOST_PLACES, Mixture};
 use crate::pattern::Top;
 use crate::raw::{CHANNELS, RawFrame};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint};
@@ -25,10 +25,8 @@ pub(crate) struct Samples {
     pub(super) levels: [[f32; MOST_SAMPLES]; CHANNELS],
     /// Cell of the table for each point along the motion, at the pose that is being tried.
     pub(super) cells: [[u32; MOST_SAMPLES]; MOST_PLACES],
-    /// Shares by part, at that pose.
-    pub(super) shares: [[f32; MOST_SAMPLES]; PARTS],
-    /// Shares times the sample's weight.
-    pub(super) weighted: [[f32; MOST_SAMPLES]; PARTS],
+    /// Scratch memory for medians.
+    sorted: [f32; MOST_SAMPLES],
 }
 
 impl Samples {
@@ -103,8 +101,7 @@ impl Samples {
             return;
         }
         let ground: [f32; CHANNELS] = std::array::from_fn(|channel| {
-            // Scratch memory: the shares are first written by the next trial.
-            let sorted = &mut self.shares[0][..count];
+            let sorted = &mut self.sorted[..count];
             sorted.copy_from_slice(&self.levels[channel][..count]);
             *sorted.select_nth_unstable_by(count / 2, f32::total_cmp).1
         });
@@ -143,8 +140,7 @@ impl Default for Samples {
             y_mm: [0.0; MOST_SAMPLES],
             levels: [[0.0; MOST_SAMPLES]; CHANNELS],
             cells: [[0; MOST_SAMPLES]; MOST_PLACES],
-            shares: [[0.0; MOST_SAMPLES]; PARTS],
-            weighted: [[0.0; MOST_SAMPLES]; PARTS],
+            sorted: [0.0; MOST_SAMPLES],
         }
     }
 }

@@ -2,6 +2,7 @@
 //! blur, made by box filters from the sharp top.
 
 use super::{BODY, FLOOR, PARTS, Parts};
+use crate::cell_grid::CellGrid;
 use crate::pattern::Top;
 use common::config::PatchConfig;
 use common::layout::{reach_mm, topmost_patch};
@@ -20,11 +21,7 @@ const REACH: f64 = 2.5;
 /// The shares of all parts at every place of a top under one blur.
 #[derive(Debug, Clone)]
 pub(super) struct Table {
-    /// Cells in a millimetre.
-    per_cell: f32,
-    /// Cell coordinate of the robot's centre.
-    middle: f32,
-    columns: usize,
+    pub grid: CellGrid,
     /// Share of each part in 255ths; sixteen bits leave room for the sum over the points of a motion.
     pub cells: Vec<[u16; PARTS]>,
 }
@@ -75,27 +72,12 @@ impl Table {
             }
             sum.map(|sum| (WHOLE * sum / (step * step) as f32).round() as u16)
         };
+        let cells_per_mm = (1.0 / (cell_mm * step as f64)) as f32;
+        let origin = (columns as f64 / 2.0 / step as f64) as f32 - 0.5;
         Self {
-            per_cell: (1.0 / (cell_mm * step as f64)) as f32,
-            middle: (columns as f64 / 2.0 / step as f64) as f32,
-            columns: across,
+            grid: CellGrid::new(across, cells_per_mm, origin),
             cells: (0..across * across).map(mean).collect(),
         }
-    }
-
-    /// Index of the cell in which a point lies; of the nearest one for a point outside.
-    #[inline(always)]
-    pub fn cell_at(&self, x: f32, y: f32) -> u32 {
-        // Adding 2²³ rounds to the nearest whole number and leaves it in the lowest bits: a conversion that
-        // vector instructions have, other than the language's saturating one.
-        const WHOLE_BITS: f32 = (1 << 23) as f32;
-        let last = (self.columns - 1) as f32;
-        // `max` turns NaN into 0.
-        let index = |at: f32| {
-            let place = (at * self.per_cell + (self.middle - 0.5)).max(0.0).min(last);
-            (place + WHOLE_BITS).to_bits() & ((1 << 23) - 1)
-        };
-        index(y) * self.columns as u32 + index(x)
     }
 }
 
