@@ -1,8 +1,9 @@
-//! The runtime of every attendant: a process of a group that serves people or programs and no stage needs.
+//! The runtime of every attendant: a process of a group that serves users or other programs, and that
+//! no stage needs.
 //!
-//! An attendant reads topics as any consumer does. The supervisor starts it when the group is complete, starts it
-//! again when it ends or gives no sign of life, and ends it with the group; it is among the first that the
-//! system kills when memory runs out. SIGTERM asks it to end.
+//! An attendant reads topics like any consumer. The supervisor starts it when the group is complete,
+//! restarts it when it ends or sends no heartbeat, and ends it with the group. When memory runs out,
+//! the system kills attendants among the first. SIGTERM asks an attendant to end.
 
 use crate::bus::{Bus, Publisher};
 use crate::clock::monotonic_ns;
@@ -10,33 +11,33 @@ use crate::config::Config;
 use crate::instance::Instance;
 use crate::memory_rank::{self, MemoryRank};
 use crate::messages::{Attendant, Heartbeat, ProcessState};
-use crate::orphan::Orphanhood;
+use crate::orphan::OrphanTimer;
 use crate::process::{HEARTBEAT, ProcessError, system};
 use crate::topics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// An attendant's process, from its start to its end.
+/// The process of an attendant.
 pub struct AttendantProcess {
-    /// Its membership in the group.
+    /// The process's membership in the group.
     pub bus: Bus,
-    /// Goes out with every heartbeat.
+    /// Counters so far; sent with every heartbeat.
     counters: Heartbeat,
     health: Publisher<Heartbeat, ()>,
     stop: Arc<AtomicBool>,
-    orphanhood: Orphanhood,
+    orphan_timer: OrphanTimer,
     beat_ns: u64,
 }
 
 impl AttendantProcess {
-    /// Joins the group. Signals are handled from here on.
+    /// Joins the group, and handles signals from here on.
     pub fn start(
         attendant: Attendant,
         instance: &Instance,
         config: &Config,
         supervised: bool,
     ) -> Result<Self, ProcessError> {
-        // The match can do without it; that it cannot be said is no reason not to work.
+        // An error is ignored: the rank is only a preference.
         let _ = memory_rank::set(MemoryRank::Attendant);
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -50,18 +51,18 @@ impl AttendantProcess {
             bus,
             counters: Heartbeat::new(attendant as u32, ProcessState::Active),
             stop,
-            orphanhood: Orphanhood::new(instance, config, supervised),
+            orphan_timer: OrphanTimer::new(instance, config, supervised),
             beat_ns: 0,
         })
     }
 
-    /// Becomes true when the process is to end; for its other threads.
+    /// A flag that becomes true when the process is to end, for its other threads.
     pub fn stop(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
     }
 
-    /// Sends the heartbeat when it is due, after `count` has entered what there is to count, and says whether to
-    /// go on. To be called at least every [`LOOK_AROUND`](crate::process::LOOK_AROUND).
+    /// Sends the heartbeat when it is due, after `count` has updated the counters, and returns whether
+    /// to continue. To be called at least every [`MAX_WAIT`](crate::process::MAX_WAIT).
     pub fn keep_running(
         &mut self,
         count: impl FnOnce(&mut Heartbeat),
@@ -77,6 +78,6 @@ impl AttendantProcess {
         count(&mut self.counters);
         self.counters.t_sent_ns = now_ns;
         self.health.publish(&self.counters)?;
-        Ok(self.orphanhood.may_go_on(now_ns))
+        Ok(self.orphan_timer.may_continue(now_ns))
     }
 }

@@ -15,7 +15,7 @@ use crate::messages::{
     DropReason, FrameFault, FrameHeader, GroupEvent, Heartbeat, ProcessKind, ProcessState,
     StatusHeader,
 };
-use crate::orphan::Orphanhood;
+use crate::orphan::OrphanTimer;
 use crate::scheduling;
 use crate::stage_page::StagePage;
 use crate::stages::StageId;
@@ -93,7 +93,7 @@ pub struct Process {
     promotion: UnixStream,
     spare: bool,
     supervised: bool,
-    orphanhood: Orphanhood,
+    orphan_timer: OrphanTimer,
     /// Promoted, or started as the active process.
     is_at_work: bool,
     fault: Option<u64>,
@@ -153,7 +153,7 @@ impl Process {
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
-            orphanhood: Orphanhood::new(&options.instance, config, options.supervised),
+            orphan_timer: OrphanTimer::new(&options.instance, config, options.supervised),
             is_at_work: false,
             wake_up: scheduling::wake_up_strategy(&config.scheduling),
             lock_memory: config.scheduling.lock_memory,
@@ -227,7 +227,7 @@ impl Process {
             return Ok(true);
         }
         self.publish_heartbeat(now)?;
-        Ok(self.orphanhood.may_go_on(now))
+        Ok(self.orphan_timer.may_continue(now))
     }
 
     /// Reports a change of state at once.

@@ -1,4 +1,4 @@
-//! The stages of a group, as a graph.
+//! The stage graph of a group.
 //!
 //! A *lane* is one camera with its grabber, classifier and tracker. A group has one lane for each of its cameras,
 //! and one filter that reads the detections of all lanes:
@@ -17,14 +17,14 @@ use std::fmt;
 use std::ops::{Index, IndexMut};
 use std::str::FromStr;
 
-/// Most lanes in a group.
+/// Largest number of lanes in a group.
 pub const MAX_LANES: usize = 8;
-/// Where the lane is in the number that names a stage in messages.
+/// Position of the lane in a stage's number in messages.
 const LANE_SHIFT: u32 = 16;
-/// Between the name of a stage, or of a topic, and its lane.
+/// Separator between the name of a stage or topic and its lane.
 pub const LANE_MARK: char = '@';
 
-/// A stage of a group. Ordered along the way of a frame, lane by lane, the filter last.
+/// A stage of a group. Ordered along the path of a frame, lane by lane, with the filter last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct StageId {
     kind: ProcessKind,
@@ -43,27 +43,27 @@ impl StageId {
         }
     }
 
-    /// The kind of its processes.
+    /// Kind of the stage's processes.
     pub const fn kind(self) -> ProcessKind {
         self.kind
     }
 
-    /// Its lane; 0 for the filter.
+    /// Lane of the stage; 0 for the filter.
     pub const fn lane(self) -> u8 {
         self.lane
     }
 
-    /// Whether it reads and writes frames of this lane.
+    /// Whether the stage processes frames of this lane.
     pub fn serves(self, lane: u8) -> bool {
         self == Self::FILTER || self.lane == lane
     }
 
-    /// Whether it is a grabber: the stage that reads no other one's output.
+    /// Whether it is a grabber, which reads no other stage's output.
     pub fn is_grabber(self) -> bool {
         self.kind == ProcessKind::Grabber
     }
 
-    /// The number of this stage in messages. In lane 0 it is that of its kind.
+    /// Number of the stage in messages. In lane 0 it equals the number of its kind.
     pub const fn number(self) -> u32 {
         self.kind as u32 | (self.lane as u32) << LANE_SHIFT
     }
@@ -80,7 +80,7 @@ impl StageId {
     pub fn from_name(name: &str) -> Option<Self> {
         let (kind, lane) = match name.split_once(LANE_MARK) {
             None => (name, 0),
-            // One name for each stage: neither `grabber@0` nor `grabber@01`.
+            // Each stage has one name only: neither `grabber@0` nor `grabber@01` is accepted.
             Some((_, lane)) if lane.starts_with('0') => return None,
             Some((kind, lane)) => (kind, lane.parse().ok().filter(|&lane| is_lane(lane))?),
         };
@@ -116,7 +116,7 @@ impl Ord for StageId {
     }
 }
 
-/// `tracker` in lane 0, `tracker@1` in lane 1: the name of its processes, files and entries in reports.
+/// `tracker` in lane 0, `tracker@1` in lane 1: the name in processes, files and reports.
 impl fmt::Display for StageId {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.pad(&match self.lane {
@@ -141,28 +141,28 @@ impl serde::Serialize for StageId {
     }
 }
 
-/// The stages of a group and the ways between them.
+/// The stages of a group and their connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageGraph {
     lanes: u8,
 }
 
 impl StageGraph {
-    /// One camera.
+    /// The graph of a group with one camera.
     pub const SINGLE: Self = Self { lanes: 1 };
 
-    /// A group with so many cameras, at least 1 and at most [`MAX_LANES`].
+    /// The graph of a group with this many cameras, from 1 to [`MAX_LANES`].
     pub const fn with_lanes(lanes: usize) -> Self {
         assert!(lanes >= 1 && lanes <= MAX_LANES, "a group has 1 to MAX_LANES lanes");
         Self { lanes: lanes as u8 }
     }
 
-    /// Its lanes.
+    /// All lanes.
     pub fn lanes(self) -> impl DoubleEndedIterator<Item = u8> + Clone {
         0..self.lanes
     }
 
-    /// Every stage, after all those that it reads.
+    /// All stages; each one follows the stages that it reads.
     pub fn stages(self) -> impl DoubleEndedIterator<Item = StageId> + Clone {
         let kinds = [ProcessKind::Grabber, ProcessKind::Classifier, ProcessKind::Tracker];
         let lane = move |lane| kinds.into_iter().map(move |kind| StageId::new(kind, lane));
@@ -174,7 +174,7 @@ impl StageGraph {
         stage.lane < self.lanes
     }
 
-    /// The stage that writes what `stage` reads of a lane's frames. None for a grabber, and for a lane that the
+    /// The stage whose output `stage` reads in a lane. `None` for a grabber, and for a lane that the
     /// stage does not serve.
     pub fn input(self, stage: StageId, lane: u8) -> Option<StageId> {
         if !stage.serves(lane) {
@@ -189,38 +189,38 @@ impl StageGraph {
         Some(StageId::new(kind, lane))
     }
 
-    /// The stages that read what `stage` writes.
+    /// The stages that read the output of `stage`.
     pub fn readers(self, stage: StageId) -> impl Iterator<Item = StageId> {
         let reads = move |reader: &StageId| self.input(*reader, stage.lane) == Some(stage);
         self.stages().filter(reads)
     }
 }
 
-/// Something for each stage of a group.
+/// A value for each stage of a group.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StageMap<T> {
     graph: StageGraph,
-    /// In the order of [`StageGraph::stages`].
+    /// The values, in the order of [`StageGraph::stages`].
     items: Vec<T>,
 }
 
 impl<T> StageMap<T> {
-    /// What `item` makes for each stage.
+    /// Creates the value of each stage with `item`.
     pub fn new(graph: StageGraph, item: impl FnMut(StageId) -> T) -> Self {
         Self { graph, items: graph.stages().map(item).collect() }
     }
 
-    /// Each stage with what belongs to it, along the way of a frame.
+    /// The stages with their values, along the path of a frame.
     pub fn iter(&self) -> impl Iterator<Item = (StageId, &T)> {
         self.graph.stages().zip(&self.items)
     }
 
-    /// What belongs to the stages.
+    /// The values.
     pub fn values(&self) -> impl Iterator<Item = &T> {
         self.items.iter()
     }
 
-    /// What belongs to the stages, to be changed.
+    /// The values, mutable.
     pub fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
         self.items.iter_mut()
     }
@@ -234,7 +234,7 @@ impl<T> StageMap<T> {
 }
 
 impl<T: Default> StageMap<T> {
-    /// The default for each stage.
+    /// A map of default values.
     pub fn of_defaults(graph: StageGraph) -> Self {
         Self::new(graph, |_| T::default())
     }
@@ -258,9 +258,9 @@ impl<T> IndexMut<StageId> for StageMap<T> {
 /// A frame of a lane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FrameId {
-    /// The lane whose camera has captured it.
+    /// Lane of the camera that captured the frame.
     pub lane: u8,
-    /// Its number in this lane.
+    /// Number of the frame in this lane.
     pub seq: u64,
 }
 
@@ -274,7 +274,7 @@ impl Numbers {
         self.0[usize::from(lane)]
     }
 
-    /// Takes in a frame; returns whether it is newer than the newest of its lane.
+    /// Records a frame; returns whether it is newer than the newest one of its lane.
     pub fn raise(&mut self, frame: FrameId) -> bool {
         let newest = &mut self.0[usize::from(frame.lane)];
         let is_newer = *newest < Some(frame.seq);
@@ -284,19 +284,19 @@ impl Numbers {
         is_newer
     }
 
-    /// The newer number of both, lane by lane.
+    /// The larger number of each lane.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self(std::array::from_fn(|lane| self.0[lane].max(other.0[lane])))
     }
 
-    /// The lanes in which these numbers are newer than others.
+    /// The lanes in which these numbers are larger than the others.
     pub fn ahead_of(&self, other: Self) -> impl Iterator<Item = u8> {
         let both = self.0.into_iter().zip(other.0);
         (0..).zip(both).filter(|(_, (own, other))| own > other).map(|(lane, _)| lane)
     }
 
-    /// Whether these numbers are newer than others in any lane.
+    /// Whether these numbers are larger than the others in any lane.
     pub fn are_beyond(&self, other: Self) -> bool {
         self.ahead_of(other).next().is_some()
     }

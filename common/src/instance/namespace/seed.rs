@@ -1,35 +1,36 @@
-//! The one segment of iceoryx2's that has a fixed name after the prefix.
+//! The one iceoryx2 segment that has a fixed name after the prefix.
 //!
-//! Every process that joins a group draws its number from it. iceoryx2 makes it when the first one joins, readable and
-//! writable for everybody on the machine: another user who opens it then can truncate it later, and every process that
-//! joins afterwards waits for ever. So it is written here first, byte for byte as iceoryx2 would leave it, for this user
-//! alone. Name and bytes belong to one version of iceoryx2; a test compares them with those that it makes.
+//! Every process that joins a group draws its number from it. iceoryx2 creates it when the first
+//! process joins, readable and writable for all users. Another user that opens it then could truncate
+//! it later, and every process that joins afterwards would wait for ever. So it is written here first,
+//! for this user alone, with the bytes that iceoryx2 would write. Name and bytes belong to one version
+//! of iceoryx2; a test compares them with a segment made by iceoryx2.
 
 use crate::memory::SHARED_MEMORY;
 use crate::private;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Its name after the prefix.
+/// Name after the prefix.
 const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
-/// How its name ends.
+/// End of the segment's name.
 const SUFFIX: &str = ".global_mgmt";
-/// The version of iceoryx2 that has made it (0.10.0), and how many numbers have been drawn.
+/// The version of iceoryx2 (0.10.0), and how many numbers have been drawn.
 const WORDS: [u64; 2] = [0x000a_0000, 1];
 
-/// Whether this is such a segment.
+/// Whether a file is such a segment.
 pub fn is_seed(path: &Path) -> bool {
     path.to_string_lossy().ends_with(SUFFIX)
 }
 
-/// The version of iceoryx2 that has made it, which is in its name: `…node.0_10_0.global_mgmt`.
+/// The iceoryx2 version that created it, which is part of its name: `…node.0_10_0.global_mgmt`.
 pub fn version(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_str()?.strip_suffix(SUFFIX)?;
     let (_, version) = name.rsplit_once('.')?;
     Some(version.replace('_', "."))
 }
 
-/// Makes it for a prefix.
+/// Creates the segment for a prefix.
 pub fn make(prefix: &str) -> io::Result<()> {
     let target = Path::new(SHARED_MEMORY).join(format!("{prefix}{NAME}"));
     private::create_new_file(&target)?.write_all(&WORDS.map(u64::to_ne_bytes).concat())
