@@ -10,7 +10,8 @@
 //! its end.
 //!
 //! Nothing that the system refuses ends a match. All that can be refused is asked for through [`sys`],
-//! tried again, and said by [`troubles`]; for want of descriptors there is a [`reserve`].
+//! tried again, and said by [`troubles`]; for want of descriptors there is a [`reserve`]. What is refused before a living
+//! match is taken over is tried again by [`persistence`].
 
 mod attendants;
 mod children;
@@ -22,6 +23,7 @@ mod janitor;
 mod log;
 mod notify;
 mod pages;
+mod persistence;
 mod policy;
 mod premises;
 mod progress;
@@ -46,6 +48,7 @@ use common::config::Config;
 use common::instance::InstanceError;
 use common::stages::StageId;
 use group::{Ending, Group};
+use persistence::insist;
 use premises::Premises;
 use signals::Signals;
 use std::path::PathBuf;
@@ -144,12 +147,12 @@ pub fn run(
     let instance = launch.instance.clone();
     // Before anything is made that would be left behind.
     common::memory::check_place().map_err(InstanceError::from)?;
-    instance.create_directory()?;
-    let Some(lock) = instance.lock()? else {
+    insist(|| Ok(instance.create_directory()?))?;
+    let Some(lock) = insist(|| Ok(instance.lock()?))? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
     let mut premises = Premises::new(&instance, lock);
-    let outcome = takeover::prepare(&launch, config).and_then(|inheritance| {
+    let outcome = insist(|| takeover::prepare(&launch, config)).and_then(|inheritance| {
         supervise(launch, config, until, signals, &mut premises, inheritance, start_monitor)
     });
     if matches!(outcome, Ok(Outcome::Upgrade(_))) {

@@ -63,14 +63,13 @@ fn is_want_of_descriptors(error: &io::Error) -> bool {
 /// the descriptors they could have.
 const AMPLE: u64 = 65_536;
 
-/// Allows this process again what somebody may have taken from it.
-pub fn raise_limit() {
+/// Allows this process again what somebody may have taken from it; returns whether it had less.
+pub fn raise_limit() -> bool {
     let limit = getrlimit(Resource::Nofile);
     let most = limit.maximum.map_or(AMPLE, |most| most.min(AMPLE));
-    if limit.current.is_some_and(|current| current < most) {
-        // Where that is not permitted, the limit stays.
-        let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(most), ..limit });
-    }
+    let is_low = limit.current.is_some_and(|current| current < most);
+    // Where that is not permitted, the limit stays.
+    is_low && setrlimit(Resource::Nofile, Rlimit { current: Some(most), ..limit }).is_ok()
 }
 
 #[cfg(test)]
