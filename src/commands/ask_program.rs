@@ -1,5 +1,5 @@
-//! Asking another program something, as `upgrade` does: it may be any file that can be run, so it gets
-//! neither much time nor much memory.
+//! Asks another program a question, as `upgrade` does. The program may be any executable, so its time
+//! and its output are limited.
 
 use super::CommandError;
 use std::ffi::OsStr;
@@ -9,21 +9,21 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// So long may it take for an answer.
+/// Longest time for an answer.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// An answer has no more bytes than this.
+/// Largest answer.
 const MOST_BYTES: u64 = 1 << 20;
-/// Between two looks whether it has ended.
+/// Time between two checks whether the program has ended.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// What a program has answered.
+/// The answer of a program.
 pub struct Answer {
     pub status: ExitStatus,
     pub stdout: Vec<u8>,
     pub stderr: Vec<u8>,
 }
 
-/// Runs a program to its end. One that takes too long or says too much is ended.
+/// Runs a program to its end. A program that takes too long or writes too much is killed.
 pub fn ask(program: &Path, arguments: &[&OsStr]) -> Result<Answer, CommandError> {
     ask_for(program, arguments, PATIENCE)
 }
@@ -43,7 +43,7 @@ fn ask_for(
         .map_err(|error| format!("{shown}: {error}"))?;
     let outputs = [child.stdout.take().map(listen), child.stderr.take().map(listen)];
     let outcome = wait(&mut child, outputs, Instant::now() + patience);
-    // One that has ended by itself notices nothing of this.
+    // Has no effect on a program that has ended by itself.
     let _ = child.kill();
     let _ = child.wait();
     outcome.map_err(|problem| {
@@ -53,13 +53,13 @@ fn ask_for(
     })
 }
 
-/// Reads on a thread of its own, as much as an answer may have and one byte more. The thread may outlive the
-/// program, if that one has handed its output on to others.
+/// Reads on a separate thread, up to one byte more than the largest answer. The thread may outlive the
+/// program if that has passed its output on to another process.
 fn listen(mut output: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
         let mut text = Vec::new();
-        // What cannot be read was not said.
+        // An output that cannot be read counts as empty.
         let _ = output.by_ref().take(MOST_BYTES + 1).read_to_end(&mut text);
         let _ = sender.send(text);
     });

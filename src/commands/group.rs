@@ -1,4 +1,4 @@
-//! `touchline status` and `touchline stop`: a running group from outside.
+//! `touchline status` and `touchline stop`: inspect and end a running group from outside.
 
 use super::CommandError;
 use crate::cli::{InstanceArgs, StatusArgs};
@@ -11,7 +11,7 @@ use touchline::supervisor::Record;
 
 /// A living group publishes its status several times a second.
 pub const STATUS_PATIENCE: Duration = Duration::from_secs(3);
-/// Ending in order takes a moment, killing what does not listen two seconds more.
+/// An orderly end takes a moment; processes that ignore the request are killed two seconds later.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Prints the state of a running group.
@@ -52,7 +52,7 @@ pub fn status(args: StatusArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What programs with other versions of iceoryx2 have made in the group, in words.
+/// Description of what programs with other versions of iceoryx2 have created in the group.
 pub fn strange_versions(instance: &Instance) -> Vec<String> {
     let namespace = instance.namespace().ok().flatten();
     namespace.and_then(|namespace| namespace.strange_versions().ok()).unwrap_or_default()
@@ -81,10 +81,10 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Whether a process was stopped, by SIGSTOP or from its terminal.
+/// Whether a process is stopped, by SIGSTOP or from its terminal.
 fn is_stopped(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    // Behind its name, which may contain anything.
+    // The state follows the name, which may contain anything.
     stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with(['T', 't']))
 }
 

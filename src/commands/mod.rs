@@ -1,4 +1,4 @@
-//! What each subcommand does.
+//! The subcommands.
 
 #[macro_use]
 mod output;
@@ -36,7 +36,7 @@ use std::process::ExitCode;
 use touchline::attendants::Row;
 use touchline::supervisor::process_name;
 
-/// Whatever ends a command; its text is for the user.
+/// Error of a command; its text is for the user.
 pub type CommandError = Box<dyn Error>;
 
 /// Carries out a command line.
@@ -76,7 +76,8 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
     }
 }
 
-/// The configuration in a file, or the defaults. What is hardly meant is said, but not refused.
+/// The configuration in a file, or the defaults. Settings that look unintended are reported, but not
+/// refused.
 fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
     let Some(path) = file else { return Ok(Config::default()) };
     let (config, warnings) = common::config::check_file(path)?;
@@ -126,7 +127,7 @@ pub fn attend(row: &Row, args: AttendantArgs) -> Result<ExitCode, CommandError> 
 
 fn name_process(name: &str) {
     if let Ok(name) = std::ffi::CString::new(process_name(name)) {
-        // Cosmetic: a process without a name works as well.
+        // A failure is harmless: the name is only for display.
         let _ = rustix::thread::set_name(&name);
     }
 }

@@ -13,16 +13,16 @@ use touchline::monitor::report::Stage;
 use touchline::monitor::{Report, read_status};
 use touchline::supervisor::{self, Request, is_same_program, program_of};
 
-/// A supervisor answers within its next round, a few milliseconds.
+/// A supervisor answers in its next round, within a few milliseconds.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
 /// A spare may first have to be started, and the machine may be busy.
 const RESTART_PATIENCE: Duration = Duration::from_secs(30);
-/// Seven processes, one after the other.
+/// Seven processes are replaced one after the other.
 const UPGRADE_PATIENCE: Duration = Duration::from_secs(120);
-/// Between two looks at a change that takes its time.
+/// Time between two checks of a change under way.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Replaces the processes that work for stages and attendants.
+/// Replaces the active processes of stages and attendants.
 pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let before = active(&status(&instance)?);
@@ -33,7 +33,7 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     waiting.sort();
     waiting.dedup();
     while !waiting.is_empty() {
-        // On a busy machine there may be no report just now; that is no reason to give up.
+        // On a busy machine the report may be missing for a moment; the wait continues.
         let now = status(&instance).map(|report| active(&report)).unwrap_or_default();
         let is_done = |name: &String| {
             let (old, new) = (before.get(name), now.get(name));
@@ -57,7 +57,7 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Goes over to another program.
+/// Replaces the group's program by another.
 pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let program = match args.program {
@@ -80,7 +80,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
     let deadline = Instant::now() + UPGRADE_PATIENCE;
     let mut told: Vec<u32> = Vec::new();
     loop {
-        // For a moment there is no supervisor, and nobody to publish a status.
+        // There is no supervisor for a moment, and so no status.
         if let Ok(report) = status(&instance) {
             let processes = processes(&report);
             for (pid, what) in processes.iter().filter(|(pid, _)| runs_it(*pid)) {
@@ -106,7 +106,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
     }
 }
 
-/// Prints what another program asks before an upgrade.
+/// Prints the interface that another program asks for before an upgrade.
 pub fn interface() -> Result<ExitCode, CommandError> {
     say_line!("{}", serde_json::to_string_pretty(&Interface::own())?)?;
     Ok(ExitCode::SUCCESS)
@@ -114,7 +114,7 @@ pub fn interface() -> Result<ExitCode, CommandError> {
 
 /// Refuses a program that cannot take over.
 fn check(program: &Path, instance: &Instance, supervisor: u32) -> Result<(), CommandError> {
-    // The running supervisor's own program may be of any version, not this one's.
+    // The running supervisor's own program may have another version than this one.
     let (old, new) = (interface_of(&program_of(supervisor))?, interface_of(program)?);
     let conflicts = old.conflicts_with(&new);
     if !conflicts.is_empty() {
@@ -170,7 +170,7 @@ fn status(instance: &Instance) -> Result<Report, CommandError> {
     })
 }
 
-/// The process that works for each stage and attendant that has one.
+/// The active process of each stage and attendant that has one.
 fn active(report: &Report) -> BTreeMap<String, u32> {
     let active = |(name, stage): (&String, &Stage)| {
         let active = stage.processes.iter().find(|process| process.state != "spare")?;
@@ -181,7 +181,7 @@ fn active(report: &Report) -> BTreeMap<String, u32> {
     stages.chain(attendants.filter_map(|(name, it)| Some((name.clone(), it.pid?)))).collect()
 }
 
-/// All processes of a group, and what they are.
+/// All processes of a group, with their roles.
 fn processes(report: &Report) -> Vec<(u32, String)> {
     let stages = report.stages.iter().flat_map(|(name, stage)| {
         let describe = move |state: &str| match state {

@@ -1,9 +1,9 @@
-//! What commands write: to the standard output, and into files.
+//! Output of commands: to the standard output and into files.
 //!
-//! One rule for all files. One that is there is written over only with `--force`, and one that the command
-//! reads never. A file is there when it is complete: what replaces another one is written beside it first,
-//! and what cannot be completed is removed. Pipes and devices are written to as they are. The reports of
-//! `run` and `chaos` take the place of an earlier report without being asked, of anything else never.
+//! One rule for all files: an existing file is overwritten only with `--force`, and an input of the
+//! command never. A file appears only when it is complete: a replacement is written beside the existing
+//! file first, and an incomplete file is removed. Pipes and devices are written to directly. The reports
+//! of `run` and `chaos` replace an earlier report without `--force`, and never anything else.
 
 use image::{ImageFormat, RgbImage};
 use std::fmt::Arguments;
@@ -12,24 +12,24 @@ use std::io::{self, Cursor, Read, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Why a file is not written.
+/// Reason why a file is not written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// A file is in the way.
+    /// The file exists.
     #[error("{} exists; --force overwrites it", .0.display())]
     Exists(PathBuf),
-    /// A file is in the way that the command reads.
+    /// The file is an input of the command.
     #[error("{} is read by this command, and not written over; name another file", .0.display())]
     Input(PathBuf),
-    /// A file is in the place of a report that is none.
+    /// The file exists and is not a report.
     #[error("{} exists and is no report, and so is not written over; name another file", .0.display())]
     NoReport(PathBuf),
-    /// It cannot be written.
+    /// The file cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The system's error.
         source: io::Error,
     },
 }
@@ -44,16 +44,16 @@ macro_rules! say_line {
     ($($text:tt)*) => { say!("{}\n", format_args!($($text)*)) };
 }
 
-/// Whether anybody reads the standard output.
+/// Whether the standard output still has a reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reader {
-    /// As far as is known.
+    /// It has a reader as far as is known.
     There,
-    /// It has seen enough (`touchline bench | head`): what takes long and only speaks can end.
+    /// The reader has ended (`touchline bench | head`): a long command that only prints can end.
     Gone,
 }
 
-/// Writes to the standard output. That its reader is gone is no error; a full disk is one.
+/// Writes to the standard output. A reader that is gone is no error; a full disk is one.
 pub fn say(text: Arguments) -> io::Result<Reader> {
     let mut out = io::stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
@@ -63,17 +63,17 @@ pub fn say(text: Arguments) -> io::Result<Reader> {
     }
 }
 
-/// What a command may write over.
+/// Rule for the files that a command may overwrite.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule<'a> {
     /// Files that the command reads.
     pub inputs: &'a [&'a Path],
-    /// Whether the user has said `--force`.
+    /// Whether `--force` was given.
     pub force: bool,
 }
 
 impl Rule<'_> {
-    /// Says before long work whether a file may be written.
+    /// Checks before long work whether a file may be written.
     pub fn check(&self, path: &Path) -> Result<(), OutputError> {
         let Ok(there) = fs::metadata(path) else { return Ok(()) };
         self.check_inputs(path, &there)?;
@@ -94,7 +94,7 @@ impl Rule<'_> {
         }
     }
 
-    /// Begins a file.
+    /// Starts a file.
     pub fn create(&self, path: &Path) -> Result<Output, OutputError> {
         self.check(path)?;
         let problem = |source: io::Error| match source.kind() {
@@ -103,7 +103,7 @@ impl Rule<'_> {
         };
         let (place, file) = match fs::metadata(path) {
             Ok(there) if there.is_file() => {
-                // It keeps what it has until there is something in its place.
+                // The existing file stays until its replacement is complete.
                 let place = beside(path);
                 (Some(place.clone()), create_new(&place))
             }
@@ -122,7 +122,7 @@ impl Rule<'_> {
         output.finish()
     }
 
-    /// Writes a picture, as a PNG if its name does not say something else.
+    /// Writes a picture, as a PNG unless its name has the extension of another format.
     pub fn write_picture(&self, path: &Path, picture: &RgbImage) -> Result<(), OutputError> {
         let format = ImageFormat::from_path(path).unwrap_or(ImageFormat::Png);
         let mut bytes = Vec::new();
@@ -132,7 +132,7 @@ impl Rule<'_> {
         self.write(path, &bytes)
     }
 
-    /// Begins a report. It takes the place of an earlier one.
+    /// Starts a report, which may replace an earlier report.
     pub fn create_report(&self, path: &Path) -> Result<File, OutputError> {
         if let Ok(there) = fs::metadata(path) {
             self.check_inputs(path, &there)?;
@@ -151,29 +151,29 @@ fn create_new(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).create_new(true).open(path)
 }
 
-/// Where something is written that is to take the place of a file.
+/// Path of the temporary file that will replace a file.
 fn beside(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".writing-{}", std::process::id()));
     path.with_file_name(name)
 }
 
-/// A file that is being written. Unless it is finished, nothing is left of it.
+/// A file being written. It is removed unless it is finished.
 #[derive(Debug)]
 pub struct Output {
     path: PathBuf,
-    /// What is to be removed if it is not finished.
+    /// Path to remove if the file is not finished.
     unfinished: Option<PathBuf>,
     file: File,
 }
 
 impl Output {
-    /// The file itself.
+    /// The underlying file.
     pub fn file(&self) -> &File {
         &self.file
     }
 
-    /// Puts the file in its place.
+    /// Moves the file to its final place.
     pub fn finish(mut self) -> Result<(), OutputError> {
         let Some(place) = self.unfinished.take().filter(|place| *place != self.path) else {
             return Ok(());

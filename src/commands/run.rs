@@ -18,7 +18,7 @@ use std::time::Duration;
 use touchline::monitor::{Monitor, Output, summary};
 use touchline::supervisor::{self, Launch, Outcome, Record, Until};
 
-/// How long whoever reads may take for the last texts.
+/// Longest wait for the reader of the last texts.
 const LAST_TEXTS: Duration = Duration::from_secs(1);
 
 /// Runs a group until it is done or stopped.
@@ -26,15 +26,15 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance)?;
     let (launch, config) =
         if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
-    // Whatever is wrong with the source is said now, not by a grabber that dies in the background.
+    // Problems of the source are reported now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
     for complaint in common::scheduling::unavailable(&config.scheduling) {
         common::tell!("touchline: {complaint}");
     }
-    // Nor does a match end with a report that cannot be written.
+    // A report that cannot be written is an error now, not at the end of the match.
     let report_file = args.report.as_deref().map(|path| report(path, &args)).transpose()?;
 
-    // Whoever reads what is said may stop reading; the match goes on.
+    // The reader of the output may stop reading; the match continues.
     if let Err(error) = common::tell::never_block() {
         common::tell!("touchline: no thread for what is said: {error}");
     }
@@ -63,10 +63,10 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A group as the command line describes it.
+/// The group that the command line describes.
 fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
     let mut config = match (&args.config, &args.source) {
-        // What was made with one configuration is hardly meant to be seen with another.
+        // A recording is normally played with the configuration it was made with.
         (None, Source::Recording(playlist)) => grabber::playback::recorded_config(&playlist.path)?,
         _ => load_config(args.config.as_deref())?,
     };
@@ -81,7 +81,7 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
     Ok((Launch { instance: instance.clone(), source, frames: args.frames, ends_at_ns }, config))
 }
 
-/// The group that an earlier supervisor has left behind, as that one ran it.
+/// The group left behind by an earlier supervisor, with that supervisor's configuration and source.
 fn left_behind(instance: &Instance) -> Result<(Launch, Config), CommandError> {
     let Some(record) = Record::read(instance) else {
         return Err(format!(
@@ -96,8 +96,8 @@ fn left_behind(instance: &Instance) -> Result<(Launch, Config), CommandError> {
     Ok((Launch { instance: instance.clone(), source, frames, ends_at_ns }, config))
 }
 
-/// Becomes another program, which takes over the group: the same process with the same terminal,
-/// parent and children. Returns only if neither that program nor, then, this one can be run.
+/// Executes another program, which takes over the group: the same process with the same terminal, parent
+/// and children. Returns only if neither that program nor, as a fallback, this one can be executed.
 fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
     let this = Path::new("/proc/self/exe");
     let run = |program: &Path| {
@@ -115,8 +115,7 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
     format!("the supervisor cannot go on: {}", run(this)).into()
 }
 
-/// Stages do not share the caller's idea of relative paths for ever: a supervisor may be restarted
-/// from elsewhere.
+/// Paths become absolute, because a supervisor may be restarted from another directory.
 fn absolute(source: Source) -> Result<Source, CommandError> {
     Ok(match source {
         Source::Pictures(path) => Source::Pictures(
@@ -128,13 +127,13 @@ fn absolute(source: Source) -> Result<Source, CommandError> {
                 path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?;
             Source::Recording(Playlist { path, ..playlist })
         }
-        // A device may come later.
+        // A device may appear later.
         Source::V4l2(path) => Source::V4l2(std::path::absolute(path)?),
         Source::Synthetic | Source::Loop(_) | Source::Genicam(_) | Source::External => source,
     })
 }
 
-/// Begins the report, which is none of the files that the group reads.
+/// Creates the report, which must not be a file that the group reads.
 fn report(path: &Path, args: &RunArgs) -> Result<File, CommandError> {
     let mut inputs: Vec<&Path> = args.config.iter().map(|path| &**path).collect();
     match &args.source {

@@ -1,21 +1,21 @@
-//! What a configuration's colours cost the classifier: how much of a pitch passes their boxes, so that
-//! hue and saturation have to be looked at.
+//! The cost of a configuration's colours in the classifier: the share of a pitch's pixels that pass the
+//! colours' boxes, so that hue and saturation have to be checked.
 //!
-//! The boxes are compared with every pixel, many at a time; the second look is at one pixel after the
-//! other. So of a frame that is nearly all floor, the part of the floor that passes decides how long a
-//! frame takes.
+//! The boxes are compared with many pixels at a time; the check of hue and saturation takes one pixel
+//! after the other. A frame is nearly all floor, so the share of the floor that passes determines its
+//! classification time.
 
 use super::CommandError;
 use classifier::ClassTables;
 use common::config::Config;
 use learning::picture::Picture;
 
-/// Above this part of the floor the second look takes longer than all else in the classifier.
+/// Above this share of the floor the second look takes longer than the rest of the classifier.
 const MUCH: f64 = 0.1;
-/// A colour that passes less is not worth a word.
+/// A colour that passes a smaller share is not mentioned.
 const LITTLE: f64 = 0.001;
 
-/// How many pixels pass to the second look.
+/// Number of pixels that pass to the second look.
 pub struct Passing {
     tables: ClassTables,
     names: Vec<String>,
@@ -26,7 +26,7 @@ pub struct Passing {
 }
 
 impl Passing {
-    /// For the configured colours, of no pixels yet.
+    /// Starts counting for the configured colours.
     pub fn none(config: &Config) -> Result<Self, CommandError> {
         Ok(Self {
             tables: ClassTables::new(&config.colors)?,
@@ -37,8 +37,8 @@ impl Passing {
         })
     }
 
-    /// Adds the pixels of a picture, in the light that the colours are made for, that `counts` says
-    /// yes to.
+    /// Adds the pixels of a picture for which `counts` is true. The picture is in the light for which
+    /// the colours are made.
     pub fn add(&mut self, picture: &Picture, counts: &[bool]) {
         for (&rgb, _) in picture.rgb.iter().zip(counts).filter(|(_, counts)| **counts) {
             self.add_pixel(rgb);
@@ -74,19 +74,19 @@ impl Passing {
         }
     }
 
-    /// Adds all colours there are, evenly.
+    /// Adds all possible colours, evenly.
     pub fn add_everything(&mut self) {
         for index in 0..32usize.pow(3) {
             self.add_pixel([1024, 32, 1].map(|unit| (index / unit % 32 * 8 + 4) as u8));
         }
     }
 
-    /// The part that passes.
+    /// The share that passes.
     pub fn share(&self) -> f64 {
         self.passing as f64 / self.pixels.max(1) as f64
     }
 
-    /// In a line, and a second one if it is much; `what` is what the pixels are of.
+    /// One line, and a second one if the share is large; `what` names the origin of the pixels.
     pub fn text(&self, what: &str) -> String {
         let part = |count: u64| count as f64 / self.pixels.max(1) as f64;
         let percent = |part: f64| match part {

@@ -1,4 +1,4 @@
-//! `touchline step`: the next frames of a recording that is played step by step.
+//! `touchline step`: shows the next frames of a recording that is played step by step.
 
 use super::CommandError;
 use super::group::running;
@@ -10,15 +10,14 @@ use grabber::playback::request_steps;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// A group that works gives an answer within milliseconds; one whose stages are being replaced takes
-/// longer.
+/// A working group answers within milliseconds; one whose stages are being replaced takes longer.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Asks for frames, and prints what was found on each.
+/// Requests frames, and prints the poses of each.
 pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let mut world = Consumer::new(instance.clone(), "step", &topics::WORLD);
-    // Connected before the question, so that no answer is missed.
+    // Connected before the request, so that no answer is missed.
     while world.next(Duration::ZERO)?.is_some() {}
     request_steps(&instance, args.frames).map_err(|error| {
         format!(
@@ -38,7 +37,8 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
                     say_line!("{}", line(world))?;
                 }
             }
-            // Numbers missing in the recording, or steps of others that were too fast for us.
+            // Numbers missing in the recording, or steps requested by another program, too fast to be
+            // read.
             Some(Event::Missed(_) | Event::Joined | Event::Restarted) => {}
             Some(Event::Left) => return Err("the group has ended".into()),
             None if heard.elapsed() > PATIENCE => {
@@ -50,8 +50,8 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A frame and who is where on it, in millimetres and degrees; in parentheses who was not seen, or not
-/// recognised. Robots of which only the team is known have the number of their track behind a `?`.
+/// A frame with the poses of robots and ball, in millimetres and degrees; in parentheses those not seen
+/// or not recognised. Robots of which only the team is known have the number of their track after a `?`.
 fn line(world: &WorldFrame) -> String {
     let text = |status: u32, text: String| match TrackStatus::from_number(status) {
         None | Some(TrackStatus::Absent) => String::new(),

@@ -1,8 +1,8 @@
-//! `touchline stress`: how many frames a second this machine sustains.
+//! `touchline stress`: measures the frame rate that this machine sustains.
 //!
-//! One group after the other is run, each at a higher rate, fed by an injector that costs next to
-//! nothing, until one loses a frame; then the rates in between are tried, until it is known to within
-//! a few per cent which is the highest that loses none.
+//! Groups run one after the other, each at a higher rate, fed by an injector of negligible cost, until
+//! one loses a frame. Rates in between narrow down, to within a few per cent, the highest that loses
+//! none.
 
 use super::{CommandError, load_config};
 use crate::cli::StressArgs;
@@ -16,41 +16,41 @@ use touchline::monitor::report::{Breakdown, Percentiles};
 use touchline::monitor::{Monitor, Output, Report};
 use touchline::supervisor::{self, Launch, Outcome, Until};
 
-/// Rates are tried in steps of this factor …
+/// Rates rise by this factor …
 const STEP: f64 = 1.5;
-/// … and then halved, geometrically, until they are this close.
+/// … and are then bisected geometrically until the ratio of the bounds is this small.
 const PRECISION: f64 = 1.06;
-/// No configuration allows more.
+/// Highest rate that a configuration allows.
 const HIGHEST_FPS: f64 = 10_000.0;
-/// Frames painted in advance fill at most so much memory.
+/// Memory limit for the frames painted in advance.
 const LOOP_BYTES: usize = 128 << 20;
-/// Of fewer frames nothing can be said.
+/// Fewest frames for a result.
 const FEWEST_FRAMES: f64 = 100.0;
 
-/// What was found out.
+/// The results.
 #[derive(Debug, Serialize)]
 struct Outcomes {
     width: u32,
     height: u32,
     /// Highest rate without any loss; 0 if there was none.
     sustained_fps: f64,
-    /// By rate.
+    /// The runs, by rate.
     runs: Vec<Run>,
 }
 
-/// One rate.
+/// The results at one rate.
 #[derive(Debug, Clone, Serialize)]
 struct Run {
     fps: f64,
     seconds: f64,
     frames: u64,
-    /// Captured, but not in `world`.
+    /// Captured, but missing in `world`.
     missing: u64,
     /// Never captured: the injector itself could not keep up.
     not_captured: u64,
     latency_us: Percentiles,
     breakdown_us: Breakdown,
-    /// Shares of one processor: the injector, the other stages, supervisor and monitor.
+    /// Processor time relative to one processor: the injector, the other stages, supervisor and monitor.
     injector_cpu_percent: f64,
     stages_cpu_percent: f64,
     supervisor_cpu_percent: f64,
@@ -64,7 +64,7 @@ impl Run {
     }
 }
 
-/// Runs it.
+/// Runs the measurement.
 pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
     if let Some((width, height)) = args.size {
@@ -91,8 +91,8 @@ pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
     Ok(if sustained_fps > 0.0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Tries rates, from `first` upwards, then between the highest that lost nothing and the lowest that
-/// did.
+/// Searches for the highest rate: upwards from `first`, then between the highest without and the lowest
+/// with losses.
 fn search(
     first: f64,
     mut run: impl FnMut(f64) -> Result<Run, CommandError>,

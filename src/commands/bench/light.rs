@@ -1,5 +1,5 @@
-//! What correcting the light costs the classifier: frames of a synthetic match under uneven lamps, taken
-//! as they are and with one correction after the other switched on.
+//! The cost of light correction in the classifier: frames of a synthetic match under uneven lamps,
+//! classified without correction and with one correction after the other switched on.
 
 use super::pictures::match_frames;
 use super::{CommandError, FEWEST_ROUNDS, median, timed};
@@ -11,28 +11,30 @@ use std::hint::black_box;
 use std::io;
 use std::time::{Duration, Instant};
 
-/// What the classifier takes for a frame with some corrections, in microseconds.
+/// Classification time of a frame with some corrections, in microseconds.
 #[derive(Debug, Serialize)]
 pub struct LightRow {
     pub corrections: &'static str,
     pub classifier_us: f64,
-    /// Ninety-nine of a hundred frames take less.
+    /// 99th percentile.
     pub p99_us: f64,
-    /// Times the frame taken as it is.
+    /// Ratio to the time without corrections.
     pub ratio: f64,
     /// Runs found in the first frame.
     pub runs: usize,
-    /// Share of the frames whose gains are others than those of the frame before.
+    /// Share of the frames whose gains differ from those of the frame before.
     pub changed: f64,
 }
 
-/// Each with those before it. Nothing of these frames is under glare, as nothing of most is.
+/// Corrections, each added to the ones before it. No pixel of these frames is under glare, as in most
+/// frames.
 const CORRECTIONS: [&str; 5] = ["none", "lamps", "unevenness", "glare", FLICKER];
-/// No further correction, but every other frame is so much brighter that all tables have to be made anew.
+/// All corrections, but the brightness alternates from frame to frame so much that all tables have to be
+/// recomputed.
 const FLICKER: &str = "all, flicker";
 const BRIGHTER: f64 = 1.25;
 
-/// Measures them, taking turns on each frame.
+/// Measures all corrections, taking turns on each frame.
 pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
     let mut config = Config::default();
     config.synthetic.gradient = 0.4;
@@ -75,12 +77,12 @@ pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
     let mut rounds = 0;
     while started.elapsed() < budget || rounds < FEWEST_ROUNDS {
         for (index, (classifier, times)) in classifiers.iter_mut().enumerate() {
-            // Each meets a frame that the others have not just brought into the caches.
+            // Each gets a frame that the others have not just brought into the caches.
             let number = (rounds + index * frames.len() / CORRECTIONS.len()) % frames.len();
             let is_brighter = CORRECTIONS[index] == FLICKER && rounds % 2 == 1;
             let frame = if is_brighter { &brighter[number] } else { &frames[number] };
             times.push(timed(|| {
-                // Checked above to be possible.
+                // Checked to succeed above.
                 let _ = classifier.step(&header, black_box(frame), &mut runs_header, &mut runs);
             }));
         }
@@ -102,7 +104,7 @@ pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
     Ok(rows.collect())
 }
 
-/// For people.
+/// Prints the rows as text.
 pub fn show(rows: &[LightRow]) -> io::Result<()> {
     say_line!(
         "a match frame under uneven lamps, cold: the classifier, one correction after the other"

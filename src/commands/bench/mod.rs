@@ -1,11 +1,12 @@
-//! `touchline bench`: what this machine makes of a frame, beside a plain copy of it.
+//! `touchline bench`: measures processing times of a frame on this machine, relative to a plain copy of
+//! it.
 //!
-//! Answers are verified first. Then all candidates take turns, so that a change of the machine's mood
-//! meets all of them, and medians are reported. "Hot" is the same frame again and again; "cold" is one
-//! of so many that none is in a cache, as it is when a camera has just written it.
+//! Answers are verified first. Then all candidates take turns, so that changes of the machine's speed
+//! affect all of them alike, and medians are reported. "Hot" repeats the same frame; "cold" cycles
+//! through so many frames that none is in a cache, as when a camera has just written it.
 //!
-//! Painted pictures have ideal colours: boxes that share nothing with each other or with the ground. What a
-//! configuration's own colours cost on pictures of its own camera is measured instead if asked for.
+//! Painted pictures have ideal colours: boxes that overlap neither each other nor the background. On
+//! request, the configuration's own colours are measured on pictures of its own camera instead.
 
 mod light;
 mod own;
@@ -29,13 +30,13 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use tracker::regions::RegionFinder;
 
-/// Frames that a cold measurement goes round, as far as they fit into so much memory.
+/// Most frames, and most bytes of them, that a cold measurement cycles through.
 const COLD_FRAMES: usize = 256;
 const COLD_BYTES: usize = 128 << 20;
-/// Rounds a measurement takes at least, whatever the time.
+/// Fewest rounds of a measurement, regardless of the time.
 const FEWEST_ROUNDS: usize = 7;
 
-/// What is measured: size, classes, content.
+/// The measured subjects: size, classes, content.
 const SUBJECTS: [(u32, u32, usize, Content); 9] = [
     (640, 480, 13, Content::Foreground(0.005)),
     (1280, 960, 13, Content::Foreground(0.005)),
@@ -48,7 +49,7 @@ const SUBJECTS: [(u32, u32, usize, Content); 9] = [
     (640, 480, 13, Content::Noise),
 ];
 
-/// Everything measured.
+/// All results.
 #[derive(Debug, Serialize)]
 struct Outcome {
     cpu: String,
@@ -58,7 +59,7 @@ struct Outcome {
     light: Vec<LightRow>,
 }
 
-/// Everything measured of a configuration and pictures of its own.
+/// All results for a configuration and pictures of its own.
 #[derive(Debug, Serialize)]
 struct OwnOutcome {
     cpu: String,
@@ -66,7 +67,7 @@ struct OwnOutcome {
     pictures: Vec<PictureRow>,
 }
 
-/// One picture.
+/// The results for one picture.
 #[derive(Debug, Serialize)]
 struct Row {
     width: u32,
@@ -74,7 +75,7 @@ struct Row {
     classes: usize,
     content: String,
     runs: usize,
-    /// The same frame again and again, and always another one.
+    /// Copy of the same frame every time, and of another frame every time.
     copy_hot_us: f64,
     copy_cold_us: f64,
     levels: Vec<LevelRow>,
@@ -89,15 +90,15 @@ struct LevelRow {
     level: &'static str,
     hot_us: f64,
     cold_us: f64,
-    /// Times a copy of the frame.
+    /// Ratio to a copy of the frame.
     hot_ratio: f64,
     cold_ratio: f64,
-    /// The same with the merging of runs into regions.
+    /// The same, with the merging of runs into regions.
     regions_hot_ratio: f64,
     regions_cold_ratio: f64,
 }
 
-/// Runs it.
+/// Runs the benchmark.
 pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let budget = Duration::from_millis(if args.full { 2500 } else { 300 });
     let (cpu, processors) =
@@ -151,7 +152,7 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
         .iter()
         .map(|&level| Classifier::with_level(config, level))
         .collect::<Result<Vec<_>, _>>()?;
-    // Room for everything: noise has more runs than a message, and all of it shall be measured.
+    // Room for all runs: noise has more of them than a message holds, and all are to be measured.
     let mut runs =
         vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; picture.pixels.len()];
     let mut out_header = RunsHeader::default();
@@ -176,14 +177,15 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
     if regions != picture.count_regions(&found).min(detections.regions.len()) {
         return Err("the merging of runs gives other regions than a flood fill".into());
     }
-    // Measured as it is used: what is too small is noise.
+    // With the configured threshold: smaller regions are noise.
     let least = Config::default().tracker.min_region_px;
     let mut finder = RegionFinder::new(*width, *height, *classes as u32, least);
 
     let bytes = picture.pixels.len();
     let count = (COLD_BYTES / bytes).clamp(3, COLD_FRAMES);
     let cold = vec![picture.pixels.clone(); count];
-    // Not at the same place in a page as its source, where copying takes many times as long.
+    // Placed at another offset in a page than its source: at the same offset, copying takes many times
+    // as long.
     let mut copy = vec![0u8; bytes + 2048];
     let copy = &mut copy[2048..];
     let (mut copy_hot, mut copy_cold, mut merging) = (Vec::new(), Vec::new(), Vec::new());
@@ -204,7 +206,7 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
         for (index, classifier) in classifiers.iter_mut().enumerate() {
             let mut classify = |pixels: &[u8]| {
                 timed(|| {
-                    // Checked above to be possible.
+                    // Checked to succeed above.
                     let _ = classifier.step(header, black_box(pixels), &mut out_header, &mut runs);
                 })
             };
@@ -276,7 +278,7 @@ fn show(row: &Row) -> io::Result<Reader> {
     Ok(reader)
 }
 
-/// Microseconds.
+/// Duration in microseconds.
 fn timed(work: impl FnOnce()) -> f64 {
     let start = Instant::now();
     work();

@@ -1,4 +1,4 @@
-//! A configuration's own colours on pictures of its camera, stage by stage.
+//! Measures a configuration's own colours on pictures of its camera, stage by stage.
 
 use super::pictures::match_frames;
 use super::stages::{self, Stages};
@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What each stage takes for a picture.
+/// Time of each stage for a picture.
 #[derive(Debug, Serialize)]
 pub struct PictureRow {
     pub picture: String,
@@ -18,12 +18,12 @@ pub struct PictureRow {
     pub stages: Stages,
 }
 
-/// Copies of a picture that are gone round, at most.
+/// Most copies of a picture that a measurement cycles through.
 const MOST_COPIES: usize = 64;
 
-/// Measures each picture, or frames of the synthetic match if there are none, and shows it as soon as it is
-/// known. A picture that cannot be used is complained about; the others are measured all the same, and the
-/// answer is `false`.
+/// Measures each picture, or frames of the synthetic match if there are none, and prints each result as
+/// soon as it is known. A picture that cannot be used is reported; the others are measured all the same,
+/// and the result is `false`.
 pub fn measure(
     config: &Config,
     pictures: &[PathBuf],

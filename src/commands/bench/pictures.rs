@@ -1,4 +1,4 @@
-//! Pictures to measure with: dark ground, squares of the classes' colours, or noise.
+//! Pictures to measure with: dark background, squares of the classes' colours, or noise.
 
 use super::{COLD_BYTES, CommandError};
 use common::config::{ColorConfig, Config, GeometryConfig, LightConfig};
@@ -6,10 +6,10 @@ use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
 use grabber::synthetic::SyntheticMatch;
 use std::fmt;
 
-/// What is in a picture.
+/// Content of a picture.
 #[derive(Debug, Clone, Copy)]
 pub enum Content {
-    /// Squares that cover this part of it.
+    /// Squares that cover this share of the picture.
     Foreground(f64),
     /// Random bytes.
     Noise,
@@ -24,7 +24,7 @@ impl fmt::Display for Content {
     }
 }
 
-/// Frames of a match, so many that none is in a cache any more when its turn comes again.
+/// Frames of a match, enough that none is still in a cache when its turn comes again.
 pub fn match_frames(config: &Config) -> Result<Vec<Vec<u8>>, CommandError> {
     let mut scene = SyntheticMatch::new(config)?;
     let bytes = config.camera.frame_bytes();
@@ -50,16 +50,16 @@ pub struct Picture {
 
 /// Side of a square in pixels, about that of a patch.
 const SQUARE: u32 = 9;
-/// Ground, and how far noise makes it stray.
+/// Colour of the background, and amplitude of its noise.
 const GROUND: [u8; 3] = [30, 38, 34];
 const STRAY: u64 = 9;
 
 impl Picture {
-    /// Paints it.
+    /// Paints the picture.
     pub fn new(width: u32, height: u32, classes: usize, content: Content) -> Self {
         let mut config = Config::default();
         (config.camera.width, config.camera.height) = (width, height);
-        // All of it is looked at, as it is.
+        // The whole picture is processed, without corrections.
         config.field.mask = false;
         config.light = LightConfig::default();
         config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
@@ -127,14 +127,14 @@ impl Picture {
     }
 }
 
-/// Which square a pixel is in, if the squares, evenly spread, cover `part` of the picture.
+/// Index of the square that contains a pixel, if evenly spread squares cover `part` of the picture.
 fn square_at(x: u32, y: u32, part: f64) -> Option<usize> {
     let pitch = (f64::from(SQUARE) / part.sqrt()).round() as u32;
     let number = (x / pitch) as usize + 7 * (y / pitch) as usize;
     (x % pitch < SQUARE && y % pitch < SQUARE).then_some(number)
 }
 
-/// Up to 32 colours whose boxes share nothing with each other or with the ground.
+/// Up to 32 colours whose boxes overlap neither each other nor the background.
 fn color(class: usize) -> ColorConfig {
     let around = |level: u8, reach: u8| [level - reach, level.saturating_add(reach)];
     let levels = [80, 135, 190, 240];

@@ -1,4 +1,4 @@
-//! The stages on frames, and what follows for the frame rate.
+//! Measures the stages on frames, and derives the frame rate.
 
 use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use crate::commands::output::Reader;
@@ -11,33 +11,33 @@ use std::io;
 use std::time::{Duration, Instant};
 use touchline::chain::Chain;
 
-/// What each stage takes for a frame, in microseconds.
+/// Time of each stage for a frame, in microseconds.
 #[derive(Debug, Serialize)]
 pub struct Stages {
     pub width: u32,
     pub height: u32,
     /// SIMD level of the classifier.
     pub level: &'static str,
-    /// Copying a frame into shared memory, which an injector does.
+    /// Copying a frame into shared memory, as an injector does.
     pub copy_us: f64,
     pub classifier_us: f64,
     pub tracker_us: f64,
     pub filter_us: f64,
-    /// Everything one after the other, without the ways in between.
+    /// Sum of all stages, without transport between them.
     pub sum_us: f64,
-    /// Ninety-nine of a hundred frames take less for all of it.
+    /// 99th percentile of that sum.
     pub sum_p99_us: f64,
     /// Runs in the last frame.
     pub runs: usize,
     pub robots_found: usize,
 }
 
-/// Bookkeeping and waking up on the way of a frame, for all stages together: what `touchline stress`
-/// takes above the sum of the stages.
+/// Bookkeeping and wake-ups on the way of a frame, for all stages together: the difference between
+/// `touchline stress` and the sum of the stages.
 const WAYS_US: f64 = 60.0;
 
 impl Stages {
-    /// Frames a second: no stage can do more than its time allows, nor can the processors together.
+    /// Sustained frame rate, limited by the slowest stage and by the processors together.
     fn sustained_fps(&self, processors: usize) -> f64 {
         let slowest = [self.copy_us, self.classifier_us, self.tracker_us, self.filter_us]
             .into_iter()
@@ -46,7 +46,7 @@ impl Stages {
         1e6 / together_us.max(slowest + WAYS_US / 4.0)
     }
 
-    /// For people.
+    /// Prints the row as text.
     pub fn show(&self, name: &str, processors: usize) -> io::Result<Reader> {
         say_line!(
             "{name}, {}×{}, cold: copy {:.1}, classifier ({}) {:.1}, tracker {:.1}, filter {:.1}: \
@@ -70,8 +70,8 @@ impl Stages {
     }
 }
 
-/// Takes frames through the stages, one after the other: so many that none is in a cache any more when its
-/// turn comes again.
+/// Runs frames through the stages, one after the other: enough frames that none is still in a cache when
+/// its turn comes again.
 pub fn measure(
     config: &Config,
     frames: &[Vec<u8>],
@@ -85,7 +85,7 @@ pub fn measure(
     let started = Instant::now();
     let mut seq = 0;
     while started.elapsed() < budget || times[0].len() < FEWEST_ROUNDS {
-        // To and fro, so that nothing jumps.
+        // Forwards and backwards, so that nothing jumps.
         let period = (2 * (count as u64 - 1)).max(1);
         let frame = &frames[(seq % period).min(period - seq % period) as usize];
         let header = FrameHeader {
@@ -125,7 +125,7 @@ pub fn measure(
     })
 }
 
-/// Whether the classifier finds what the scalar code does, which is the specification.
+/// Whether the classifier's output equals that of the scalar code, which is the specification.
 fn verify(config: &Config, frame: &[u8], chain: &mut Chain) -> Result<(), CommandError> {
     let header = config.camera.frame_header();
     let mut runs_header = RunsHeader::default();

@@ -1,8 +1,10 @@
-//! The pitch's lines in the picture: where the marks predict them, found to a fraction of a pixel.
+//! Refines a calibration on the lines of the pitch, located to a fraction of a pixel near where the
+//! marks predict them.
 //!
-//! Along every line of the pitch there are places, a few pixels apart. Across the line, as the calibration sees it, the
-//! picture's brightness is looked at: a painted line is a ridge, the foot of a wall a step. What is found is fitted, what
-//! does not go with the rest is left out (robots stand on lines), and all is looked for again, closer by.
+//! Sample places lie a few pixels apart along every line of the pitch. At each, the brightness profile
+//! across the line, straight in the calibration's field coordinates, is searched: a painted line is a
+//! ridge, the foot of a wall a step. The camera is fitted to the edges found, outliers are dropped
+//! (robots stand on lines), and the search is repeated with a shorter reach.
 
 use common::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
 use common::config::{Config, FieldConfig};
@@ -13,16 +15,16 @@ use std::f64::consts::TAU;
 /// A calibration refined on lines.
 pub struct Refined {
     pub calibration: Calibration,
-    /// Places that were found, and that were looked for.
+    /// Places that were found, and places that were searched.
     pub found: usize,
     pub wanted: usize,
     /// Root mean square residual of the lines after the fit.
     pub rms_px: f64,
-    /// How far the pitch's outline has moved in the picture, root mean square and at most.
+    /// Displacement of the pitch's outline in the picture by the fit: root mean square and maximum.
     pub moved_px: [f64; 2],
 }
 
-/// Why a calibration is left as it is.
+/// Reason why a calibration is left unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum NotRefined {
     #[error("only {found} of {wanted} places on lines were found")]
@@ -38,24 +40,25 @@ pub enum NotRefined {
     Undetermined(#[from] CalibrationError),
 }
 
-/// How far across a line is looked, in pixels, time after time.
+/// Reach of the search across a line, px, per iteration.
 const REACHES_PX: [f64; 4] = [14.0, 9.0, 6.0, 6.0];
-/// The same where little is to be moved.
+/// Reaches when only a small correction is expected.
 const LAST_REACHES_PX: &[f64] = &[6.0];
-/// Distance of two places on a line.
+/// Distance between neighbouring places on a line.
 const SPACING_PX: f64 = 10.0;
-/// Fewer places, or fewer of those looked for, are not enough.
+/// Fewest places found, and smallest share of those searched, for a refinement.
 const LEAST_FOUND: usize = 40;
 const LEAST_SHARE: f64 = 0.25;
-/// A larger error is not that of lines.
+/// Above this residual the edges do not belong to the pitch's lines.
 const MAX_RMS_PX: f64 = 0.8;
-/// Nobody marks points worse than this on purpose, root mean square.
+/// Largest root mean square error assumed for points marked by hand.
 const ROUGH_POINTS_PX: f64 = 3.0;
-/// With so many equations more than unknowns the points tell themselves how well they were marked, and lines that move
-/// them further than so many deviations are others than those of the pitch.
+/// With at least this surplus of equations over unknowns, the points' own residuals give their marking
+/// error. Lines that move the points by more than the given number of deviations are not those of the
+/// pitch.
 const TELLING_SURPLUS: usize = 3;
 const MAX_DEVIATIONS: f64 = 4.0;
-/// Points that were marked better than this are not told apart.
+/// Smallest marking error assumed for the points.
 const FINE_POINTS_PX: f64 = 0.25;
 
 /// Fits the camera to the lines.
@@ -84,7 +87,8 @@ pub fn refined(
     Ok(Refined { calibration, found, wanted, rms_px, moved_px })
 }
 
-/// How far lines may move the points from where they were marked, root mean square.
+/// Largest root mean square displacement of the points, from where they were marked, that lines may
+/// cause.
 fn may_move_px(by_points: &Calibration) -> f64 {
     let surplus = by_points.surplus;
     if surplus < TELLING_SURPLUS {
@@ -95,8 +99,8 @@ fn may_move_px(by_points: &Calibration) -> f64 {
     MAX_DEVIATIONS * deviation_px.max(FINE_POINTS_PX)
 }
 
-/// By how much the middles of painted lines lie inside what they mark. It is a matter of custom whether the middle or the
-/// outer edge counts.
+/// Distance by which the middle of a painted line lies inside the dimension it marks. Leagues differ in
+/// whether a dimension is measured to the middle or to the outer edge of the line.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Insets {
     border_mm: f64,
@@ -109,7 +113,7 @@ struct Found {
     found: usize,
     wanted: usize,
     rms_px: f64,
-    /// Width of the border's line, as it looks; 0 where it is none.
+    /// Apparent width of the border's line; 0 if the border is not a painted line.
     line_mm: f64,
 }
 
@@ -121,7 +125,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Looks for the lines around where a calibration has them, closer and closer.
+    /// Searches for the lines around their place in a calibration, iteratively with shorter reaches.
     fn from(
         &self,
         start: &Calibration,
@@ -150,8 +154,8 @@ impl Search<'_> {
         Ok(Found { calibration, found, wanted, rms_px, line_mm })
     }
 
-    /// The same with lines painted inside what they mark, if that fits better: the border alone or the circle as well. The
-    /// squared error is a parabola of the inset.
+    /// The result with lines inset from the dimensions they mark, if that fits better: only the border,
+    /// or the circle too. The squared error is a parabola of the inset.
     fn better_inset(&self, centered: Found) -> Found {
         let half_mm = centered.line_mm / 2.0;
         let mut best = centered;
@@ -170,7 +174,7 @@ impl Search<'_> {
             let (a, b, c) = (square, at_half.rms_px.powi(2), at_whole.rms_px.powi(2));
             let curvature = a - 2.0 * b + c;
             let lowest = half_mm * (1.0 + (a - c) / (2.0 * curvature));
-            // Painted in the middle, or not told by the other lines.
+            // The line is painted symmetrically, or the other lines do not determine the inset.
             if curvature <= 0.0 || !(0.2 * half_mm..1.8 * half_mm).contains(&lowest) {
                 continue;
             }
@@ -184,16 +188,16 @@ impl Search<'_> {
     }
 }
 
-/// An inset must leave less than this share of the error.
+/// An inset is accepted if it reduces the residual to less than this share.
 const CLEARLY: f64 = 0.8;
 
-/// A line of the pitch: its places for a parameter from 0 to 1.
+/// A line of the pitch: gives its points for a parameter from 0 to 1.
 struct Line {
     at: Box<dyn Fn(f64) -> [f64; 2]>,
     length_mm: f64,
     /// Towards the pitch's middle, for the border.
     inwards: Option<[f64; 2]>,
-    /// Distance of its places inside what it marks.
+    /// Distance of its points inside the dimension it marks.
     inset_mm: f64,
 }
 
@@ -228,7 +232,7 @@ fn lines(field: &FieldConfig, insets: Insets) -> Vec<Line> {
     lines
 }
 
-/// The places that are found, how many were looked for, and how wide the border's line looks.
+/// The edges found, the number of places searched, and the apparent width of the border's line.
 fn find_edges(
     brightness: &Brightness,
     field: &FieldConfig,
@@ -254,7 +258,7 @@ fn find_edges(
             let length = along[0].hypot(along[1]);
             let mut normal = [-along[1] / length, along[0] / length];
             if let Some([x, y]) = line.inwards {
-                // Towards the middle, so that inside and outside can be told.
+                // A point towards the pitch's middle distinguishes inside from outside.
                 let inside = seen([field_mm[0] + mm_per_px * x, field_mm[1] + mm_per_px * y]);
                 let across = [inside.x_px - here.x_px, inside.y_px - here.y_px];
                 if normal[0] * across[0] + normal[1] * across[1] < 0.0 {
@@ -287,7 +291,7 @@ fn find_edges(
     (edges, wanted, width_mm)
 }
 
-/// Fits to the edges, and again without those that lie far from where the others have them.
+/// Fits to the edges, and repeats without outliers.
 fn fit_without_outliers(
     mut edges: Vec<EdgeMark>,
     marks: &[Mark],
@@ -299,7 +303,7 @@ fn fit_without_outliers(
         let errors: Vec<f64> = edges.iter().map(|edge| off_by(&calibration.model, edge)).collect();
         let mut sizes: Vec<f64> = errors.iter().map(|error| error.abs()).collect();
         sizes.sort_by(f64::total_cmp);
-        // For normal errors the median of their sizes is 0.67 deviations.
+        // The median absolute value of normally distributed errors is 0.67 deviations.
         let limit = (4.5 * sizes[sizes.len() / 2]).max(0.3);
         let count = edges.len();
         let mut errors = errors.iter();
@@ -321,7 +325,7 @@ fn off_by(model: &CameraModel, edge: &EdgeMark) -> f64 {
         + (seen.y_px - edge.image_px[1]) * edge.normal[1]
 }
 
-/// How far the border moves in the picture from one model to another.
+/// Displacement of the border in the picture between two models.
 fn moved(
     from: &CameraModel,
     to: &CameraModel,
@@ -347,20 +351,20 @@ fn moved(
     [f64::sqrt(squares / f64::max(count, 1.0)), most]
 }
 
-/// How bright each pixel is.
+/// Brightness of each pixel.
 struct Brightness {
     values: Vec<f32>,
     width: usize,
     height: usize,
 }
 
-/// Pixels around a profile that are needed for it.
+/// Margin around a profile that interpolation needs, px.
 const MARGIN_PX: f64 = 4.0;
-/// Steps of a profile in a pixel.
+/// Samples of a profile per pixel.
 const STEPS_PER_PX: usize = 4;
-/// A step is over within so many pixels.
+/// Width of a brightness step, px.
 const STEP_PX: usize = 2;
-/// Grey levels by which a line must differ from the floor on both sides.
+/// Smallest contrast, in grey levels, of a line against the floor on both sides.
 const LEAST_CONTRAST: f32 = 12.0;
 
 impl Brightness {
@@ -375,7 +379,8 @@ impl Brightness {
         if is_grey { brightness.without_mosaic() } else { brightness }
     }
 
-    /// The mosaic of a raw picture evened out: each pixel with its neighbours, so that all colours count as much.
+    /// The picture with its Bayer mosaic smoothed: each pixel averaged with its neighbours, so that all
+    /// colours have equal weight.
     fn without_mosaic(&self) -> Self {
         let value = |index: usize| {
             let (column, row) = (index % self.width, index / self.width);
@@ -416,8 +421,8 @@ impl Brightness {
         blend(above, below, down_part)
     }
 
-    /// Brightness across a line, from `reach_px` on one side to as far on the other; a mean over some pixels along it,
-    /// which also evens out the mosaic of a raw picture.
+    /// Brightness profile across a line, `reach_px` to each side; averaged over some pixels along the
+    /// line, which also smooths the mosaic of a raw picture.
     fn profile(&self, here: ImagePoint, normal: [f64; 2], reach_px: f64) -> Profile {
         let steps = (2.0 * reach_px) as usize * STEPS_PER_PX + 1;
         let along = [-normal[1], normal[0]];
@@ -444,8 +449,8 @@ struct Profile {
 }
 
 impl Profile {
-    /// Where the line is, if there is one and no other, and how wide. Steps, where the floor ends at something brighter,
-    /// are looked for at the border only; they have no width.
+    /// Position of the line, if exactly one is in the profile, and its width. Steps, where the floor
+    /// ends at something brighter, are searched at the border only and have no width.
     fn line(&self, is_border: bool) -> Option<(f64, Option<f64>)> {
         if let Some([from, to]) = self.ridge() {
             return Some(((from + to) / 2.0, Some(to - from)));
@@ -488,7 +493,8 @@ impl Profile {
         ])
     }
 
-    /// The step in the profile from something brighter outside to the floor: the last one, since the floor is even.
+    /// The step from something brighter outside down to the floor: the last step of the profile, because
+    /// the floor is even.
     fn step(&self) -> Option<f64> {
         let far = STEP_PX * STEPS_PER_PX;
         let falls = |index: usize| self.values[index - far] - self.values[index + far];
@@ -498,14 +504,14 @@ impl Profile {
             return None;
         }
         let last = places.rev().find(|&index| falls(index) > 0.7 * steepest)?;
-        // Back to where the fall is largest.
+        // Backwards to the steepest fall.
         let index = (far.max(last.saturating_sub(2 * far))..=last)
             .max_by(|&a, &b| falls(a).total_cmp(&falls(b)))?;
         let level = (self.values[index - far] + self.values[index + far]) / 2.0;
         self.crossing(index, level)
     }
 
-    /// Where the profile crosses a level near this step, in pixels from its middle.
+    /// Position where the profile crosses a level near this sample, in pixels from its middle.
     fn crossing(&self, near: usize, level: f32) -> Option<f64> {
         let range = near.saturating_sub(6).max(1)..(near + 6).min(self.values.len());
         let crosses =

@@ -1,4 +1,4 @@
-//! `touchline calibrate`: from marked points to the camera's geometry.
+//! `touchline calibrate`: computes the camera's geometry from marked points.
 
 mod lines;
 mod overlay;
@@ -22,8 +22,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Fits the camera to the points, prints how well, and writes the configuration. Points that do not
-/// go together are an error, and nothing is written.
+/// Fits the camera to the points, prints the residuals and writes the configuration. Inconsistent points
+/// are an error, and nothing is written.
 pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let mut config = load_config(args.config.as_deref())?;
     let inputs: Vec<&Path> = [&args.config, &args.points, &args.picture]
@@ -80,8 +80,8 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The camera that the points tell, and then the lines of the pitch, if there is a picture of them; what is to be said
-/// about these.
+/// The camera fitted to the points, refined on the pitch's lines if there is a picture, and a report
+/// about the lines.
 fn fit(
     config: &Config,
     marks: &[Mark],
@@ -92,7 +92,7 @@ fn fit(
     let (field, camera) = (&config.field, &config.camera);
     let by_points = calibrate_by_points(marks, lens, field, camera, within_px);
     let Some(picture) = picture else { return by_points.map(|calibration| (calibration, None)) };
-    // Points that were marked roughly are good enough to look for the lines.
+    // Roughly marked points are good enough to start the search for lines.
     let rough = match &by_points {
         Ok(calibration) => Ok(calibration.clone()),
         Err(_) => calibrate_by_points(marks, lens, field, camera, ROUGHLY * within_px),
@@ -111,15 +111,15 @@ fn fit(
     }
 }
 
-/// Points may be so many times further off where lines are to be looked for.
+/// Factor by which the error limit of points is raised if lines will refine the fit.
 const ROUGHLY: f64 = 3.0;
 
 fn open(path: &Path) -> Result<RgbImage, CommandError> {
     Ok(read_picture(path)?.into_rgb8())
 }
 
-/// Points are pixels of pictures of the configured size; without a configuration that of the
-/// picture is as good as any.
+/// Points are pixels of pictures of the configured size. Without a configuration, the size of the
+/// picture is adopted.
 fn adopt_size(
     config: &mut Config,
     path: &Path,
@@ -141,7 +141,7 @@ fn adopt_size(
     Ok(())
 }
 
-/// Which point has which number.
+/// Numbered list of the points.
 fn listing(points: &[NamedMark]) -> String {
     let line = |(index, point): (usize, &NamedMark)| {
         let [x, y] = point.mark.image_px;
@@ -150,7 +150,7 @@ fn listing(points: &[NamedMark]) -> String {
     points.iter().enumerate().map(line).collect()
 }
 
-/// Each point with its error, and what was found.
+/// Each point with its error, and the fitted camera.
 fn report(
     points: &[NamedMark],
     calibration: &Calibration,
@@ -228,7 +228,7 @@ fn camera(calibration: &Calibration) -> String {
     format!("{} mm high, at x {}, y {} mm ({source})", coordinate(2), coordinate(0), coordinate(1))
 }
 
-/// What would make it better.
+/// Advice on how to improve the calibration.
 fn hints(calibration: &Calibration) -> Vec<&'static str> {
     let mut hints = Vec::new();
     if calibration.surplus == 0 {
@@ -253,7 +253,7 @@ fn hints(calibration: &Calibration) -> Vec<&'static str> {
     hints
 }
 
-/// The part of a configuration that was found.
+/// The part of the configuration that was determined.
 fn section(geometry: &GeometryConfig) -> String {
     let GeometryConfig { camera_mm, points, distortion } = geometry;
     let mut text = format!("[geometry]\ncamera_mm = {camera_mm:?}\n");

@@ -1,10 +1,10 @@
-//! The pitch drawn back over the picture it was measured in: where the lines lie on each other, the
-//! geometry is right.
+//! Draws the pitch over the picture in which it was measured: where drawn and painted lines coincide,
+//! the geometry is right.
 //!
-//! * The lines of the pitch, as the camera sees them according to the calibration.
-//! * Every marked point: a ring where it was marked, with its number, and a dot where the
-//!   calibration has it. The way from ring to dot is drawn ten times as long as it is.
-//! * The point below the lens, crossed.
+//! * The lines of the pitch, projected by the calibration.
+//! * Every marked point: a numbered ring where it was marked, and a dot where the calibration projects
+//!   it. The distance from ring to dot is drawn ten times as long.
+//! * A cross at the point below the lens.
 
 use super::points::NamedMark;
 use common::calibration::Calibration;
@@ -14,9 +14,9 @@ use image::RgbImage;
 use std::f64::consts::TAU;
 use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
-/// Overlays are about this wide.
+/// Approximate width of an overlay.
 const WIDTH_PX: u32 = 1920;
-/// Errors are drawn so many times as long.
+/// Factor by which errors are enlarged.
 const ENLARGED: f64 = 10.0;
 const LETTER: i32 = 2;
 
@@ -80,7 +80,7 @@ impl Drawing<'_> {
         self.spot([x_px, y_px])
     }
 
-    /// Straight lines of the pitch, which the lens bends.
+    /// Draws straight lines of the pitch, bent by the lens.
     fn path(&mut self, corners: &[[f64; 2]], height_mm: f64, color: Color) {
         const STEPS: i32 = 24;
         for pair in corners.windows(2) {
@@ -133,7 +133,7 @@ impl Drawing<'_> {
     fn label(&mut self, at: CanvasPoint, text: &str, color: Color) {
         let (width, height) = text_size(LETTER, text);
         let bounds = self.canvas.area();
-        // Inside the picture, also for what lies at its edge.
+        // Kept inside the picture, also for points at its edge.
         let left = (at.x as i32).clamp(2, (bounds.right - width - 2).max(2));
         let top = (at.y as i32).clamp(2, (bounds.bottom - height - 2).max(2));
         let area = Area { left, top, right: left + width, bottom: top + height };

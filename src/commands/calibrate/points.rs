@@ -1,4 +1,4 @@
-//! The points a person has marked: from a file, from the command line.
+//! Points marked by a person: from a file and from the command line.
 
 use common::calibration::{LandmarkError, Mark, resolve_landmark};
 use common::config::{FieldConfig, Pair};
@@ -14,13 +14,13 @@ pub struct PointsFile {
     pub wall_height_mm: Option<f64>,
     /// Height of the lens above the floor, if it was measured.
     pub camera_height_mm: Option<f64>,
-    /// Place of the lens, [x, y, height], if all of it was measured.
+    /// Position of the lens, [x, y, height], if it was measured.
     pub camera_mm: Option<[f64; 3]>,
     /// The points.
     points: Vec<Point>,
 }
 
-/// A point as it is written: by name or by millimetres.
+/// A point as written in the file: by name or by millimetres.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Point {
@@ -29,40 +29,40 @@ struct Point {
     image_px: Pair,
 }
 
-/// A point with the words a person has for it.
+/// A marked point with its name for messages.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedMark {
     /// Its name, or its millimetres.
     pub name: String,
-    /// Where it is and where it is seen.
+    /// Its position on the pitch and in the picture.
     pub mark: Mark,
 }
 
-/// Why points cannot be used.
+/// Reason why points cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PointsError {
-    /// No file.
+    /// The file cannot be read.
     #[error("cannot read the points {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A file of something else.
+    /// The file is not a file of points.
     #[error("{}: {problem}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it, with its place.
+        /// The error and its place in the file.
         problem: toml::de::Error,
     },
-    /// A name that is none.
+    /// The name is unknown.
     #[error("point {number}: {source}")]
     Landmark {
-        /// Which point, from 1.
+        /// Number of the point, from 1.
         number: usize,
-        /// What is wrong.
+        /// The error.
         source: LandmarkError,
     },
     /// Neither name nor millimetres, or both.
@@ -71,7 +71,7 @@ pub enum PointsError {
          `[x, y, height]`, one of them"
     )]
     Place(usize),
-    /// An argument of another kind.
+    /// The argument is malformed.
     #[error("--at {0}: write PLACE=X,Y, as in corner-tl=12,40, or -1100,900,50=12,40")]
     Argument(String),
 }
@@ -98,7 +98,7 @@ impl PointsFile {
         Ok(())
     }
 
-    /// All points with their places.
+    /// All points with their positions.
     pub fn marks(&self, field: &FieldConfig) -> Result<Vec<NamedMark>, PointsError> {
         let points = self.points.iter().enumerate();
         points.map(|(index, point)| self.mark(index + 1, point, field)).collect()
@@ -124,7 +124,7 @@ impl PointsFile {
     }
 }
 
-/// Numbers separated by commas; `None` if something else is among them.
+/// Parses numbers separated by commas; `None` if anything else is among them.
 fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|number| number.trim().parse().ok()).collect()
 }

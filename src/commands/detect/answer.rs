@@ -1,4 +1,4 @@
-//! What `detect` says about a picture: the objects of the JSON lines, and the same for people.
+//! The output of `detect` for a picture: the objects of the JSON lines, and the same as text.
 //!
 //! Pixels: the centre of the top-left pixel is (0, 0). Angles are in degrees from 0 to 360; in the
 //! picture 0 is right and 90 up on the screen, on the field 0 is along x and 90 along y.
@@ -7,7 +7,7 @@ use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// One picture. The names are part of the program's interface.
+/// The detections of one picture. The names are part of the program's interface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Answer {
     pub image: String,
@@ -20,7 +20,7 @@ pub struct Answer {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RobotAnswer {
     pub team: &'static str,
-    /// `null` for a robot of which only the team is known; so are its headings.
+    /// `null` for a robot of which only the team is known; its headings are `null` too.
     pub id: Option<u32>,
     pub x_px: f64,
     pub y_px: f64,
@@ -40,10 +40,10 @@ pub struct BallAnswer {
     pub y_mm: f64,
 }
 
-/// A candidate that became nothing.
+/// A rejected candidate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RejectedAnswer {
-    /// "yellow", "blue", or "ball" for what could have been the ball.
+    /// "yellow", "blue", or "ball" for a candidate of the ball.
     pub team: &'static str,
     pub x_px: f64,
     pub y_px: f64,
@@ -51,7 +51,7 @@ pub struct RejectedAnswer {
 }
 
 impl Answer {
-    /// Says what was seen in a picture.
+    /// Collects the detections of a picture.
     pub fn new(image: String, seen: &DetectionFrame) -> Self {
         Self {
             image,
@@ -61,7 +61,7 @@ impl Answer {
         }
     }
 
-    /// The same to read.
+    /// The same as text.
     pub fn text(&self) -> String {
         let plural = if self.robots.len() == 1 { "" } else { "s" };
         let ball = if self.ball.is_some() { "the ball" } else { "no ball" };
@@ -150,8 +150,7 @@ impl RejectedAnswer {
     }
 }
 
-/// Messages carry 32-bit numbers; written in full as 64-bit ones they would show digits that mean
-/// nothing.
+/// Messages carry 32-bit numbers; as 64-bit numbers with all digits they would show meaningless ones.
 fn rounded(value: f32, decimals: i32) -> f64 {
     round(f64::from(value), decimals)
 }
@@ -161,10 +160,10 @@ fn round(value: f64, decimals: i32) -> f64 {
     (value * factor).round() / factor
 }
 
-/// From 0 up to, but not including, 360.
+/// Degrees from 0 up to, but not including, 360.
 fn degrees(radians: f32) -> f64 {
     let degrees = round(f64::from(radians).to_degrees().rem_euclid(360.0), 2);
-    // What rounds to a full turn is none.
+    // A value that rounds to a full turn becomes 0.
     if degrees >= 360.0 { 0.0 } else { degrees }
 }
 

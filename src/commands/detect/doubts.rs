@@ -1,18 +1,18 @@
-//! When hardly a robot is found: what the pictures look like instead.
+//! Suspects wrong settings when hardly any robot is found, and names the likely one.
 //!
-//! A wrong order of the Bayer filter exchanges colours, a flipped stream turns robots into their mirror images, and a
-//! grey photograph passes for a raw picture. Each makes some robots wrong and most vanish, without anything being
-//! noticed. So the first pictures are looked at again as if it were so.
+//! A wrong order of the Bayer filter exchanges colours, a flipped stream mirrors robots, and a grey
+//! photograph passes for a raw picture. Each makes some detections wrong and most vanish, without an
+//! error. So the first pictures are processed again under each of these assumptions.
 
 use crate::commands::CommandError;
 use common::config::{CameraConfig, Config};
 use common::messages::BayerOrder;
 use touchline::chain::Chain;
 
-/// Pictures that are kept to be looked at again.
+/// Most pictures kept for the second pass.
 const MOST_KEPT: usize = 3;
 
-/// The first pictures, and how many robots were named in them.
+/// The first pictures, and the number of robots identified in them.
 #[derive(Debug, Default)]
 pub struct Doubts {
     pictures: Vec<Vec<u8>>,
@@ -21,8 +21,8 @@ pub struct Doubts {
 }
 
 impl Doubts {
-    /// Keeps a picture, if it is one of the first. Raw pictures come as the sensor gave them; others have been put behind
-    /// the configured filter.
+    /// Keeps a picture, if it is one of the first. Raw pictures are kept as the sensor gave them; others
+    /// have passed through a synthetic filter of the configured order.
     pub fn keep(&mut self, bayer: &[u8], is_raw: bool, named: usize) {
         if self.pictures.len() < MOST_KEPT {
             self.are_raw |= is_raw;
@@ -48,7 +48,8 @@ impl Doubts {
                 best = Some((named, advice));
             }
         }
-        // One robot more or less is chance. Where colours are exchanged, some robots look like others.
+        // A difference of one robot may be chance. With exchanged colours, some robots are taken for
+        // others.
         let is_clear = |named: usize| named >= self.named + 2 && 2 * named >= 3 * self.named;
         let found = best.filter(|(named, _)| is_clear(*named));
         Ok(found.map(|(named, advice)| {
@@ -96,19 +97,19 @@ impl Doubts {
     }
 }
 
-/// Whether one order has red where the other has blue.
+/// Whether red in one order coincides with blue in the other.
 fn red_is_opposite(a: BayerOrder, b: BayerOrder) -> bool {
     let is_green = |order: BayerOrder, column| order.channel_at(column, 0) == 1;
     a != b && (0..2).all(|column| is_green(a, column) == is_green(b, column))
 }
 
-/// Side of the areas that are looked at.
+/// Side of the areas examined.
 const AREA: usize = 4;
-/// Grey levels by which the sites of one colour may differ in an even area, and by which those of two colours must in a
-/// coloured one.
+/// Grey levels by which the sites of one colour may differ in an even area, and by which the sites of
+/// two colours must differ in a coloured one.
 const EVEN: u8 = 16;
 const COLORED: u32 = 24;
-/// Coloured areas from which a picture counts as coloured: fewer than a patch has.
+/// Fewest coloured areas of a coloured picture: fewer than a patch has.
 const LEAST_AREAS: usize = 2;
 
 /// Whether there is an even area in which the filter's colours differ.

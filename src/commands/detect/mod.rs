@@ -1,8 +1,8 @@
-//! `touchline detect`: what a running group would find on still pictures.
+//! `touchline detect`: the detections of a running group, on still pictures.
 //!
-//! The stages' own cores, one after the other in one process: what is found here is found in a
-//! match, except that there the filter's last word helps to choose between explanations of a
-//! picture that are equally good, and here every picture stands alone.
+//! Runs the stages' own cores one after the other in one process, so the results are those of a match,
+//! with one exception: in a match the filter's last output helps to choose between equally good
+//! explanations of a picture; here every picture stands alone.
 
 mod answer;
 mod doubts;
@@ -25,8 +25,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use touchline::chain::Chain;
 
-/// Looks at every picture and prints what it shows. A picture that cannot be used is complained
-/// about and makes the exit code 1; the others are looked at all the same.
+/// Processes every picture and prints its detections. A picture that cannot be used is reported and
+/// makes the exit code 1; the others are processed all the same.
 pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
     let mut chain = Chain::new(&config)?;
@@ -61,8 +61,8 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The pictures that files and folders stand for; `false` if some of them cannot be listed, which
-/// has been said then.
+/// The pictures that files and folders stand for; `false` if some folders cannot be listed, which has
+/// been reported by then.
 fn list(arguments: &[PathBuf]) -> (Vec<PathBuf>, bool) {
     let mut pictures = Vec::new();
     let mut all_good = true;
@@ -115,15 +115,15 @@ struct Painter<'a> {
     folder: PathBuf,
     camera: &'a CameraConfig,
     overlay: Overlay<'a>,
-    /// File names given away.
+    /// File names already used.
     used: HashSet<String>,
     rgb: Vec<u8>,
     rule: Rule<'static>,
 }
 
 impl<'a> Painter<'a> {
-    /// Makes sure that there is a folder, and that it is not one the pictures come from: overlays
-    /// have their names.
+    /// Makes sure that there is a folder, and that no picture comes from it, because overlays have the
+    /// pictures' names.
     fn new(
         folder: &Path,
         config: &'a Config,
@@ -178,8 +178,8 @@ impl<'a> Painter<'a> {
         Ok(self.rule.write_picture(&path, &self.overlay.draw(&self.rgb, seen))?)
     }
 
-    /// The picture's own name, as a PNG's; with a number behind it when another picture of this
-    /// run has it already.
+    /// The picture's own name with the extension of a PNG; followed by a number if another picture of
+    /// this run has used it.
     fn unused_name(&mut self, picture: &Path) -> String {
         let stem = picture.file_stem().unwrap_or_default().to_string_lossy();
         let mut name = format!("{stem}.png");

@@ -1,12 +1,12 @@
-//! The picture with everything that was seen in it drawn over: what a person needs to judge at a
-//! glance whether colours, layout and camera are set up right.
+//! Draws all detections over the picture, so that a person can judge at a glance whether colours, layout
+//! and camera are set up right.
 //!
 //! * The field, as the camera geometry places it: thin grey lines.
 //! * Every region, outlined in its colour.
 //! * Every robot: its body, its patches joined, its heading, its name; a circle if only its team is
 //!   known.
 //! * The ball, circled.
-//! * Every rejected candidate, crossed; with the reason in words where there is room.
+//! * Every rejected candidate, crossed; with the reason as text where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
 use common::body::Body;
@@ -21,26 +21,26 @@ use image::RgbImage;
 use std::f32::consts::TAU;
 use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
-/// Overlays are about this wide: small pictures are enlarged until a patch can be judged.
+/// Approximate width of an overlay: small pictures are enlarged until a patch can be judged.
 const WIDTH_PX: u32 = 1920;
 const MAX_SCALE: u32 = 4;
-/// Each pixel of a letter is so many pixels large.
+/// Scale of the letters: screen pixels per pixel of the font.
 const LETTER: i32 = 2;
-/// Empty pixels between a text and the edge of the area below it.
+/// Padding between a text and the edge of its background.
 const PADDING: i32 = 4;
 
 const BLACK: Color = [0, 0, 0];
 const WHITE: Color = [255, 255, 255];
 const GREY: Color = [130, 130, 130];
 const ALARM: Color = [255, 70, 70];
-/// Nobody wears it.
+/// Magenta, a colour that no patch has.
 const JOINED: Color = [255, 60, 255];
 
 /// Draws overlays for one configuration.
 pub struct Overlay<'a> {
     config: &'a Config,
     camera: CameraModel,
-    /// One entry for each arrangement of patches that robots have.
+    /// One entry for each distinct arrangement of patches.
     layouts: Vec<(&'a [PatchConfig], Layout)>,
     scale: u32,
 }
@@ -64,8 +64,7 @@ impl<'a> Overlay<'a> {
         })
     }
 
-    /// Draws what was seen over the picture (three bytes a pixel, rows without padding) it was seen
-    /// in.
+    /// Draws the detections over their picture (three bytes a pixel, rows without padding).
     pub fn draw(&self, rgb: &[u8], seen: &DetectionFrame) -> RgbImage {
         let line_height = text_size(LETTER, "").1 + 2 * PADDING;
         let footer = 2 * line_height as u32;
@@ -86,7 +85,7 @@ impl<'a> Overlay<'a> {
         for rejected in seen.rejected() {
             drawing.cross_out(rejected);
         }
-        // Names come when it is known what they must not cover.
+        // Names come last, when the areas that they must not cover are known.
         drawing.name_everything(seen);
         drawing.sum_up(seen, line_height);
         drawing.canvas.into_image()
@@ -114,12 +113,12 @@ impl<'a> Overlay<'a> {
         }
     }
 
-    /// Length of a robot's side in the overlay, at a place in the picture.
+    /// Side of a robot in the overlay, at a point of the picture.
     fn robot_size(&self, x_px: f64, y_px: f64) -> f32 {
         self.length(self.config.robots.size_mm, self.config.robots.height_mm, x_px, y_px)
     }
 
-    /// A length at a height above a place in the picture.
+    /// A length in the overlay, at a height above a point of the picture.
     fn length(&self, length_mm: f64, height_mm: f64, x_px: f64, y_px: f64) -> f32 {
         let pixel = self.camera.pixel_area_mm2(ImagePoint::new(x_px, y_px), height_mm);
         let size = length_mm / pixel.max(1e-6).sqrt() * f64::from(self.scale);
@@ -132,13 +131,13 @@ struct Drawing<'a> {
     canvas: Canvas,
     /// The part of the canvas that shows the picture.
     picture: Area,
-    /// What no text may cover.
+    /// Areas that no text may cover.
     taken: Vec<Area>,
 }
 
 impl Drawing<'_> {
     fn draw_field(&mut self) {
-        /// Lines bend with the lens.
+        /// Segments of a line, which the lens bends.
         const STEPS: i32 = 24;
         let field = &self.overlay.config.field;
         let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
@@ -157,7 +156,7 @@ impl Drawing<'_> {
         self.canvas.polygon(&points, 1.0, GREY);
     }
 
-    /// A double line around the pixels of a region: its colour outside, black inside, so that it
+    /// Draws a double line around the pixels of a region: its colour outside, black inside, so that it
     /// shows on pixels of that colour too.
     fn outline(&mut self, seen: &DetectionFrame, region: &Region) {
         let color = self.overlay.config.colors.get(region.class as usize);
@@ -235,7 +234,7 @@ impl Drawing<'_> {
             .map(|(region, patch)| {
                 let seen = overlay.spot(f64::from(region.x_px), f64::from(region.y_px));
                 let expected = at(patch.centroid_mm);
-                // Of a region that goes far beyond the robot only a part is the patch.
+                // If a region extends far beyond the robot, only a part of it is the patch.
                 let off = (seen.x - expected.x).hypot(seen.y - expected.y);
                 if off < size / 4.0 { seen } else { expected }
             })
@@ -279,7 +278,7 @@ impl Drawing<'_> {
             self.canvas.line(corner(-1.0, -1.0), corner(1.0, 1.0), width, color);
             self.canvas.line(corner(-1.0, 1.0), corner(1.0, -1.0), width, color);
         }
-        // A rejected robot is a robot: words must not hide why it was rejected.
+        // A rejected robot still covers a robot's area: text must not hide the cause of the rejection.
         let size = if is_noise(rejected) { 2.0 * arm } else { self.overlay.robot_size(x, y) };
         self.taken.push(Area::around(&[center], size));
     }
@@ -312,8 +311,8 @@ impl Drawing<'_> {
         }
     }
 
-    /// Writes next to a place where nothing is covered; where there is no such room, over whatever
-    /// is there if it must be written, or not at all.
+    /// Writes next to a point where nothing is covered; without such room, over whatever is there if the
+    /// text is required, or not at all.
     fn label(
         &mut self,
         center: CanvasPoint,
@@ -394,7 +393,7 @@ impl Drawing<'_> {
 /// Half the width of the cross over a rejected candidate.
 const CROSS_PX: f32 = 10.0;
 
-/// Rejected for what a busy surrounding has plenty of; drawn small.
+/// Whether the reason for rejection is one that busy surroundings cause in large numbers; drawn small.
 fn is_noise(rejected: &Rejected) -> bool {
     [RejectReason::TooSmall, RejectReason::OutsideField]
         .iter()
@@ -408,7 +407,7 @@ fn short_name(team: u32, id: Option<u32>) -> String {
     format!("{}{id}", team[..1].to_uppercase())
 }
 
-/// Black or white, whichever can be read on a colour.
+/// Black or white, whichever contrasts with a colour.
 fn ink_on([red, green, blue]: Color) -> Color {
     let brightness = 3 * u32::from(red) + 6 * u32::from(green) + u32::from(blue);
     if brightness > 1200 { BLACK } else { WHITE }
@@ -505,7 +504,7 @@ mod tests {
         seen.regions[0].class = 40;
         let image = overlay.draw(&[0; 640 * 480 * 3], &seen);
         assert_eq!(image.width(), 1920);
-        // A picture that is too short is no reason to fail either.
+        // A picture that is too short must not make it fail either.
         overlay.draw(&[0; 10], &seen);
     }
 }

@@ -1,12 +1,12 @@
-//! Colours without labels: robots on a pitch label themselves.
+//! Learns colours without labels: robots on a pitch label themselves.
 //!
-//! Nothing is known but the layout, the geometry, and roughly what each colour looks like. That is
-//! enough to find some robots, most of them rightly: it takes several patches in the right places to
-//! make one. What is found is learned from as if somebody had labelled it; with those colours more is
-//! found, and so on. Colours are as good as the robots that fit the layout with them, in number and in
-//! how well they fit, less what they take of the floor: so of all rounds, from several beginnings, the
-//! best one counts. The configured colours are one of the beginnings, and what they find one of the
-//! rounds.
+//! Only the layout, the geometry and an approximate appearance of each colour are known. That is enough
+//! to find some robots, most of them correctly: a robot requires several patches in the right places.
+//! The detections serve as labels for the next round of learning; the better colours find more robots,
+//! and so on. The score of a set of colours is the number of robots that fit the layout and how well
+//! they fit, less a cost for the floor that the colours take. The best of all rounds, from several
+//! starts, is returned. The configured colours are one of the starts, and their own detections one of
+//! the rounds.
 
 use super::floor;
 use super::lessons::Lessons;
@@ -20,22 +20,22 @@ use learning::picture::Picture;
 use std::path::PathBuf;
 use touchline::chain::Chain;
 
-/// How saturated colours may be taken to be in the beginning.
+/// Least saturations to start with.
 const SATURATIONS: [LeastSaturation; 2] =
     [LeastSaturation { strong: 0.35, weak: 0.16 }, LeastSaturation { strong: 0.2, weak: 0.08 }];
 const ROUNDS: u32 = 6;
-/// So many rounds in a row may be hardly better than those before: by less than this part.
+/// Ends after this many rounds in a row with a relative improvement below the given value.
 const PATIENCE: u32 = 2;
 const HARDLY: f64 = 0.005;
-/// What part of all that was found it costs if a colour takes as much of the floor as its patches
-/// cover, and so much again for each e-fold of that.
+/// Weight of the floor in the score, which falls by this times the sum of ln(1 + s) over all colours.
+/// s is the floor that a colour takes, relative to the pixels that its patches cover.
 const FLOOR_COST: f64 = 0.03;
-/// A ball seen with less confidence may be anything.
+/// A ball of lower confidence is not used as a label.
 const LEAST_BALL_CONFIDENCE: f32 = 0.5;
 
-/// What was found with a set of colours.
+/// The detections with a set of colours.
 pub struct Found {
-    /// With colours, and the light that they are made for.
+    /// Contains the colours, and the light for which they are made.
     pub config: Config,
     /// Detections, picture by picture.
     pub labels: Vec<ImageLabels>,
@@ -44,8 +44,8 @@ pub struct Found {
     score: f64,
 }
 
-/// Learns the colours that make most robots fit the layout. `configured` has the colours to begin with
-/// and the light that they are made for, `config` the light that colours are learned for.
+/// Learns the colours for which most robots fit the layout. `configured` has the colours to start with
+/// and the light for which they are made, `config` the light for which colours are learned.
 pub fn learn(
     configured: &Config,
     config: &Config,
@@ -94,7 +94,7 @@ pub fn learn(
     })
 }
 
-/// Goes on from what was found, in another light.
+/// Continues from earlier detections, in another light.
 pub fn improve(found: Found, config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
     let lit = lessons.under_light(config)?;
     let samples = lessons.gather(&found.config, &lit, &found.labels)?;
@@ -104,7 +104,7 @@ pub fn improve(found: Found, config: &Config, lessons: &Lessons) -> Result<Found
     Ok(if further.score > found.score { further } else { found })
 }
 
-/// Finds robots and learns from them in turn, and returns the best of all rounds.
+/// Alternates detection and learning, and returns the best of all rounds.
 fn climb(
     name: &str,
     begin: Config,
@@ -170,7 +170,7 @@ fn find(config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
     Ok(found)
 }
 
-/// What was seen, as labels.
+/// Detections as labels.
 fn label(config: &Config, file: PathBuf, seen: &DetectionFrame) -> ImageLabels {
     let clear = |robot: &DetectedRobot| {
         Some(RobotLabel {
@@ -182,7 +182,7 @@ fn label(config: &Config, file: PathBuf, seen: &DetectionFrame) -> ImageLabels {
             quality: Quality::Clear,
         })
     };
-    // What might be a robot, whichever, is not learned from, and is no background either.
+    // An uncertain robot is not learned from, and is no background either.
     let hard = |team: u32, x_px: f32, y_px: f32| {
         let team = Team::from_number(team)?;
         let any = config.robots.identities.iter().find(|other| other.team == team)?;

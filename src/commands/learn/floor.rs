@@ -1,4 +1,4 @@
-//! What colours take of the floor: pixels that are classified and belong to no robot and no ball.
+//! The floor that colours take: classified pixels that belong to no robot and no ball.
 
 use common::config::Config;
 use common::geometry::ImagePoint;
@@ -7,24 +7,24 @@ use learning::candidates::expected_patches;
 use learning::labels::ImageLabels;
 use learning::scene::Scene;
 
-/// Up to this multiple of half a robot's size from its centre a pixel may be its own, and up to this
-/// multiple of its radius it may be the ball's.
+/// Pixels up to this multiple of half a robot's size from its centre may be the robot's, and up to this
+/// multiple of the ball's radius the ball's.
 const ROBOT_REACH: f64 = 1.5;
 const BALL_REACH: f64 = 1.5;
 
-/// Pixels that each colour takes beside robots and ball.
+/// Pixels of each colour outside robots and ball.
 pub struct Taken {
     /// Indexed by colour.
     pub pixels: Vec<f64>,
 }
 
 impl Taken {
-    /// Nothing yet.
+    /// Starts with no pixels.
     pub fn none(colors: usize) -> Self {
         Self { pixels: vec![0.0; colors] }
     }
 
-    /// Adds those of a picture, whose robots and ball are labelled.
+    /// Adds the pixels of a picture whose robots and ball are labelled.
     pub fn add(&mut self, config: &Config, scene: &Scene, runs: &[Run], labels: &ImageLabels) {
         let px_per_mm = |center: ImagePoint, height_mm: f64| {
             1.0 / scene.camera.pixel_area_mm2(center, height_mm).sqrt()
@@ -57,7 +57,7 @@ impl Taken {
         }
     }
 
-    /// For each colour, what it takes relative to what all its patches cover in so many pictures.
+    /// For each colour, the pixels taken relative to those that its patches cover in that many pictures.
     pub fn shares(&self, config: &Config, scene: &Scene, pictures: usize) -> Vec<f64> {
         let covered = covered_px(config, scene);
         let shares = self.pixels.iter().zip(covered);
@@ -65,8 +65,8 @@ impl Taken {
     }
 }
 
-/// The pixels of a picture that each colour's patches cover if all robots are in it; of a colour that
-/// is not worn those of one robot.
+/// Pixels that each colour's patches cover in a picture if all robots are in it; for a colour that no
+/// robot has, those of one robot.
 pub fn covered_px(config: &Config, scene: &Scene) -> Vec<f64> {
     let [width, height] = [config.camera.width, config.camera.height].map(f64::from);
     let middle = ImagePoint::new(width / 2.0, height / 2.0);
@@ -89,7 +89,7 @@ mod tests {
     use learning::labels::{BallLabel, Quality};
 
     #[test]
-    fn what_is_beside_the_ball_is_of_the_floor() {
+    fn pixels_beside_the_ball_belong_to_the_floor() {
         let config = Config::default();
         let scene = Scene::new(&config).unwrap();
         let ball = BallLabel { x_px: 100.0, y_px: 50.0, quality: Quality::Clear };
@@ -103,7 +103,7 @@ mod tests {
         let mut taken = Taken::none(3);
         taken.add(&config, &scene, &[run(50, 0, 300), run(90, 10, 15), run(51, 98, 103)], &labels);
         assert_eq!((taken.pixels[0], taken.pixels[2]), (0.0, 0.0));
-        // All of the short run, and of the long one as much as the ball is wide.
+        // The run at the ball, and a part of the long run as wide as the ball, belong to the ball.
         let beside_px = taken.pixels[1];
         assert!((270.0..=300.0).contains(&beside_px), "{beside_px}");
         assert!(taken.shares(&config, &scene, 1)[1] > taken.shares(&config, &scene, 2)[1]);

@@ -1,4 +1,4 @@
-//! The pictures that are learned from, as the classifier sees them.
+//! The pictures to learn from, as the classifier sees them.
 
 use super::CommandError;
 use classifier::lattice::Lattice;
@@ -13,7 +13,7 @@ use learning::samples::{Gatherer, Samples};
 use learning::scene::Scene;
 use std::path::{Path, PathBuf};
 
-/// Pictures, and what is the same for all of them.
+/// Pictures, and the data common to all of them.
 pub struct Lessons {
     pub scene: Scene,
     pub list: Vec<Lesson>,
@@ -41,7 +41,7 @@ impl Lessons {
         Ok(Self { scene: Scene::new(config)?, list })
     }
 
-    /// The pictures as they look under the light that `config` corrects them to.
+    /// The pictures in the light to which `config` corrects them.
     pub fn under_light(&self, config: &Config) -> Result<Vec<Picture>, CommandError> {
         let white_balance = WhiteBalance::new(config)?;
         let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
@@ -68,7 +68,7 @@ impl Lessons {
         Ok(lit)
     }
 
-    /// The middle of the pitch's colours in all pictures; `None` when it cannot be seen in one of
+    /// Geometric mean of the pitch's colour over all pictures; `None` if the pitch cannot be seen in one of
     /// them.
     pub fn pitch_color(&self, config: &Config) -> Result<Option<[f64; 3]>, CommandError> {
         let probe = PitchProbe::new(config)?;
@@ -90,7 +90,8 @@ impl Lessons {
         Ok(Some(logs.map(mean)))
     }
 
-    /// Samples of all pictures, which `lit` has in the light that counts and `labels` describes.
+    /// Gathers samples from all pictures; `lit` has the pictures in the light to learn for, `labels`
+    /// their labels.
     pub fn gather(
         &self,
         config: &Config,
@@ -114,7 +115,7 @@ impl Lesson {
         Ok(Self { file, bayer, picture })
     }
 
-    /// The picture as it came from the camera.
+    /// The picture as the camera delivered it.
     pub fn image(&self, config: &Config) -> Result<BayerImage<'_>, CommandError> {
         bayer_image(config, &self.bayer, &self.file)
     }

@@ -1,4 +1,4 @@
-//! `touchline learn`: colours out of pictures.
+//! `touchline learn`: learns colours from pictures.
 
 mod auto;
 mod floor;
@@ -20,7 +20,7 @@ use lessons::Lessons;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Learns, prints how well colours can be told apart, and writes the configuration.
+/// Learns, prints how well the colours are separated, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     let configured = load_config(args.config.as_deref())?;
     let inputs: Vec<&Path> =
@@ -47,7 +47,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The configuration with colours learned from what is labelled.
+/// The configuration with colours learned from labels.
 fn from_labels(
     configured: &Config,
     lessons: &Lessons,
@@ -73,7 +73,7 @@ fn without_labels(
 ) -> Result<(Config, Vec<ImageLabels>), CommandError> {
     let mut config = with_light(configured, lessons, fixed_light)?;
     let mut found = auto::learn(configured, &config, lessons)?;
-    // Robots tell how uneven the light is, and are found better once that is known.
+    // Robots show how uneven the light is, and are found better once that is known.
     if let Some(unevenness) = measured_unevenness(&config, lessons, &found.labels)? {
         config.light.unevenness = unevenness;
         found = auto::improve(found, &config, lessons)?;
@@ -95,8 +95,8 @@ fn with_light(
     Ok(config)
 }
 
-/// How much of the pitch's unevenness the patches share, if that can be told and is something else than
-/// what is configured.
+/// The share of the pitch's unevenness that patches have, if it can be measured and differs from the
+/// configured one.
 fn measured_unevenness(
     config: &Config,
     lessons: &Lessons,
@@ -109,7 +109,8 @@ fn measured_unevenness(
     Ok(measured.filter(|&unevenness| unevenness != config.light.unevenness))
 }
 
-/// Bounds for the colours that are shown. What is worn and not shown stays as it is, behind the others.
+/// Bounds for the colours in the samples. Colours that robots have but that no sample shows keep their
+/// bounds, and come last.
 fn learn_from(config: &Config, samples: &Samples) -> Vec<ColorConfig> {
     let mut learned = separate::learn(&config.colors, samples, &Objective::default());
     for color in &config.colors {
@@ -121,7 +122,7 @@ fn learn_from(config: &Config, samples: &Samples) -> Vec<ColorConfig> {
     learned
 }
 
-/// Says which colours keep their bounds, because nothing labelled shows them.
+/// Reports colours that keep their bounds because no label shows them.
 fn tell_what_is_not_shown(config: &Config, samples: &Samples) -> Result<(), CommandError> {
     if samples.pixels.is_empty() {
         return Err(
@@ -142,7 +143,7 @@ fn tell_what_is_not_shown(config: &Config, samples: &Samples) -> Result<(), Comm
     Ok(())
 }
 
-/// Pictures of which nothing is known yet.
+/// Pictures without labels.
 fn unlabelled(arguments: &[PathBuf]) -> Result<Vec<ImageLabels>, CommandError> {
     let mut all = Vec::new();
     for argument in arguments {
@@ -157,7 +158,7 @@ fn unlabelled(arguments: &[PathBuf]) -> Result<Vec<ImageLabels>, CommandError> {
     Ok(all)
 }
 
-/// The labelled pictures, or those of them that are named.
+/// The labelled pictures, or those among them that are named.
 fn labelled(labels: &Labels, pictures: &[PathBuf]) -> Result<Vec<ImageLabels>, CommandError> {
     let mut chosen: Vec<ImageLabels> = Vec::new();
     for argument in pictures {
@@ -185,7 +186,7 @@ fn is_same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Whether somebody on the pitch wears a colour.
+/// Whether a robot or the ball has a colour.
 fn is_worn(config: &Config, name: &str) -> bool {
     config.teams.yellow.color == name
         || config.teams.blue.color == name
@@ -193,7 +194,7 @@ fn is_worn(config: &Config, name: &str) -> bool {
         || config.robots.identities.iter().any(|identity| identity.colors.iter().any(|c| c == name))
 }
 
-/// The part of a configuration that was learned.
+/// The part of the configuration that was learned.
 fn fragment(config: &Config) -> String {
     let mut text = String::new();
     if let Some(rgb) = config.light.pitch_rgb {

@@ -1,5 +1,5 @@
-//! What is said about colours that were learned: how well they are told apart, what they take of the
-//! floor, and what they cost the classifier.
+//! The report about learned colours: how well they are separated, how much floor they take, and what
+//! they cost the classifier.
 
 use super::CommandError;
 use super::floor::{Taken, covered_px};
@@ -11,7 +11,7 @@ use learning::confusion::Confusion;
 use learning::labels::ImageLabels;
 use touchline::chain::Chain;
 
-/// All of it, for people.
+/// The whole report as text.
 pub fn text(
     config: &Config,
     lessons: &Lessons,
@@ -40,8 +40,8 @@ pub fn text(
     Ok(text)
 }
 
-/// Warnings of colours that take more of the floor than their patches cover, each with the picture in
-/// which it is worst.
+/// Warnings about colours that take more of the floor than their patches cover, each with its worst
+/// picture.
 fn swallowed(
     config: &Config,
     lessons: &Lessons,
@@ -51,7 +51,7 @@ fn swallowed(
     // Per colour: the most pixels taken in a picture, and that picture's number.
     let mut worst = vec![(0.0, 0); config.colors.len()];
     for (number, (lesson, labels)) in lessons.list.iter().zip(labels).enumerate() {
-        // Where only places are marked, nothing tells the floor from the robots.
+        // If only places are marked, floor and robots cannot be distinguished.
         if labels.robots.is_none() {
             continue;
         }

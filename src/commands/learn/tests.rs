@@ -1,5 +1,5 @@
-//! Learning from pictures that the tests paint themselves: nothing here comes from the synthetic match,
-//! whose colours and light the presets are made for.
+//! Learning from pictures painted by the tests: nothing here comes from the synthetic match, for whose
+//! colours and light the presets are made.
 
 use super::lessons::{Lesson, Lessons};
 use super::*;
@@ -14,19 +14,19 @@ use touchline::chain::Chain;
 
 type Rgb = [f64; 3];
 
-/// What a pitch and the light on it are like.
+/// A pitch and the light on it.
 #[derive(Clone)]
 struct Painter {
     config: Config,
-    /// Paint of each colour that is worn.
+    /// Paint of each colour that is used.
     paints: Vec<(&'static str, Rgb)>,
     floor: Rgb,
     body: Rgb,
-    /// How bright each channel is.
+    /// Brightness of each channel.
     lamp: Rgb,
-    /// How much darker the right side is than the left.
+    /// Share by which the right side is darker than the left.
     gradient: f64,
-    /// White light of so many grey levels over a part of the pitch.
+    /// Grey levels of white light added to a part of the pitch.
     glare: f64,
     noise: f64,
 }
@@ -44,8 +44,8 @@ const PAINTS: [(&str, Rgb); 10] = [
     ("cyan", [40.0, 190.0, 215.0]),
 ];
 
-/// A configuration that says of each colour only what it looks like, and roughly at that. Both teams
-/// wear the same colours for the same numbers.
+/// A configuration with only the approximate appearance of each colour. Both teams have the same colours
+/// for the same numbers.
 fn config(preset: Preset, identities: &[&[&str]], more: &str) -> Config {
     let mut names = vec!["orange", "yellow", "blue"];
     let mut robots = String::new();
@@ -87,14 +87,14 @@ impl Painter {
         self.paints.iter().find(|(known, _)| *known == name).unwrap().1
     }
 
-    /// A picture of all robots and a ball, and the labels of it.
+    /// A picture of all robots and a ball, with its labels.
     fn picture(&self, seed: u32) -> (Lesson, ImageLabels) {
         let camera = &self.config.camera;
         let (width, height) = (camera.width as usize, camera.height as usize);
         let model = CameraModel::new(&self.config.geometry, camera.width, camera.height).unwrap();
         let mut random = Random(seed.wrapping_mul(2_654_435_761).wrapping_add(12345));
         let mut rgb = vec![self.floor; width * height];
-        // Robots and ball each have a cell of the pitch to themselves.
+        // Robots and ball each have their own cell of the pitch.
         let robots = &self.config.robots;
         let (columns, rows) = (5, 3);
         let mut cells: Vec<usize> = (0..columns * rows).collect();
@@ -184,7 +184,7 @@ impl Painter {
     }
 }
 
-/// Paints what `color` says of the pixels around a point, each the mean of nine points.
+/// Paints the pixels around a point by `color`, each as the mean of nine points.
 fn draw(
     rgb: &mut [Rgb],
     width: usize,
@@ -219,7 +219,7 @@ impl Random {
         ((u64::from(self.0) * u64::from(count)) >> 32) as u32
     }
 
-    /// Nearly a normal distribution of standard deviation 1.
+    /// Approximately a normal distribution of standard deviation 1.
     fn bell(&mut self) -> f64 {
         (0..12).map(|_| f64::from(self.below(65536)) / 65536.0).sum::<f64>() - 6.0
     }
@@ -232,7 +232,7 @@ fn painted(painters: &[Painter]) -> (Lessons, Vec<ImageLabels>) {
     (Lessons { scene, list }, labels)
 }
 
-/// Robots that a configuration finds under their own name within 3 px and 6°, of all.
+/// Number of robots found with the right identity within 3 px and 6°, and number of all robots.
 fn right(config: &Config, lessons: &Lessons, labels: &[ImageLabels]) -> [usize; 2] {
     let mut chain = Chain::new(config).unwrap();
     let (mut right, mut all) = (0, 0);
@@ -254,7 +254,7 @@ fn right(config: &Config, lessons: &Lessons, labels: &[ImageLabels]) -> [usize; 
     [right, all]
 }
 
-/// Learns both ways; all robots must be right, and `--auto` no worse than where it began.
+/// Learns both ways; all robots must be right, and `--auto` no worse than its start.
 fn assert_learned(painters: &[Painter]) -> Config {
     let configured = &painters[0].config;
     let (lessons, labels) = painted(painters);
@@ -303,7 +303,7 @@ fn a_floor_of_the_colour_of_a_patch_is_left_out_and_costs_little() {
 }
 
 #[test]
-fn white_and_grey_are_told_by_brightness_under_changing_light() {
+fn white_and_grey_are_distinguished_by_brightness_under_changing_light() {
     let identities: [&[&str]; 4] = [&["white"], &["grey"], &["green"], &["pink"]];
     let config = config(Preset::Mirosot5v5, &identities, "");
     let painter = Painter { floor: [45.0, 58.0, 46.0], ..Painter::new(&config) };
@@ -340,7 +340,7 @@ fn robots_without_a_number_are_no_labels() {
 }
 
 #[test]
-fn what_nobody_has_labelled_stays_as_configured() {
+fn colours_without_labels_stay_as_configured() {
     let config = config(Preset::Mirosot5v5, &FIVE, "");
     let painter = Painter::new(&config);
     let (lessons, mut labels) = painted(&[painter.clone(), painter]);

@@ -1,5 +1,5 @@
-//! How much of the pitch's unevenness the patches share: of two patches of one colour in one picture, how
-//! much brighter is that which lies where the floor is an octave brighter.
+//! The share of the pitch's unevenness that patches have: the regression slope of the brightness of
+//! patches of one colour in one picture on the brightness of the floor at their place, in octaves.
 
 use super::CommandError;
 use super::lessons::Lessons;
@@ -12,20 +12,20 @@ use learning::picture::Picture;
 use learning::samples::{Gatherer, Samples};
 use std::collections::BTreeMap;
 
-/// Fewer patches tell nothing, and neither do patches where the floor is nearly as bright everywhere:
-/// the least standard deviation, in octaves.
+/// Fewest patches, and smallest standard deviation of the floor's brightness in octaves, for a
+/// measurement.
 const FEWEST_PATCHES: usize = 20;
 const LEAST_DEVIATION: f64 = 0.15;
-/// A patch as bright as this in one channel is clipped, in part at least.
+/// From this level in one channel on, a patch is at least partly clipped.
 const CLIPPED: f64 = 245.0;
-/// Octaves are painted in so many grey levels each, around the middle of the greys.
+/// Grey levels that encode an octave, around the middle grey.
 const LEVELS_PER_OCTAVE: f64 = 16.0;
 const MIDDLE_LEVEL: f64 = 128.0;
 
-/// A patch: how bright the floor is where it lies, and how bright it is itself, in octaves.
+/// A patch: the floor's brightness at its place, and its own brightness, in octaves.
 type Pair = [f64; 2];
 
-/// The share, from 0 to 1 in hundredths; `None` if the lessons do not tell.
+/// The share, from 0 to 1 in hundredths; `None` if the pictures do not determine it.
 pub fn measure(
     config: &Config,
     lessons: &Lessons,
@@ -33,13 +33,13 @@ pub fn measure(
 ) -> Result<Option<f64>, CommandError> {
     let Some(mut shading) = Shading::new(config)? else { return Ok(None) };
     let mut lattice = Lattice::new(&config.camera);
-    // Of each colour in each picture, relative to their mean.
+    // Per colour and picture, relative to their mean.
     let mut apart: Vec<Pair> = Vec::new();
     for (lesson, labels) in lessons.list.iter().zip(labels) {
         let picture = &lesson.picture;
         lattice.sample(&Frame::Bayer(lesson.image(config)?));
         shading.measure(&lattice);
-        // A picture of the floor's brightness has its samples where the picture has them.
+        // The picture of the floor's brightness has its samples at the same places as the picture.
         let mut floor = picture.clone();
         for (index, level) in floor.rgb.iter_mut().enumerate() {
             let octaves = shading.octaves_at(index % picture.width, index / picture.width);
@@ -73,7 +73,7 @@ pub fn measure(
 
 /// The patches of each colour.
 fn by_class(floor: &Samples, picture: &Samples) -> BTreeMap<u8, Vec<Pair>> {
-    // By colour and patch: sums of the floor's level, red, green and blue, and how many.
+    // By colour and patch: sums of the floor's level, red, green and blue, and the number of samples.
     let mut sums: BTreeMap<(u8, u32), [f64; 5]> = BTreeMap::new();
     for (floor, sample) in floor.pixels.iter().zip(&picture.pixels) {
         let [red, green, blue] = sample.rgb.map(f64::from);
@@ -105,7 +105,7 @@ mod tests {
     use learning::scene::Scene;
     use touchline::chain::Chain;
 
-    /// Some pictures of a match under a lamp, with what is seen of it for labels.
+    /// Pictures of a match under a lamp, with their detections as labels.
     fn lessons(config: &Config) -> (Lessons, Vec<ImageLabels>) {
         let mut game = SyntheticMatch::new(config).unwrap();
         let light = painted(config.preset.config().light);
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn painted_patches_share_all_of_it() {
+    fn painted_patches_have_all_of_the_unevenness() {
         let mut config = Config::default();
         (config.synthetic.vignette, config.synthetic.gradient) = (0.4, 0.4);
         let (lessons, labels) = lessons(&config);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn even_light_tells_nothing() {
+    fn even_light_determines_no_share() {
         let mut config = Config::default();
         (config.synthetic.vignette, config.synthetic.gradient) = (0.0, 0.0);
         let (lessons, labels) = lessons(&config);

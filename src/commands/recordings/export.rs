@@ -1,4 +1,4 @@
-//! `touchline export`: a recording in forms that other tools read.
+//! `touchline export`: converts a recording to formats that other tools read.
 
 use super::tell_damages;
 use crate::cli::ExportArgs;
@@ -56,8 +56,8 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Saves a frame as it is: Bayer data as a grey picture, which `touchline detect` takes for what it
-/// is. `false` for formats that no PNG can hold.
+/// Saves a frame unprocessed: Bayer data as a grey picture, which `touchline detect` recognises as such.
+/// `false` for formats that no PNG can hold.
 fn save(frame: &Frame, directory: &Path, rule: Rule) -> Result<bool, CommandError> {
     let header = &frame.header;
     let (bytes, color) = match PixelFormat::from_number(header.pixel_format) {
@@ -86,12 +86,12 @@ struct Table {
     rows: u64,
 }
 
-/// What is known of a robot or ball; columns that mean nothing for it stay empty.
+/// The data of a robot or ball; columns that do not apply stay empty.
 #[derive(Default)]
 struct Row {
     what: &'static str,
     robot_id: Option<u32>,
-    /// Of a robot without a number.
+    /// Only for a robot without a number.
     track_id: Option<u32>,
     x_mm: f64,
     y_mm: f64,

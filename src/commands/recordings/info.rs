@@ -1,4 +1,4 @@
-//! `touchline info`: what is in a recording.
+//! `touchline info`: shows the contents of a recording.
 
 use super::{size_text, tell_damages, time_text};
 use crate::cli::InfoArgs;
@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-/// What is in a recording.
+/// Contents of a recording.
 #[derive(Debug, Default, Serialize)]
 struct Info {
     bytes: u64,
@@ -39,7 +39,7 @@ struct Content {
     per_second: f64,
 }
 
-/// Prints what is in a recording.
+/// Prints the contents of a recording.
 pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
     let mut reader = Reader::open(&args.file)?;
     let mut info = Info { bytes: args.file.metadata()?.len(), ..Default::default() };

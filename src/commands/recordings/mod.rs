@@ -15,10 +15,10 @@ pub use record::record;
 pub use recover::recover;
 pub use replay::replay;
 
-/// Damaged parts that are listed one by one.
+/// Most damaged parts that are listed individually.
 const LISTED_PARTS: usize = 10;
 
-/// Says what is wrong with a recording, if anything, and what to do about it.
+/// Reports damage of a recording, if any, and the remedy.
 fn tell_damages(path: &Path, damages: &Damages) {
     tell_parts(path, damages);
     if damages.is_recoverable() {
@@ -29,7 +29,7 @@ fn tell_damages(path: &Path, damages: &Damages) {
     }
 }
 
-/// Says what is wrong with a recording, if anything.
+/// Reports damaged parts of a recording, if any.
 fn tell_parts(path: &Path, damages: &Damages) {
     if damages.is_empty() {
         return;
@@ -52,7 +52,7 @@ fn tell_parts(path: &Path, damages: &Damages) {
     }
 }
 
-/// A number of bytes for people.
+/// A size in bytes as text.
 fn size_text(bytes: u64) -> String {
     let bytes = bytes as f64;
     match bytes {
@@ -62,7 +62,7 @@ fn size_text(bytes: u64) -> String {
     }
 }
 
-/// A number of seconds for people.
+/// A duration in seconds as text.
 fn time_text(seconds: f64) -> String {
     match seconds {
         _ if seconds >= 3600.0 => {

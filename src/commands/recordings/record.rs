@@ -15,17 +15,17 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use touchline::recorder::{self, End, Options, Progress};
 
-/// Between two lines of progress where they do not overwrite each other.
+/// Time between two lines of progress if they do not overwrite each other.
 const LINE_PERIOD: Duration = Duration::from_secs(10);
 
 /// Records a group.
 pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
-    // The match can do without it; that it cannot be said is no reason not to work.
+    // If memory runs out, the recorder is killed before the stages. Recording works without a rank too.
     let _ = common::memory_rank::set(MemoryRank::Recorder);
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
-        // The first one ends the recording in order, for which a slow disk may take long; the second one at
-        // once. What is left then is completed by `recover`.
+        // The first signal ends the recording in order, which may take long on a slow disk; the second
+        // ends it at once, and `recover` completes what is left.
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
@@ -72,7 +72,7 @@ fn list(counts: &BTreeMap<Channel, u64>) -> String {
     if items.is_empty() { "none".into() } else { items.join(", ") }
 }
 
-/// Tells what there is now.
+/// Summary of the progress.
 fn summary(progress: &Progress) -> String {
     let mut text = String::new();
     if progress.files.is_empty() {
@@ -92,7 +92,7 @@ fn summary(progress: &Progress) -> String {
     text
 }
 
-/// One line, kept up to date.
+/// A line of progress, updated in place.
 struct Display {
     quiet: bool,
     is_terminal: bool,

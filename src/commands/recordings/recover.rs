@@ -10,10 +10,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Between two signs of progress on a terminal.
+/// Time between two updates of the progress on a terminal.
 const TELL_PERIOD: Duration = Duration::from_millis(250);
 
-/// Makes proper recordings of damaged and unfinished ones.
+/// Completes unfinished recordings and repairs damaged ones.
 pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     if args.output.is_some() && args.files.len() > 1 {
         return Err("--output takes one recording at a time".into());
@@ -44,7 +44,7 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
                 common::tell!("touchline: {shown} is being written by a recorder");
                 code = ExitCode::FAILURE;
             }
-            // One that cannot be recovered is no reason to leave out the others.
+            // A recording that cannot be recovered does not stop the others.
             Err(error) => {
                 common::tell!("touchline: {error}");
                 code = ExitCode::FAILURE;
@@ -54,7 +54,7 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
     Ok(code)
 }
 
-/// Shows how far the work has come, if it takes long and somebody looks on.
+/// Shows progress if the work takes long and the output is a terminal.
 fn with_progress<T>(path: &Path, work: impl FnOnce(&mut dyn FnMut(u64, u64)) -> T) -> T {
     let is_terminal = std::io::stderr().is_terminal();
     let (mut told, mut is_shown) = (Instant::now(), false);

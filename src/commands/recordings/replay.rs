@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use touchline::replay::{Findings, Verifier};
 
-/// Between two signs of progress on a terminal.
+/// Time between two updates of the progress on a terminal.
 const TELL_PERIOD: Duration = Duration::from_millis(250);
 
 /// Checks that every recorded output follows from the recorded inputs.

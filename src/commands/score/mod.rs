@@ -1,5 +1,4 @@
-//! `touchline score`: how well robots and ball are found on pictures of which is known what they
-//! show.
+//! `touchline score`: measures detection of robots and ball on labelled pictures.
 
 mod moments;
 mod report;
@@ -18,8 +17,8 @@ use std::process::ExitCode;
 use touchline::chain::Chain;
 use verdict::{Judge, PictureScore, Tolerances};
 
-/// Looks at every labelled picture and prints how well it was understood. A picture that cannot be
-/// used is complained about and makes the exit code 1; the others count all the same.
+/// Processes every labelled picture and prints its score. A picture that cannot be used is reported and
+/// makes the exit code 1; the others count all the same.
 pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
     if args.synthetic {
@@ -30,7 +29,7 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
         robot_deg: args.within_deg,
         ball_px: args.ball_within_px,
     };
-    // All files first: a typing error shows at once.
+    // All files are read first, so that a typing error shows at once.
     let labels: Vec<Labels> =
         args.labels.iter().map(|path| Labels::load(path)).collect::<Result<_, _>>()?;
     let mut chain = Chain::new(&config)?;

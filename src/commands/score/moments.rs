@@ -1,24 +1,24 @@
-//! Moments of a synthetic match that are worth a scene of their own: what makes them difficult is where things
-//! are, so the match goes on until they are there.
+//! Moments of a synthetic match that form a scene of their own: the positions of robots and ball make
+//! them difficult, so the match runs until such a moment occurs.
 
 use common::body::Body;
 use common::config::Config;
 use common::geometry::FieldPoint;
 use common::messages::{TruthFrame, TruthRobot};
 
-/// Whether it is such a moment.
+/// Whether a frame is such a moment.
 pub type Moment = fn(&Config, &TruthFrame) -> bool;
 
-/// The scenes of moments, by name.
+/// The scenes made of moments, by name.
 pub const MOMENTS: [(&str, Moment); 2] = [
     ("ball-on-line", |config, truth| truth.ball_visible != 0 && is_on_line(config, truth)),
     ("ball-covered", |config, truth| (0.3..0.7).contains(&visible_share(config, truth))),
 ];
 
-/// A match that has no such moment for so many frames has none.
+/// Frames without such a moment after which the search is given up.
 pub const PATIENCE: usize = 200_000;
 
-/// Whether a line or the wall lies beside a part of the ball's rim.
+/// Whether the ball lies on or beside a line, or beside the wall.
 fn is_on_line(config: &Config, truth: &TruthFrame) -> bool {
     let (x, y) = (truth.ball_x_mm.abs(), truth.ball_y_mm.abs());
     let reach = 1.25 * config.ball.diameter_mm / 2.0;
@@ -53,7 +53,7 @@ fn visible_share(config: &Config, truth: &TruthFrame) -> f64 {
     seen / all
 }
 
-/// Whether the line of sight to a point so high above the floor passes through a robot.
+/// Whether a robot blocks the line of sight to a point at a height above the floor.
 fn is_behind(config: &Config, robot: &TruthRobot, point: FieldPoint, height_mm: f64) -> bool {
     const STEPS: u32 = 8;
     let [lens_x, lens_y, lens_z] = config.geometry.camera_mm;

@@ -1,14 +1,14 @@
-//! The scores of all pictures together: for programs as JSON, for people as text.
+//! The scores of all pictures together: as JSON and as text.
 
 use super::verdict::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
 use common::top_scale::Scale;
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// What `--json` prints. The names are part of the program's interface.
+/// The output of `--json`. The names are part of the program's interface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// What counts as right.
+    /// Tolerances of a correct detection.
     pub tolerances: Tolerances,
     pub pictures: Vec<PictureScore>,
     pub total: Total,
@@ -19,15 +19,15 @@ pub struct Report {
 /// All pictures together.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Total {
-    /// Robots labelled clear; each is one of the next four.
+    /// Robots labelled clear; each is counted in one of the next four.
     pub robots: usize,
     pub right: usize,
     pub inaccurate: usize,
     pub wrong_identity: usize,
     pub missed: usize,
-    /// Robots found where nobody is.
+    /// Robots found where none is labelled.
     pub phantoms: usize,
-    /// Of the robots that were found under their names.
+    /// Over the robots found under their right identity.
     pub position_rms_px: Option<f64>,
     pub heading_rms_deg: Option<f64>,
     /// Balls labelled clear.
@@ -35,9 +35,9 @@ pub struct Total {
     pub balls_right: usize,
     /// Balls found in pictures without one.
     pub ball_phantoms: usize,
-    /// Of the balls that were right.
+    /// Over the balls found within the tolerance.
     pub ball_rms_px: Option<f64>,
-    /// How large robots' tops are against the configured layout, in the median.
+    /// Median ratio of the robots' tops to the configured layout.
     pub top_scale: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl Report {
         Self { tolerances, pictures, total, tops }
     }
 
-    /// The same to read.
+    /// The same as text.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for picture in &self.pictures {
@@ -115,7 +115,7 @@ impl Total {
     }
 }
 
-/// Root of the mean square; `None` of nothing.
+/// Root mean square; `None` without values.
 fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (count, sum) = values.fold((0u32, 0.0), |(n, sum), value| (n + 1, sum + value * value));
     (count > 0).then(|| ((sum / f64::from(count)).sqrt() * 1000.0).round() / 1000.0)

@@ -1,7 +1,7 @@
-//! `touchline score --synthetic`: the stages on pictures of the synthetic match, scene by scene.
+//! `touchline score --synthetic`: scores the stages on pictures of the synthetic match, scene by scene.
 //!
-//! Every scene is a match under some difficulty. Frames are taken some time apart, each stands alone,
-//! and what was found is compared with the truth.
+//! Every scene is a match under some difficulty. Frames are sampled at intervals, each stands alone, and
+//! the detections are compared with the truth.
 
 use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
@@ -15,7 +15,7 @@ use serde::Serialize;
 use touchline::chain::Chain;
 use touchline::monitor::accuracy::{ReportedRobot, Scorer};
 
-/// What makes a scene difficult.
+/// Changes the configuration to that of a scene.
 type Change = fn(&mut Config);
 
 /// The scenes, by name.
@@ -40,8 +40,8 @@ const SCENES: &[(&str, Change)] = &[
     }),
     ("defocus", |config| config.synthetic.defocus_px = 2.5),
     ("dim", |config| {
-        // Half as bright as "light-0.5", and a read noise of nine electrons, 255 grey levels being a
-        // thousand.
+        // Half as bright as "light-0.5", with a read noise of nine electrons; 255 grey levels are a
+        // thousand electrons.
         config.synthetic.brightness = 0.25;
         config.synthetic.noise = 2.3;
     }),
@@ -54,7 +54,7 @@ const SCENES: &[(&str, Change)] = &[
     ("11v11", |config| *config = Preset::MirosotLarge.config()),
     ("fisheye", look_through_fisheye),
     ("crowd", |config| {
-        // Twenty-two robots where ten should be: they stand in each other's way everywhere.
+        // Twenty-two robots on a pitch for ten, so that they hide each other everywhere.
         let large = Preset::MirosotLarge.config();
         config.robots = large.robots;
         config.camera = large.camera;
@@ -73,7 +73,8 @@ fn lie_on_floor(config: &mut Config, rgb: [u8; 3]) {
     }
 }
 
-/// Two of the identification colours are none: paper as bright as lines, and as bright as walls.
+/// Two of the identification colours become achromatic: paper as bright as lines, and as bright as
+/// walls.
 fn wear_white_and_grey(config: &mut Config) {
     let papers = [("green", [200; 3], [112, 255]), ("pink", [100; 3], [54, 108])];
     for (name, looks, values) in papers {
@@ -85,7 +86,7 @@ fn wear_white_and_grey(config: &mut Config) {
     }
 }
 
-/// An equidistant fisheye 1500 mm above the middle, which sees the pitch's corners at 43° from its axis.
+/// An equidistant fisheye 1500 mm above the middle; it sees the pitch's corners at 43° from its axis.
 fn look_through_fisheye(config: &mut Config) {
     const HEIGHT_MM: f64 = 1500.0;
     let (field, camera) = (&config.field, &config.camera);
@@ -113,10 +114,10 @@ fn look_through_fisheye(config: &mut Config) {
     };
 }
 
-/// Frames between two that are looked at: a quarter of a second at 80 a second.
+/// Interval between scored frames: a quarter of a second at 80 frames a second.
 const STRIDE: usize = 20;
 
-/// How a scene was understood.
+/// The score of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SceneScore {
     pub scene: &'static str,
@@ -130,7 +131,7 @@ pub struct SceneScore {
     pub ball_rms_mm: f64,
 }
 
-/// All scenes: what is changed, and the moments that are looked at, if not any.
+/// All scenes: the change of the configuration, and the moment to wait for, if any.
 fn scenes() -> impl Iterator<Item = (&'static str, Change, Option<Moment>)> {
     let unchanged: Change = |_| {};
     let scenes = SCENES.iter().map(|&(name, change)| (name, change, None));
@@ -142,8 +143,8 @@ pub fn names() -> Vec<&'static str> {
     scenes().map(|(name, ..)| name).collect()
 }
 
-/// Plays the scenes whose names contain one of `filters`, or all. Each is handed on when it is done, as
-/// long as there is somebody to hand it to.
+/// Plays the scenes whose names contain one of `filters`, or all. Each score is passed on when it is
+/// complete, as long as there is a reader.
 pub fn play(
     config: &Config,
     filters: &[String],
@@ -211,7 +212,7 @@ fn play_scene(
             .collect();
         let ball = seen.balls().first().map(|ball| [ball.x_mm.into(), ball.y_mm.into()]);
         let mut truth = *game.truth();
-        // A moment says itself how much of the ball there must be to see.
+        // A moment decides itself how much of the ball must be visible.
         truth.ball_visible |= u32::from(moment.is_some());
         scorer.score(&truth, &robots, ball);
     }
@@ -228,11 +229,12 @@ fn play_scene(
     })
 }
 
-/// Light is followed down to this part of that in which the colours were set.
+/// Lowest brightness, relative to that for which the colours were made, down to which changes of the
+/// light are followed.
 const DIMMEST: f64 = 0.4;
 
-/// The configuration with colours as they are learned in the match's light, where that is dimmer than can be
-/// followed from the light of the preset's.
+/// The configuration, with colours learned in the match's light if that light is too dim to be followed
+/// from the preset's.
 fn taught(config: &Config) -> Config {
     let mut config = config.clone();
     let brightness = config.synthetic.brightness;
@@ -252,7 +254,7 @@ fn taught(config: &Config) -> Config {
 }
 
 impl SceneScore {
-    /// A line to read; [`HEADING`] goes above.
+    /// The score as a line of text; [`HEADING`] is printed above.
     pub fn text(&self) -> String {
         format!(
             "{:<14} {:>6.2} % {:>6} {:>9.2} mm {:>7.2}° {:>8.1} % {:>8.2} mm\n",
@@ -267,6 +269,6 @@ impl SceneScore {
     }
 }
 
-/// What the columns of [`SceneScore::text`] are.
+/// Headings of the columns of [`SceneScore::text`].
 pub const HEADING: &str =
     "scene             found  wrong     error (rms)        ball found  error (rms)\n";

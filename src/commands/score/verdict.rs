@@ -1,4 +1,4 @@
-//! Comparing what was seen in a picture with what is there.
+//! Compares the detections of a picture with its labels.
 
 use common::config::Config;
 use common::geometry::{CameraModel, ImagePoint, wrap_angle};
@@ -7,74 +7,74 @@ use learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What counts as right.
+/// Tolerances of a correct detection.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Tolerances {
-    /// Between a robot's centre and its label.
+    /// Distance between a robot's centre and its label.
     pub robot_px: f64,
-    /// Between a robot's heading and its label.
+    /// Difference between a robot's heading and its label.
     pub robot_deg: f64,
-    /// Between the ball's centre and its label.
+    /// Distance between the ball's centre and its label.
     pub ball_px: f64,
 }
 
-/// How well one picture was understood.
+/// The score of one picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureScore {
     pub image: String,
-    /// Robots labelled clear; empty when nobody labelled robots.
+    /// Robots labelled clear; empty if robots are not labelled.
     pub robots: Vec<RobotVerdict>,
-    /// Robots found where nobody is.
+    /// Robots found where none is labelled.
     pub phantoms: Vec<FoundRobot>,
-    /// `None` when nobody looked for the ball, or it is hard to see.
+    /// `None` if the ball is not labelled, or labelled hard.
     pub ball: Option<BallVerdict>,
 }
 
-/// What became of a labelled robot.
+/// The result for a labelled robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RobotVerdict {
     pub team: Team,
     pub id: u32,
-    /// Where the label has it.
+    /// Position of the label.
     pub x_px: f64,
     pub y_px: f64,
     pub outcome: Outcome,
-    /// Distance and turn of what was found in its place.
+    /// Distance and turn of the robot found at the label.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub off: Option<Offset>,
-    /// What it was taken for.
+    /// The wrong identity found at the label.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub taken_for: Option<Name>,
     /// Why the nearest candidate was rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// For a robot that is not right: pixels on its top by what they were classified as.
+    /// For a robot that is not right: pixels on its top by class.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub colors_seen: BTreeMap<String, u32>,
 }
 
-/// How a robot was understood.
+/// Outcome for a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Under its name, within the tolerances.
+    /// Right identity, within the tolerances.
     Right,
-    /// Under its name and in its place, but beyond the tolerances.
+    /// Right identity at its place, but beyond the tolerances.
     Inaccurate,
-    /// Somebody else was found in its place.
+    /// A robot of another identity was found at its place.
     WrongIdentity,
-    /// Nobody was found in its place.
+    /// No robot was found at its place.
     Missed,
 }
 
-/// How far something is from its label.
+/// Distance of a detection from its label.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Offset {
     pub px: f64,
     pub deg: f64,
 }
 
-/// A robot's name.
+/// A robot's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Name {
     pub team: Team,
@@ -90,11 +90,11 @@ pub struct FoundRobot {
     pub y_px: f64,
 }
 
-/// What became of the ball.
+/// The result for the ball.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BallVerdict {
     pub outcome: BallOutcome,
-    /// Distance of what was found from the label.
+    /// Distance of the detection from the label.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub off_px: Option<f64>,
     /// Why the nearest candidate was rejected.
@@ -102,17 +102,17 @@ pub struct BallVerdict {
     pub reason: Option<String>,
 }
 
-/// How the ball was understood.
+/// Outcome for the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BallOutcome {
-    /// There, within the tolerance.
+    /// Found within the tolerance.
     Right,
-    /// Something else, or too far off.
+    /// Something else was found, or the ball too far off.
     Far,
     /// Not found.
     Missed,
-    /// Found, and there is none.
+    /// Found, although there is none.
     Phantom,
     /// Not found, and there is none.
     Absent,
@@ -126,7 +126,7 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// `seen` and `runs` are what the stages made of the labelled picture.
+    /// `seen` and `runs` are the stages' outputs for the labelled picture.
     pub fn judge(&self, labels: &ImageLabels, seen: &DetectionFrame, runs: &[Run]) -> PictureScore {
         let all = labels.robots.as_deref().unwrap_or(&[]);
         let is_clear = |label: &&RobotLabel| label.quality == Quality::Clear;
@@ -166,7 +166,7 @@ impl Judge<'_> {
         let is_named = |found: &DetectedRobot| {
             (found.team, found.robot_id) == (label.team as u32, label.id.into())
         };
-        // Where robots touch, the neighbour may be within reach: whoever is at home there, is.
+        // A neighbour that touches the robot may be within reach; it belongs to its own label.
         let is_at_home = |found: &&DetectedRobot| {
             all.iter().any(|other| {
                 (found.team, found.robot_id) == (other.team as u32, other.id.into())
@@ -175,7 +175,7 @@ impl Judge<'_> {
                         < distance_px(place(label), (found.x_px, found.y_px))
             })
         };
-        // Who says no number says no wrong one.
+        // Unidentified detections are not identity errors.
         let here = seen.robots().iter().filter(|found| found.is_identified()).filter(near);
         let own = here.clone().find(|found| is_named(found));
         let other = || {
@@ -258,7 +258,7 @@ impl Judge<'_> {
         Some(BallVerdict { off_px, reason, ..verdict(outcome) })
     }
 
-    /// Why the nearest candidate within reach became nothing.
+    /// Why the nearest candidate within reach was rejected.
     fn reason(
         &self,
         here: ImagePoint,
@@ -279,7 +279,7 @@ impl Judge<'_> {
         })
     }
 
-    /// Pixels within a distance, by the name of their class.
+    /// Number of pixels within a distance, by the name of their class.
     fn colors_seen(&self, here: ImagePoint, reach_px: f64, runs: &[Run]) -> BTreeMap<String, u32> {
         let mut seen = BTreeMap::new();
         for run in runs {
@@ -295,7 +295,7 @@ impl Judge<'_> {
         seen
     }
 
-    /// Side of a robot's top as it appears.
+    /// Side of a robot's top in the picture.
     fn robot_size_px(&self, label: &RobotLabel) -> f64 {
         let height_mm = self.config.top(label.team as u32, Some(label.id)).height_mm;
         self.config.robots.size_mm / self.camera.pixel_area_mm2(place(label), height_mm).sqrt()
@@ -319,7 +319,7 @@ fn found_robot(robot: &DetectedRobot) -> Option<FoundRobot> {
     })
 }
 
-/// Thousandths are enough.
+/// Rounds to thousandths.
 fn rounded(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0
 }
@@ -344,7 +344,7 @@ mod tests {
         }
     }
 
-    /// The score of a picture with these labels in which this was seen.
+    /// The score of a picture with these labels and detections.
     fn score(labels: &str, fill: impl FnOnce(&mut DetectionFrame), runs: &[Run]) -> PictureScore {
         let config = Config::default();
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
