@@ -34,7 +34,7 @@ pub struct Cli {
     pub command: Option<Command>,
 }
 
-/// What the program is to do, as its arguments say.
+/// The action that the command line requests.
 pub enum Invocation {
     /// A command for people, or a stage's process.
     Cli(Cli),
@@ -42,7 +42,7 @@ pub enum Invocation {
     Attendant(&'static Row, AttendantArgs),
 }
 
-/// Reads the command line. Where it is none, says so and ends the program.
+/// Parses the command line; prints errors and ends the program if it is invalid.
 pub fn parse() -> Invocation {
     let matches = command().get_matches();
     let attendant =
@@ -78,28 +78,28 @@ pub enum Command {
     /// The same code as in a running group, in one process. Pixels: the centre of the top-left
     /// pixel is (0, 0). Angles in the picture: 0 right, 90 up on the screen.
     Detect(DetectArgs),
-    /// Finds out how the camera hangs, from points of the pitch marked in a picture.
+    /// Computes the camera's geometry from points of the pitch marked in a picture.
     ///
-    /// From at least four points to homography, distortion of the lens and its place, by least
+    /// Computes homography, distortion of the lens and its place from at least four points, by least
     /// squares; says how far each point is off, and which look wrong or swapped. Points at different
-    /// heights, such as floor and upper edge of the wall at the corners, tell how high the camera
-    /// hangs. docs/calibration.md has the points that have names, and the file of points.
+    /// heights, such as floor and upper edge of the wall at the corners, determine the height of the
+    /// camera. docs/calibration.md lists the points that have names, and describes the file of points.
     #[command(after_long_help = calibrate::EXAMPLES)]
     Calibrate(CalibrateArgs),
-    /// Learns colours from pictures of which is known what they show.
+    /// Learns colours from labelled pictures.
     ///
-    /// From labelled robots and balls (the layout says where on a robot which colour is), or from
-    /// marked places, to boxes and bounds of hue and saturation that tell the colours apart, and from
-    /// the background, with the widest margins. Prints what is taken for what, and warns of colours
-    /// too alike. With the pitch's own colour, which is written down too, colours learned under some
-    /// lamps hold under others. docs/labels.md describes the file of labels.
+    /// Computes, from labelled robots and balls (the layout says which colour is where on a robot) or
+    /// from marked places, boxes and bounds of hue and saturation that separate the colours from each
+    /// other and from the background with the widest margins. Prints which colours are taken for which,
+    /// and warns of colours too alike. With the pitch's own colour, which is written down too, colours
+    /// learned under some lamps hold under others. docs/labels.md describes the file of labels.
     #[command(after_long_help = pictures::LEARN_EXAMPLES)]
     Learn(LearnArgs),
-    /// Tells how well robots and ball are found on pictures of which is known what they show.
+    /// Tells how well robots and ball are found on labelled pictures.
     ///
     /// Looks at every labelled picture as `detect` does and compares: robots under their right names
     /// within the tolerances, wrong identities, misses with their reason and the colours seen there,
-    /// robots where nobody is, the ball. docs/labels.md describes the file of labels.
+    /// robots where there is none, the ball. docs/labels.md describes the file of labels.
     #[command(after_long_help = pictures::SCORE_EXAMPLES)]
     Score(ScoreArgs),
     /// Lists the cameras of this machine, with formats, sizes, rates and controls.
@@ -241,7 +241,7 @@ pub struct CamerasArgs {
     pub json: bool,
 }
 
-/// Which group.
+/// The group that a command addresses.
 #[derive(Debug, Args)]
 pub struct InstanceArgs {
     /// Name of the group
@@ -255,7 +255,7 @@ pub struct StepArgs {
     /// How many frames
     #[arg(value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: u64,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
 }
@@ -263,7 +263,7 @@ pub struct StepArgs {
 /// Arguments of `status`.
 #[derive(Debug, Args)]
 pub struct StatusArgs {
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
     /// Print the whole report as JSON
@@ -277,7 +277,7 @@ pub struct RestartArgs {
     /// Any of grabber, classifier, tracker, filter and the group's attendants, such as the gateway
     #[arg(required = true, value_name = "PROCESS", value_parser = parse_process)]
     pub processes: Vec<String>,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
 }
@@ -288,7 +288,7 @@ pub struct UpgradeArgs {
     /// The new program [default: the one that is given this command]
     #[arg(value_name = "PROGRAM")]
     pub program: Option<PathBuf>,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
 }
@@ -303,7 +303,7 @@ pub struct DoctorArgs {
     /// chooses
     #[arg(long, default_value = "synthetic")]
     pub source: Source,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
     /// Remove what dead groups of yours have left; nothing of a living one is touched
@@ -333,10 +333,10 @@ pub struct ChaosArgs {
     /// Time between two disturbances; a stage without a spare is given the time to start one
     #[arg(long, value_name = "MS", default_value = "500", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     pub every: u64,
-    /// What to do, separated by commas
+    /// Kinds of disturbance, separated by commas
     #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "kill,stop,pause")]
     pub signals: Vec<Disturbance>,
-    /// To whom, separated by commas: any of grabber, classifier, tracker, filter
+    /// Stages to disturb, separated by commas: any of grabber, classifier, tracker, filter
     #[arg(long, value_name = "STAGES", value_delimiter = ',', default_value = "classifier,tracker,filter", value_parser = parse_stage)]
     pub stages: Vec<ProcessKind>,
     /// Frames a second [default: as configured]

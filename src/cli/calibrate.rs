@@ -32,7 +32,7 @@ pub struct CalibrateArgs {
     /// Write the picture, with pitch and points drawn over it, to this file (PNG)
     #[arg(long, value_name = "FILE", requires = "picture")]
     pub overlay: Option<PathBuf>,
-    /// No point may be further off
+    /// Largest allowed error of a point
     #[arg(long, value_name = "PX", default_value = "3", value_parser = super::parse_tolerance)]
     pub within_px: f64,
     /// Height of the camera above the floor, if it was measured

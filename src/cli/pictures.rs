@@ -1,4 +1,4 @@
-//! Arguments of what works on still pictures: `detect`, `learn`, `score`.
+//! Arguments of the commands for still pictures: `detect`, `learn`, `score`.
 
 use clap::Args;
 use std::path::PathBuf;
@@ -32,8 +32,8 @@ pub struct LearnArgs {
     /// File of labels (JSON): robots, balls, or marked places
     #[arg(long, value_name = "FILE", required_unless_present = "auto")]
     pub samples: Option<PathBuf>,
-    /// Find the colours without labels, from robots on the pitch: what colours look like
-    /// (`looks` in the configuration) is where it begins, robots that fit the layout is where it goes
+    /// Find the colours without labels, from robots on the pitch: starts with the colours' configured
+    /// appearance (`looks`), and maximises how well robots fit the layout
     #[arg(long, conflicts_with = "samples", requires = "pictures")]
     pub auto: bool,
     /// Configuration with geometry, layout, and the colours' names
@@ -45,7 +45,7 @@ pub struct LearnArgs {
     /// Overwrite an existing file
     #[arg(long)]
     pub force: bool,
-    /// Take pictures as they are: every lamp there will be is among them
+    /// Do not follow the light: the pictures show every lamp that will be used
     #[arg(long)]
     pub fixed_light: bool,
 }

@@ -29,7 +29,7 @@ pub struct RecordArgs {
     /// Stop before less than this is free on the disk, and complete the file
     #[arg(long, value_name = "SIZE", default_value = "500M", value_parser = parse_size)]
     pub keep_free: u64,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
     /// Show no progress
@@ -89,7 +89,7 @@ pub struct ExportArgs {
     /// Write the frames to this folder; Bayer frames as grey pictures, as `detect` reads them
     #[arg(long, value_name = "DIR")]
     pub png: Option<PathBuf>,
-    /// Of the frames, only every Nth
+    /// Write only every Nth frame
     #[arg(long, value_name = "N", default_value = "1", requires = "png",
         value_parser = clap::value_parser!(u64).range(1..))]
     pub every: u64,
@@ -98,7 +98,7 @@ pub struct ExportArgs {
     pub force: bool,
 }
 
-/// What is on the disk under that name; `scene` stands for all that is made for viewers.
+/// A channel by its name in recordings; `scene` stands for everything made for viewers.
 fn parse_topic(text: &str) -> Result<Channel, String> {
     Channel::from_name(text)
         .filter(|&channel| {

@@ -1,4 +1,4 @@
-//! Arguments of the processes of a group, each alone.
+//! Arguments of a group's processes, started individually.
 
 use super::InstanceArgs;
 use clap::Args;
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Arguments of a stage.
 #[derive(Debug, Args)]
 pub struct StageArgs {
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
     /// Configuration file
@@ -31,7 +31,7 @@ pub struct StageArgs {
 /// Arguments of an attendant.
 #[derive(Debug, Args)]
 pub struct AttendantArgs {
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
     /// Configuration file [default: that of the running group]
@@ -45,7 +45,7 @@ pub struct AttendantArgs {
 /// Arguments of the grabber stage.
 #[derive(Debug, Args)]
 pub struct GrabberArgs {
-    /// As for every stage.
+    /// Arguments common to all stages.
     #[command(flatten)]
     pub stage: StageArgs,
     /// Where frames come from: `synthetic`, `synthetic-loop:N`, `images:PATH`, `recording:FILE`,

@@ -15,7 +15,7 @@ pub struct TopicsArgs {
     /// Measure for so long
     #[arg(long, value_name = "S", default_value = "1", value_parser = parse_seconds)]
     pub seconds: f64,
-    /// Which group.
+    /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
 }

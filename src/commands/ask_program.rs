@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_comes_with_all_that_was_said() {
+    fn an_answer_contains_the_whole_output() {
         let answer = shell("echo yes; echo no >&2; exit 3", PATIENCE).unwrap();
         assert_eq!((&*answer.stdout, &*answer.stderr), (&b"yes\n"[..], &b"no\n"[..]));
         assert_eq!(answer.status.code(), Some(3));

@@ -1,4 +1,4 @@
-//! `touchline config`: write a commented configuration file, check one, print the schema.
+//! `touchline config`: writes a commented configuration file, checks one, prints the schema.
 
 use super::CommandError;
 use super::learn::lessons::Lessons;
@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Carries out a `touchline config` command; what it has to say goes to the standard output.
+/// Carries out a `touchline config` command; prints to the standard output.
 pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
     let text = match command {
         ConfigCommand::Init { output, preset, force } => init(preset, output.as_deref(), force)?,
@@ -26,18 +26,18 @@ pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Why a `touchline config` command failed; the text is for people.
+/// Error of a `touchline config` command; its text is for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigCommandError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The file is not written.
+    /// The file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
 }
 
-/// Writes the preset's configuration, every key commented, to `path`; without one it is returned
+/// Writes the preset's configuration, every key commented, to `path`; without a path, returns the text
 /// for the standard output. An existing file is overwritten only with `force`.
 pub fn init(
     preset: Preset,
@@ -51,14 +51,14 @@ pub fn init(
     Ok(format!("{path}: written ({name}); `touchline config check {path}` checks it\n"))
 }
 
-/// Checks a file; for a usable one a summary of what it says, and what in it looks unintended. What its
-/// colours cost is estimated with the pictures, or with the colour of the pitch.
+/// Checks a file; returns, for a usable one, a summary and warnings about settings that look unintended.
+/// The cost of its colours is estimated with the pictures, or with the colour of the pitch.
 pub fn check(path: &Path, pictures: &[PathBuf]) -> Result<String, CommandError> {
     let (config, warnings) = config::check_file(path)?;
     Ok(report(path, &config, &cost(&config, pictures)?, &warnings))
 }
 
-/// How much of a pitch passes to the second look; nothing where no colour has one.
+/// The share of a pitch that passes to the second look; empty if no colour has one.
 fn cost(config: &Config, pictures: &[PathBuf]) -> Result<String, CommandError> {
     let mut passing = Passing::none(config)?;
     if !config.colors.iter().any(|color| color.hue_deg.is_some() || color.saturation.is_some()) {
@@ -167,7 +167,7 @@ fn colors(config: &Config) -> String {
     names.join(", ")
 }
 
-/// "75 mm", or "50–150 mm" where robots differ.
+/// "75 mm", or "50–150 mm" if robots differ.
 fn heights(config: &Config) -> String {
     let heights: Vec<f64> =
         config.robots.identities.iter().map(|robot| config.top_of(robot).height_mm).collect();
@@ -213,7 +213,7 @@ fn identification_patches(config: &Config) -> usize {
 mod tests {
     use super::*;
 
-    /// A directory of its own for each test, removed at the end.
+    /// A separate directory for each test, removed at the end.
     struct Scratch(PathBuf);
 
     impl Scratch {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_init_writes_is_what_check_accepts() {
+    fn check_accepts_the_output_of_init() {
         let scratch = Scratch::new("init");
         for preset in Preset::ALL {
             let file = scratch.file(&format!("{}.toml", preset.name()));
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn check_shows_what_is_wrong() {
+    fn check_shows_errors() {
         let scratch = Scratch::new("wrong");
         let file = scratch.file("match.toml");
         std::fs::write(&file, "[camera]\nfsp = 80\n").unwrap();

@@ -81,7 +81,7 @@ mod tests {
     use bytemuck::Zeroable;
 
     #[test]
-    fn who_was_not_seen_is_in_parentheses() {
+    fn unseen_robots_are_in_parentheses() {
         let mut world = WorldFrame::zeroed();
         world.frame.seq = 17;
         assert_eq!(line(&world), "frame 17:");

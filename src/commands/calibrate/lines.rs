@@ -56,7 +56,7 @@ const ROUGH_POINTS_PX: f64 = 3.0;
 /// With at least this surplus of equations over unknowns, the points' own residuals give their marking
 /// error. Lines that move the points by more than the given number of deviations are not those of the
 /// pitch.
-const TELLING_SURPLUS: usize = 3;
+const SUFFICIENT_SURPLUS: usize = 3;
 const MAX_DEVIATIONS: f64 = 4.0;
 /// Smallest marking error assumed for the points.
 const FINE_POINTS_PX: f64 = 0.25;
@@ -91,7 +91,7 @@ pub fn refined(
 /// cause.
 fn may_move_px(by_points: &Calibration) -> f64 {
     let surplus = by_points.surplus;
-    if surplus < TELLING_SURPLUS {
+    if surplus < SUFFICIENT_SURPLUS {
         return ROUGH_POINTS_PX;
     }
     let equations = 2.0 * by_points.errors_px.len() as f64;

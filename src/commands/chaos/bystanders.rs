@@ -1,5 +1,5 @@
-//! Programs that attach to the match and behave badly: one freezes for ten seconds again and again,
-//! another is killed a tenth of a second after it has attached, and comes back.
+//! Programs that attach to the match and behave badly: the sleeper is frozen for ten seconds again and
+//! again; the flapper is killed a tenth of a second after it has attached, and comes back.
 
 use super::population::has_ended;
 use super::vandal::publish_garbage;
@@ -18,23 +18,23 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
-/// From one attachment of the one that is killed to the next.
+/// Time between two attachments of the flapper.
 const FLAP: Duration = Duration::from_millis(100);
-/// How long the other one is frozen …
+/// Time for which the sleeper is frozen …
 const FROZEN: Duration = Duration::from_secs(10);
-/// … and how long it then keeps up.
+/// … and time for which it then keeps up.
 const AWAKE: Duration = Duration::from_secs(1);
-/// Between two looks of a bystander at its topics.
+/// Time between two reads of a bystander from its topics.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// What the bystanders have been through.
+/// Counts of what happened to the bystanders.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Fate {
-    /// Attached and were killed.
+    /// Bystanders that attached and were killed.
     pub killed: u64,
     /// Freezes of the sleeper.
     pub frozen: u64,
-    /// Could not attach, or fell by themselves.
+    /// Bystanders that could not attach, or ended by themselves.
     pub failed: u64,
 }
 
@@ -47,12 +47,12 @@ pub struct Bystanders {
     sleeper_turns_at: Instant,
     flapper: Option<Bystander>,
     flaps_at: Instant,
-    /// What has happened so far.
+    /// Counts so far.
     pub fate: Fate,
 }
 
 impl Bystanders {
-    /// Has them attach to a match.
+    /// Lets them attach to a match.
     pub fn start(instance: &Instance) -> Result<Self, CommandError> {
         let now = Instant::now();
         Ok(Self {
@@ -66,7 +66,7 @@ impl Bystanders {
         })
     }
 
-    /// Does what is due.
+    /// Freezes, wakes, kills and starts bystanders when it is time.
     pub fn look(&mut self) -> Result<(), CommandError> {
         let now = Instant::now();
         if now >= self.sleeper_turns_at {
@@ -85,7 +85,7 @@ impl Bystanders {
                 self.flapper = Some(Bystander::start(&self.instance)?);
                 self.flaps_at = now + FLAP;
             }
-            // On a busy machine it takes longer to attach; it is killed when it has.
+            // Attaching takes longer on a busy machine; the flapper is killed only once it has attached.
             Some(flapper) if now >= self.flaps_at && flapper.has_attached() => {
                 self.fate.killed += 1;
                 self.flapper = None;
@@ -123,7 +123,7 @@ impl Bystander {
         Ok(Self { child, pidfd })
     }
 
-    /// Whether it has said that it is attached.
+    /// Whether it has reported that it is attached.
     fn has_attached(&self) -> bool {
         let Some(said) = &self.child.stdout else { return false };
         let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
@@ -132,7 +132,7 @@ impl Bystander {
     }
 
     fn signal(&self, signal: Signal) {
-        // That it has ended is noticed elsewhere.
+        // Its end is noticed elsewhere.
         let _ = pidfd_send_signal(&self.pidfd, signal);
     }
 }
@@ -144,8 +144,8 @@ impl Drop for Bystander {
     }
 }
 
-/// `touchline bystander`: attaches to a group as a program of a user would, says so, and reads until
-/// it is killed or whoever has started it is gone.
+/// `touchline bystander`: attaches to a group as a user's program would, reports it, and reads until it
+/// is killed or its parent is gone.
 pub fn attach(args: &BystanderArgs) -> Result<ExitCode, CommandError> {
     if let Some(ms) = args.rubbish {
         return publish_garbage(args, Duration::from_millis(ms));

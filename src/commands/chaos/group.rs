@@ -1,4 +1,4 @@
-//! The group under test: the real program as a child process, in a runtime directory of its own.
+//! The group under test: the real program as a child process, in its own runtime directory.
 
 use super::leaks::{self, Leftovers};
 use super::population;
@@ -17,18 +17,18 @@ use std::time::{Duration, Instant};
 use touchline::monitor::{Report, read_status};
 use touchline::supervisor::{self, Request};
 
-/// Starting, ending, and whatever else happens by itself, on a slow and busy machine.
+/// Longest time for starting, ending and other events, on a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
-/// If this program is killed, the match ends by itself so long after its time.
+/// If this program is killed, the match ends by itself this long after its planned end.
 const SPARE_TIME_S: f64 = 300.0;
 /// Bytes of the log that an error message repeats.
 pub const LAST_WORDS: usize = 4000;
-/// Between two looks at whether something has happened.
+/// Time between two checks of a condition.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// A running group. Dropping it ends it, whatever state it is in.
+/// A running group. Dropping it ends it, whatever its state.
 pub struct Group {
-    /// Its name and places.
+    /// Its name and directories.
     pub instance: Instance,
     place: PathBuf,
     args: Vec<String>,
@@ -62,12 +62,12 @@ impl Group {
         }
         let supervisor = spawn(&place, &args)?;
         let mut group = Self { instance, place, args, supervisor };
-        // Its configuration is written when its shared memory is cleared and ready to be joined.
+        // The configuration is written once the shared memory is cleared and ready for attaching.
         group.wait_for("the group to start", |group| group.instance.config_path().exists())?;
         Ok(group)
     }
 
-    /// The supervisor's number.
+    /// Process id of the supervisor.
     pub fn supervisor_pid(&self) -> u32 {
         self.supervisor.id()
     }
@@ -80,7 +80,7 @@ impl Group {
         Ok(())
     }
 
-    /// Asks the supervisor to replace a stage's active process; `false` when it is not there.
+    /// Asks the supervisor to replace a stage's active process; `false` if there is no supervisor.
     pub fn restart(&self, stage: ProcessKind) -> Result<bool, CommandError> {
         let request = Request::Restart(vec![stage.name().into()]);
         match supervisor::ask(&self.instance, &request, PATIENCE) {
@@ -89,7 +89,7 @@ impl Group {
         }
     }
 
-    /// An error, with its last words, when the supervisor has ended by itself.
+    /// An error with the end of its log, if the supervisor has ended by itself.
     pub fn check(&mut self) -> Result<(), CommandError> {
         match self.supervisor.try_wait()? {
             None => Ok(()),
@@ -100,7 +100,7 @@ impl Group {
         }
     }
 
-    /// Waits until something is so; an error when it takes too long.
+    /// Waits for a condition; an error if it takes too long.
     pub fn wait_for(
         &mut self,
         what: &str,
@@ -117,12 +117,12 @@ impl Group {
         Ok(())
     }
 
-    /// What the group says of itself.
+    /// The status that the group reports.
     pub fn status(&self) -> Option<Report> {
         read_status(&self.instance, Duration::from_secs(3)).ok().flatten()
     }
 
-    /// Ends the group and looks at what it leaves behind.
+    /// Ends the group and collects what it leaves behind.
     pub fn end(mut self) -> Leftovers {
         let namespace = self.instance.namespace().ok().flatten();
         self.signal_supervisor(Signal::TERM);
@@ -138,7 +138,7 @@ impl Group {
         }
     }
 
-    /// The end of what the supervisors have written, of which one line for every event.
+    /// The end of the supervisors' log, which has one line for every event.
     pub fn log(&self, bytes: usize) -> String {
         let text = fs::read(self.place.join("log")).unwrap_or_default();
         let tail = &text[text.len().saturating_sub(bytes)..];
@@ -147,7 +147,7 @@ impl Group {
 
     /// Sends the supervisor a signal.
     pub fn signal_supervisor(&self, signal: Signal) {
-        // Never reaped before it is waited for, so the number is still its own.
+        // The supervisor is not reaped before it is waited for, so its process id is not reused.
         if let Some(pid) = Pid::from_raw(self.supervisor.id() as i32) {
             let _ = kill_process(pid, signal);
         }
@@ -180,8 +180,8 @@ impl Drop for Group {
     }
 }
 
-/// The very image this program runs, whatever has happened to the file. Ctrl-C in the terminal is
-/// for this program alone, which ends the group in order.
+/// Starts the very image that this program runs, even if its file has been replaced. Ctrl-C in the
+/// terminal goes to this program alone, which ends the group in order.
 fn spawn(place: &Path, args: &[String]) -> Result<Child, CommandError> {
     let log = File::options().create(true).append(true).open(place.join("log"))?;
     descriptors::keep_from_programs_run_now();

@@ -1,4 +1,4 @@
-//! What a group uses of the machine, and what is left when it has ended.
+//! Measures the resources that a group uses, and those left after its end.
 
 use super::population::belongs_to;
 use common::instance::{Instance, Namespace};
@@ -8,17 +8,18 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Connections to dead processes that a living one may still hold, in the mean: a spare neither reads nor
-/// writes yet, and keeps what it was connected to when it joined, its input's writers and its output's
-/// readers. Of three spares that is seven each, the supervisor's and the monitor's included. A leak
-/// grows with the number of deaths, this does not.
+/// Connections to dead processes that a living process may still hold, on average. A spare neither reads
+/// nor writes yet, and keeps the connections it made when it joined, to its input's writers and its
+/// output's readers: seven for each of three spares, including the supervisor's and the monitor's. A
+/// leak grows with the number of deaths; these connections do not.
 const STALE_PER_PROCESS: u64 = 3;
-/// Programs that published rubbish and have died leave such rests too: a spare connects to those that are there when it
-/// starts, on eight topics with the other spares together, and up to four of them run at a time.
+/// Connections to dead programs that published rubbish: a spare connects to those alive when it starts,
+/// on eight topics with the other spares together, and up to four of them run at a time.
 const STALE_OF_STRANGERS: u64 = 4 * 8;
-/// The same, in file descriptors of one process.
+/// Limit for the file descriptors that one process holds of dead ones.
 const STALE_DESCRIPTORS: u64 = 16;
-/// Of programs that published rubbish: two for each of four topics that a spare reads, of four programs.
+/// Additional limit after rubbish: two descriptors for each of four topics that a spare reads, for four
+/// programs.
 const STALE_DESCRIPTORS_OF_STRANGERS: u64 = 4 * 4 * 2;
 
 /// File descriptors that one process may still hold of dead ones.
@@ -26,7 +27,7 @@ pub fn stale_descriptors(had_strangers: bool) -> u64 {
     STALE_DESCRIPTORS + if had_strangers { STALE_DESCRIPTORS_OF_STRANGERS } else { 0 }
 }
 
-/// What a group uses at a moment.
+/// Resources that a group uses at one time.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Usage {
     /// Its entries in /dev/shm.
@@ -35,7 +36,7 @@ pub struct Usage {
     pub runtime_entries: u64,
     /// Its processes, the supervisor included.
     pub processes: u64,
-    /// Open file descriptors: of the supervisor, and of the process of each stage with the most.
+    /// Open file descriptors: of the supervisor, and for each stage, of its process that has the most.
     pub descriptors: BTreeMap<String, u64>,
     /// Memory that no other process shares, of all processes together.
     pub private_bytes: u64,
@@ -43,10 +44,10 @@ pub struct Usage {
     pub resident_bytes: u64,
 }
 
-/// What is left of a group after its end.
+/// Resources left after the end of a group.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Leftovers {
-    /// Whether the supervisor ended when it was asked to, and reported success.
+    /// Whether the supervisor ended on request, and reported success.
     pub ended_in_order: bool,
     /// Processes still there.
     pub processes: Vec<u32>,
@@ -56,7 +57,7 @@ pub struct Leftovers {
     pub runtime_directory: bool,
 }
 
-/// What the group uses now.
+/// Resources that the group uses now.
 pub fn usage(instance: &Instance) -> Usage {
     let processes = processes(instance.name());
     let namespace = instance.namespace().ok().flatten();
@@ -77,7 +78,7 @@ pub fn usage(instance: &Instance) -> Usage {
     usage
 }
 
-/// What is left of the group, which was in this namespace.
+/// Resources left of the group that used this namespace.
 pub fn leftovers(instance: &Instance, namespace: Option<&Namespace>) -> Leftovers {
     Leftovers {
         ended_in_order: false,
@@ -87,7 +88,7 @@ pub fn leftovers(instance: &Instance, namespace: Option<&Namespace>) -> Leftover
     }
 }
 
-/// All processes whose command line names the group. The dead that nobody has reaped have none.
+/// All processes whose command line names the group. A process not reaped yet has no command line.
 pub fn processes(instance: &str) -> Vec<u32> {
     let Ok(entries) = fs::read_dir("/proc") else { return Vec::new() };
     let pids = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
@@ -95,14 +96,14 @@ pub fn processes(instance: &str) -> Vec<u32> {
 }
 
 impl Usage {
-    /// Entries that may be left of dead processes at any time, however many have died.
+    /// Entries of dead processes that may remain at any time, regardless of the number of deaths.
     pub fn stale(&self, has_strangers: bool) -> u64 {
         let of_strangers = if has_strangers { STALE_OF_STRANGERS } else { 0 };
         STALE_PER_PROCESS * self.processes + of_strangers
     }
 
-    /// Whether nothing has piled up since. Memory is not compared: how much of it an allocator
-    /// keeps is its own affair, up to a point that the verdict decides.
+    /// Whether nothing has accumulated since `before`. Memory is not compared: how much an allocator
+    /// keeps varies, and the verdict sets a limit.
     pub fn is_back_to(&self, before: &Usage, had_strangers: bool) -> bool {
         self.shared_memory_entries <= before.shared_memory_entries + before.stale(had_strangers)
             && self.runtime_entries <= before.runtime_entries + before.stale(false)
@@ -113,7 +114,7 @@ impl Usage {
                 .all(|(_, before, now)| *now <= before + stale_descriptors(had_strangers))
     }
 
-    /// Whose descriptors have become more, and from how many to how many.
+    /// Processes whose descriptors have increased, with the counts before and now.
     pub fn descriptors_grown(&self, before: &Usage) -> Vec<(String, u64, u64)> {
         let before = |role: &String| before.descriptors.get(role).copied().unwrap_or(0);
         self.descriptors
@@ -124,7 +125,7 @@ impl Usage {
     }
 }
 
-/// The subcommand a process of ours was started with.
+/// The subcommand with which a process of the group was started.
 fn role(pid: u32) -> String {
     let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     let word = line.split(|&byte| byte == 0).nth(1).unwrap_or_default();
@@ -139,7 +140,7 @@ fn kilobytes(status: &str, key: &str) -> u64 {
     value.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)
 }
 
-/// The group's names in shared memory: the segments, and everything in its directory.
+/// The group's names in shared memory: its segments, and everything in its directory.
 fn shared_memory(namespace: Option<&Namespace>) -> Vec<String> {
     let Some(namespace) = namespace else { return Vec::new() };
     let mut paths = namespace.segments().map(|(own, _)| own).unwrap_or_default();

@@ -1,15 +1,15 @@
-//! `touchline chaos`: a match of its own, disturbed at random, and every promise checked.
+//! `touchline chaos`: starts a match, disturbs it at random, and checks every promise.
 //!
-//! * [`plan`]: what is done to whom and when, repeatable by its seed.
-//! * [`group`]: the match, which is the real program in processes of its own.
+//! * [`plan`]: the random sequence of disturbances, repeatable by its seed.
+//! * [`group`]: the match, which is the real program in its own processes.
 //! * [`bystanders`]: programs that attach to it and behave badly.
-//! * [`outsider`]: another user who takes names and tries doors.
-//! * [`vandal`]: a program that publishes what it should not.
-//! * [`shortage`]: leaving it without descriptors or memory for a while.
-//! * [`population`]: who is alive, and sending signals to them and nobody else.
-//! * [`observer`]: subscribers of our own; [`tally`] counts what they see.
-//! * [`leaks`]: what the group uses before and after, and leaves at the end.
-//! * [`report`] and [`verdict`]: the figures, and which promises they keep.
+//! * [`outsider`]: another user who takes names and tries to gain access.
+//! * [`vandal`]: a program that publishes invalid messages.
+//! * [`shortage`]: temporary lack of descriptors or of shared memory.
+//! * [`population`]: the living processes, and signals to them and no others.
+//! * [`observer`]: independent subscribers; [`tally`] counts what they receive.
+//! * [`leaks`]: resources used before and after, and those left at the end.
+//! * [`report`] and [`verdict`]: the figures, and the promises kept.
 
 mod bystanders;
 mod group;
@@ -52,17 +52,17 @@ use std::time::{Duration, Instant};
 use touchline::monitor::Report;
 use vandal::Vandal;
 
-/// Between two looks at whether something is to be done.
+/// Time between two rounds of the main loop.
 const TICK: Duration = Duration::from_millis(1);
 /// Undisturbed time before the first disturbance, for comparison.
 const WARM_UP: Duration = Duration::from_secs(2);
-/// Undisturbed time after the last one, at least: frames under way arrive.
+/// Shortest undisturbed time after the last disturbance, so that frames under way arrive.
 const SETTLE: Duration = Duration::from_millis(1500);
-/// After so long what is still in use is a leak.
+/// Resources still in use after this time are a leak.
 const SETTLED: Duration = Duration::from_secs(10);
-/// A stage that cannot be disturbed again for so long is not coming back.
+/// A stage that cannot be disturbed again within this time has not recovered.
 const COMES_BACK: Duration = Duration::from_secs(10);
-/// A frame that has not reached `world` after so long is lost.
+/// A frame that has not reached `world` after this time is lost.
 const LOST_AFTER_NS: u64 = 1_000_000_000;
 
 /// Longest log that goes into the report.
@@ -105,7 +105,7 @@ pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
         settings.fps,
         settings.seed
     ));
-    // Also while the match starts, when its names can be seen for the first time.
+    // The first one starts before the match, when the match's names appear for the first time.
     let early = match has_outsider {
         true => Some(Outsider::start(None, Instant::now() + PATIENCE)?),
         false => None,
@@ -147,7 +147,7 @@ fn settings(args: &ChaosArgs, config: &Config) -> Settings {
     }
 }
 
-/// A reader that has gone away (`| head`) is no reason to leave a match running.
+/// Prints a line; the match continues if the reader is gone (`| head`).
 fn say(line: &str) {
     let _ = say_line!("{line}");
 }
@@ -156,11 +156,11 @@ fn list<'a>(words: impl Iterator<Item = &'a str>) -> String {
     words.collect::<Vec<_>>().join(",")
 }
 
-/// A match being disturbed.
+/// A match under test.
 struct Session {
     settings: Settings,
     stop: Arc<AtomicBool>,
-    // Before the group: nobody may be attached when the group ends.
+    // Before the group: the observer must detach before the group ends.
     observer: Observer,
     bystanders: Option<Bystanders>,
     fate: Option<bystanders::Fate>,
@@ -212,7 +212,7 @@ impl Session {
         })
     }
 
-    /// Waits until everybody is there, and then watches in peace for a while.
+    /// Waits until all processes are present, then observes the undisturbed match for a while.
     fn warm_up(&mut self) -> Result<(), CommandError> {
         let deadline = Instant::now() + PATIENCE;
         while !self.is_complete() && !self.is_stopped() {
@@ -248,7 +248,7 @@ impl Session {
         Ok(())
     }
 
-    /// Frames not captured, not in `world` or not seen by us, from the beginning until now.
+    /// Frames not captured, not in `world` or not seen by the observer, from the start until now.
     fn lost_so_far(&self) -> u64 {
         let sight = self.observer.sight();
         let missing =
@@ -270,7 +270,7 @@ impl Session {
         self.began_ns = monotonic_ns();
         let began = Instant::now();
         let end = began + Duration::from_secs_f64(self.settings.seconds);
-        // What has to wait shifts everything after it: the pace stays.
+        // A delayed disturbance delays all later ones, so the pace stays.
         let mut slip = Duration::ZERO;
         for step in plan {
             while Instant::now() < (began + step.at + slip).min(end) && !self.is_stopped() {
@@ -299,8 +299,8 @@ impl Session {
         Ok(())
     }
 
-    /// Does what is planned, unless it is not possible yet. A stage that is promised to lose
-    /// nothing is disturbed only when its spare is there: everything else is a double fault.
+    /// Carries out a planned disturbance; `false` if that is not possible yet. A stage that promises to
+    /// lose nothing is disturbed only when it has a spare: anything else is a double fault.
     fn carry_out(&mut self, step: &Step, due: Instant) -> Result<bool, CommandError> {
         let waited_ms = ms(due.elapsed().as_nanos() as u64);
         let t_ns;
@@ -309,7 +309,7 @@ impl Session {
         match step.stage {
             None => {
                 pid = self.group.supervisor_pid();
-                // One that has just been started is not there yet.
+                // A supervisor that has just been started is not ready yet.
                 let is_there = listens_to(pid, Signal::HUP) && self.group.instance.is_supervised();
                 if !self.is_complete() || !is_there {
                     return Ok(false);
@@ -329,7 +329,7 @@ impl Session {
                         self.outsiders.push(Outsider::start(Some(&self.group.instance), until)?);
                     }
                     _ => {
-                        // A new one would have to begin without.
+                        // A new supervisor would have to start without descriptors or memory.
                         self.shortages.clear();
                         self.group.replace_supervisor()?;
                     }
@@ -384,7 +384,7 @@ impl Session {
         Ok(true)
     }
 
-    /// Waits until everything is as it was, or until it is clear that it will not be.
+    /// Waits until the group has recovered, or until it is clear that it will not.
     fn settle(&mut self) -> Result<(), CommandError> {
         let had_rubbish = self.settings.signals.contains(&Disturbance::Rubbish);
         let began = Instant::now();
@@ -424,7 +424,7 @@ impl Session {
         }
         let ended = |group: &Report| group.stages.values().map(|stage| stage.restarts).sum::<u64>();
         let started_in_vain = match &group_says {
-            // A new supervisor counts anew, and without memory nobody starts.
+            // A new supervisor counts from zero, and without memory no process starts.
             Some(group)
                 if done.iter().all(|done| {
                     !matches!(done.what, Disturbance::Supervisor | Disturbance::Enospc)
@@ -472,7 +472,7 @@ impl Session {
         Ok(())
     }
 
-    /// One look around: at signs of life, deaths, pauses to be ended, and the clock.
+    /// One round: heartbeats, deaths, pauses to be ended, and the clock.
     fn look(&mut self) -> Result<(), CommandError> {
         std::thread::sleep(TICK);
         match self.group.check() {
@@ -493,7 +493,7 @@ impl Session {
             bystanders.look()?;
         }
         let now_ns = monotonic_ns();
-        for death in self.population.bury() {
+        for death in self.population.take_ended() {
             self.deaths += 1;
             if !death.provoked {
                 let t_s = ms(now_ns.saturating_sub(self.began_ns)) / 1000.0;
@@ -519,7 +519,7 @@ impl Session {
         Ok(())
     }
 
-    /// Ends those of which it holds, and adds up what they have done.
+    /// Ends the outsiders for which `is_over` holds, and adds up their deeds.
     fn end_outsiders(&mut self, is_over: impl Fn(&mut Outsider) -> bool) {
         for outsider in self.outsiders.extract_if(.., is_over) {
             self.deeds = self.deeds.and(outsider.end());
@@ -545,20 +545,20 @@ impl Session {
         ));
     }
 
-    /// Whether every stage works and every spare stands by.
+    /// Whether every stage has an active process and every configured spare is ready.
     fn is_complete(&self) -> bool {
         ProcessKind::ALL.iter().all(|&kind| self.population.active(kind).is_some())
             && self.settings.spares.iter().all(|&kind| self.population.spare(kind).is_some())
     }
 
-    /// Whether there is no point in going on.
+    /// Whether to stop early.
     fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.supervisor_failure.is_some()
     }
 }
 
-/// Times by what they are of. In peace, outages are what somebody would have to wait for who looks
-/// at a random moment: no disturbance can be felt for less.
+/// Distributions of times by name. The undisturbed outages are the waits of a reader that starts at a
+/// random time: no disturbance can be felt for less.
 fn times(done: &[Done], tally: &tally::Tally, calm: Option<(u64, u64)>) -> BTreeMap<String, Times> {
     /// Not a multiple of any usual frame period.
     const CALM_STEP_NS: usize = 7_310_000;

@@ -1,9 +1,8 @@
-//! The observer: its own subscribers, on a thread of its own, believing nobody's counters.
+//! The observer: independent subscribers on a separate thread, which rely on no process's counters.
 //!
-//! Two kinds of reader are watched on `world`. The first looks all the time and counts everything.
-//! The second looks only now and then, as a strategy with a long thinking time does, so that its
-//! unread messages come from several processes of a stage; it checks that order holds for such a
-//! reader too.
+//! Two kinds of reader watch `world`. The first polls continuously and counts everything. The second
+//! reads only at long intervals, as a strategy with a long computation does, so that its unread messages
+//! come from several processes of a stage; it checks that such a reader too gets them in order.
 
 use super::tally::{Order, Tally};
 use common::bus::{Bus, BusError, Subscriber};
@@ -17,29 +16,29 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Between two looks of the first reader: much finer than what is measured.
+/// Polling interval of the first reader: much shorter than the times measured.
 const POLL: Duration = Duration::from_micros(500);
 /// The second reader never waits longer than this …
 const LONGEST_NAP: Duration = Duration::from_millis(250);
 /// … nor for more than this many frames: half of its buffer.
 const NAP_FRAMES: f64 = 32.0;
 
-/// What has been seen.
+/// Observations so far.
 #[derive(Debug, Default)]
 pub struct Sight {
-    /// By the reader that looks all the time.
+    /// Counts of the reader that polls continuously.
     pub tally: Tally,
-    /// By the reader that looks now and then.
+    /// Counts of the reader that reads at long intervals.
     pub napper: Order,
-    /// Longest time the observer itself was kept from looking, nanoseconds.
+    /// Longest time without a poll, in nanoseconds.
     pub longest_absence_ns: u64,
-    /// Why it could not go on looking, if it could not.
+    /// Error that ended the observation, if any.
     pub failure: Option<String>,
 }
 
 /// The running observer.
 pub struct Observer {
-    /// Signs of life of the group's processes, as they come.
+    /// Heartbeats of the group's processes.
     pub heartbeats: Receiver<Heartbeat>,
     sight: Arc<Mutex<Sight>>,
     stop: Arc<AtomicBool>,
@@ -54,7 +53,7 @@ impl Observer {
         let (beats, heartbeats) = channel();
         let (connected, is_connected) = channel();
         let (instance, shared, stopped) = (instance.clone(), Arc::clone(&sight), Arc::clone(&stop));
-        // Ports belong to the thread that made them, so they are made there.
+        // Ports belong to the thread that creates them.
         let thread = std::thread::spawn(move || match Ports::new(&instance, beats, fps) {
             Ok(mut ports) => {
                 let _ = connected.send(Ok(()));
@@ -66,17 +65,17 @@ impl Observer {
                 let _ = connected.send(Err(error));
             }
         });
-        // A thread that died without an answer would be a bug of ours, shown by its panic.
+        // A thread that ends without an answer has panicked, which shows itself.
         is_connected.recv().unwrap_or(Ok(()))?;
         Ok(Self { heartbeats, sight, stop, thread: Some(thread) })
     }
 
-    /// What has been seen so far.
+    /// Observations so far.
     pub fn sight(&self) -> MutexGuard<'_, Sight> {
         lock(&self.sight)
     }
 
-    /// Disconnects from the group; nothing of the observer is left in shared memory.
+    /// Disconnects from the group; the observer leaves nothing in shared memory.
     pub fn finish(mut self) -> Sight {
         self.disconnect();
         std::mem::take(&mut *lock(&self.sight))
@@ -128,7 +127,7 @@ impl Ports {
     fn watch(&mut self, sight: &Mutex<Sight>, stop: &AtomicBool) -> Result<(), BusError> {
         let mut looked_ns = monotonic_ns();
         loop {
-            // Looked at first: what was published before the request is still seen.
+            // Read first, so that messages published before the request are still seen.
             let last_round = stop.load(Ordering::Relaxed);
             let now = monotonic_ns();
             {
@@ -143,7 +142,7 @@ impl Ports {
             looked_ns = now;
             while let Some(beat) = self.health.receive()? {
                 if let Some(&beat) = beat.message() {
-                    // Nobody listens any more at the very end.
+                    // At the very end the receiver is gone.
                     let _ = self.beats.send(beat);
                 }
             }
@@ -154,8 +153,8 @@ impl Ports {
         }
     }
 
-    /// `world` is emptied first and counted last: a frame is published before its `world`, so
-    /// every frame of the batch is known when the batch is counted.
+    /// `world` is read first and counted last: a frame is published before its `world`, so every frame
+    /// of the batch is known when the batch is counted.
     fn look(&mut self, tally: &mut Tally) -> Result<(), BusError> {
         self.worlds.clear();
         while let Some(received) = self.world.receive()? {
@@ -199,6 +198,6 @@ impl Ports {
 }
 
 fn lock(sight: &Mutex<Sight>) -> MutexGuard<'_, Sight> {
-    // Every update leaves the counts whole, so a panic elsewhere does not make them unusable.
+    // Every update leaves the counts consistent, so a panic elsewhere does not make them unusable.
     sight.lock().unwrap_or_else(PoisonError::into_inner)
 }

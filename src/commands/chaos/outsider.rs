@@ -1,10 +1,10 @@
-//! Another user of the machine, who wishes the match ill: it takes names in shared memory as soon as it can
-//! foretell them, truncates what it has made there under whoever has opened it, and tries to open, remove
-//! and address what belongs to the match.
+//! The outsider: another, malicious user of the machine. It takes names in shared memory as soon as it
+//! can predict them, truncates its files while another process has them open, and tries to open, remove
+//! and contact what belongs to the match.
 //!
-//! It is a thread of this program with the credentials of another user, which the system keeps for each
-//! thread. Since it would do the same to every match on the machine, it is let loose only in a shared
-//! memory of the match's own ([`super::shortage`]).
+//! It is a thread of this program with the credentials of another user, which the kernel keeps per
+//! thread. Since it would attack every match on the machine, it runs only in a shared memory that the
+//! match has to itself ([`super::shortage`]).
 
 use crate::commands::CommandError;
 use common::instance::Instance;
@@ -25,14 +25,14 @@ use std::time::{Duration, Instant};
 
 /// `nobody`, on every Linux.
 const NOBODY: u32 = 65_534;
-/// Between two rounds.
+/// Time between two rounds.
 const ROUND: Duration = Duration::from_micros(500);
-/// Files it has at most at a time.
+/// Most files that it has at a time.
 const MOST_FILES: usize = 400;
-/// How names of this program's begin, up to where they differ.
+/// Length of the common beginning of this program's names.
 const BEGIN_LENGTH: usize = "tl_12345678".len();
-/// How the names go on that can be foretold: those of this program, now and in earlier versions, and the one
-/// of iceoryx2's that has no number in it.
+/// Predictable ends of names: those of this program, in this and earlier versions, and the one name of
+/// iceoryx2 without a number.
 const ENDS: [&str; 12] = [
     ".group",
     "_ipc",
@@ -48,19 +48,19 @@ const ENDS: [&str; 12] = [
     "_9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt",
 ];
 
-/// What it has done.
+/// Counts of its actions.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Deeds {
-    /// Files made under names like the match's.
+    /// Files created under names like the match's.
     pub made: u64,
-    /// Attempts to open, remove or address something of the match's.
+    /// Attempts to open, remove or contact something of the match's.
     pub attempts: u64,
-    /// How many of them succeeded.
+    /// Attempts that succeeded.
     pub succeeded: u64,
 }
 
 impl Deeds {
-    /// Together with others.
+    /// The sum of both.
     pub fn and(self, other: Self) -> Self {
         Self {
             made: self.made + other.made,
@@ -70,7 +70,7 @@ impl Deeds {
     }
 }
 
-/// The outsider at work, until it is ended.
+/// A running outsider.
 pub struct Outsider {
     until: Instant,
     stop: Arc<AtomicBool>,
@@ -78,7 +78,7 @@ pub struct Outsider {
 }
 
 impl Outsider {
-    /// Lets it loose on the match, or on one that is still to start.
+    /// Starts it against a match, or against one that is still to start.
     pub fn start(instance: Option<&Instance>, until: Instant) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
@@ -91,19 +91,19 @@ impl Outsider {
         Ok(Self { until, stop, thread })
     }
 
-    /// Whether it is to end.
+    /// Whether its time is over.
     pub fn is_over(&self, now: Instant) -> bool {
         now >= self.until
     }
 
-    /// Ends it; nothing of its own is left.
+    /// Ends it and removes its files.
     pub fn end(self) -> Deeds {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap_or_default()
     }
 }
 
-/// Whether this process can be another user for a while.
+/// Whether this process has the right to act as another user.
 pub fn check() -> Result<(), CommandError> {
     let attempt = std::thread::spawn(become_nobody).join();
     attempt.unwrap_or(Err(io::ErrorKind::Other.into())).map_err(|error| {
@@ -112,7 +112,7 @@ pub fn check() -> Result<(), CommandError> {
     })
 }
 
-/// Gives the calling thread, and no other, the credentials of another user.
+/// Gives the credentials of another user to the calling thread only.
 fn become_nobody() -> io::Result<()> {
     let (uid, gid) = (Uid::from_raw(NOBODY), Gid::from_raw(NOBODY));
     set_thread_groups(&[])?;
@@ -131,7 +131,7 @@ fn work(control: Option<&Path>, stop: &AtomicBool) -> Deeds {
             else {
                 continue;
             };
-            // Neither its own nor that of another outsider.
+            // Files of its own or of another outsider are skipped.
             if entry.metadata().is_ok_and(|data| data.uid() == NOBODY) {
                 continue;
             }
@@ -158,7 +158,7 @@ fn work(control: Option<&Path>, stop: &AtomicBool) -> Deeds {
     deeds
 }
 
-/// Makes a file that everybody can open.
+/// Creates a file that everybody can open.
 fn make(name: &str) -> Option<PathBuf> {
     let path = Path::new(SHARED_MEMORY).join(name);
     OpenOptions::new().write(true).create_new(true).mode(0o666).open(&path).ok()?;
@@ -186,7 +186,7 @@ fn send(control: &Path) -> io::Result<usize> {
     UnixDatagram::unbound()?.send_to(b"{}", control)
 }
 
-/// What has just gone was nobody's success or failure.
+/// Counts an attempt. A target that has just disappeared is neither a success nor a failure.
 fn count<T>(deeds: &mut Deeds, outcome: io::Result<T>) {
     match outcome {
         Ok(_) => (deeds.attempts, deeds.succeeded) = (deeds.attempts + 1, deeds.succeeded + 1),

@@ -1,4 +1,4 @@
-//! What is to be done to whom, and when: a random sequence that a seed repeats exactly.
+//! The random sequence of disturbances: what, to which stage and when; a seed repeats it exactly.
 
 use clap::ValueEnum;
 use common::messages::ProcessKind;
@@ -37,7 +37,7 @@ pub enum Disturbance {
 }
 
 impl Disturbance {
-    /// As on the command line and in reports.
+    /// The name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Kill => "kill",
@@ -55,32 +55,32 @@ impl Disturbance {
         }
     }
 
-    /// Whether it is done to a process of a stage.
+    /// Whether its target is a process of a stage.
     pub fn concerns_a_stage(self) -> bool {
         !matches!(self, Self::Supervisor | Self::Hup) && !self.is_long()
     }
 
-    /// Whether it lasts so long that others are to fall into it.
+    /// Whether it lasts so long that other disturbances are to happen meanwhile.
     fn is_long(self) -> bool {
         matches!(self, Self::Emfile | Self::Enospc | Self::Rubbish | Self::Outsider)
     }
 
-    /// Whether it lasts for a while.
+    /// Whether it has a duration.
     pub fn lasts(self) -> bool {
         matches!(self, Self::Pause) || self.is_long()
     }
 }
 
-/// One disturbance to come.
+/// A planned disturbance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Time since the first disturbance could have happened.
+    /// Time since the start of the disturbances.
     pub at: Duration,
-    /// What is done.
+    /// The disturbance.
     pub what: Disturbance,
-    /// To which stage; `None` when it is done to none.
+    /// Its stage; `None` if its target is not a stage.
     pub stage: Option<ProcessKind>,
-    /// For what lasts: how long.
+    /// Its duration, if it has one.
     pub pause: Duration,
 }
 
@@ -94,17 +94,16 @@ pub struct Plan {
     count: u32,
 }
 
-/// Part of the interval by which a disturbance comes late at random. Without it, 500 ms would be
-/// exactly 40 frames at 80 a second, and every disturbance would hit the same moment of a frame's
-/// life.
+/// Largest random delay of a disturbance, relative to the interval. Without it, 500 ms would be exactly
+/// 40 frames at 80 a second, and every disturbance would happen at the same phase of a frame.
 const JITTER: f64 = 0.25;
-/// Length of a pause: from unnoticeable to far beyond the stall deadline.
+/// Duration of a pause: from unnoticeable to far beyond the stall deadline.
 const PAUSE_MS: (f64, f64) = (5.0, 500.0);
-/// A shortage lasts so much longer: some disturbances are to fall into it.
+/// Factor by which a shortage lasts longer than a pause, so that other disturbances happen meanwhile.
 const SHORTAGE: u32 = 4;
 
 impl Plan {
-    /// Disturbances of these kinds to these stages, `every` so often. Neither list may be empty.
+    /// Disturbances of these kinds to these stages, one per `every`. Neither list may be empty.
     pub fn new(
         seed: u64,
         every: Duration,
@@ -120,7 +119,8 @@ impl Iterator for Plan {
     type Item = Step;
 
     fn next(&mut self) -> Option<Step> {
-        // Always the same number of draws, so that one kind more or less does not shift the rest.
+        // Always the same number of draws, so that adding a kind does not shift the rest of the
+        // sequence.
         let (late, kind, stage, pause) =
             (self.random.unit(), self.random.unit(), self.random.unit(), self.random.unit());
         self.count = self.count.saturating_add(1);

@@ -1,8 +1,8 @@
-//! Who belongs to the group at the moment, and doing things to them.
+//! The current processes of the group, and signals to them.
 //!
-//! Processes introduce themselves by their heartbeats. Each is held by a file descriptor from then
-//! on, and is believed only if its command line names our group: whatever numbers the system uses
-//! again, no signal ever reaches anybody else.
+//! Processes become known by their heartbeats. Each is then held by a pidfd, and accepted only if its
+//! command line names the group under test, so that no signal reaches another process, even if the
+//! kernel reuses a process id.
 
 use common::messages::{Heartbeat, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -14,16 +14,16 @@ use std::time::Instant;
 /// A living process of the group.
 #[derive(Debug)]
 pub struct Member {
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
     /// Its stage.
     pub kind: ProcessKind,
     state: ProcessState,
     t_sent_ns: u64,
     pidfd: OwnedFd,
-    /// Was disturbed in some way; its end is no surprise.
+    /// Was disturbed, so its end is expected.
     disturbed: bool,
-    /// Was disturbed in a way it does not survive.
+    /// Was disturbed in a way that it does not survive.
     doomed: bool,
     resume_at: Option<Instant>,
 }
@@ -31,11 +31,11 @@ pub struct Member {
 /// The end of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Death {
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
     /// Its stage.
     pub kind: ProcessKind,
-    /// Whether we had a hand in it.
+    /// Whether a disturbance caused it.
     pub provoked: bool,
 }
 
@@ -47,12 +47,12 @@ pub struct Population {
 }
 
 impl Population {
-    /// Nobody known yet.
+    /// No process is known yet.
     pub fn new(instance: &str) -> Self {
         Self { instance: instance.into(), members: BTreeMap::new() }
     }
 
-    /// Takes note of a sign of life.
+    /// Takes a heartbeat into account.
     pub fn note(&mut self, beat: &Heartbeat) {
         let kind = ProcessKind::from_number(beat.process);
         let state = ProcessState::from_number(beat.state);
@@ -61,7 +61,7 @@ impl Population {
             (member.state, member.t_sent_ns) = (state, beat.t_sent_ns);
             return;
         }
-        // It may have died since; then there is nobody to be held.
+        // The process may have died since its heartbeat.
         if let Some(pidfd) = hold(beat.pid, &self.instance) {
             let member = Member {
                 pid: beat.pid,
@@ -77,8 +77,8 @@ impl Population {
         }
     }
 
-    /// Removes the dead, and returns them.
-    pub fn bury(&mut self) -> Vec<Death> {
+    /// Removes the processes that have ended, and returns them.
+    pub fn take_ended(&mut self) -> Vec<Death> {
         let dead: Vec<u32> = self
             .members
             .values()
@@ -92,7 +92,7 @@ impl Population {
             .collect()
     }
 
-    /// Lets those go on whose pause is over.
+    /// Continues processes whose pause is over.
     pub fn resume(&mut self, now: Instant) {
         for member in self.members.values_mut().filter(|m| m.resume_at.is_some_and(|at| at <= now))
         {
@@ -101,14 +101,14 @@ impl Population {
         }
     }
 
-    /// The process that does a stage's work, and is in a state to do it.
+    /// The active process of a stage, unless it is paused or about to end.
     pub fn active(&self, kind: ProcessKind) -> Option<u32> {
-        self.fit(kind, ProcessState::Active)
+        self.newest_in_state(kind, ProcessState::Active)
     }
 
-    /// The process ready to take over.
+    /// The spare of a stage, unless it is paused or about to end.
     pub fn spare(&self, kind: ProcessKind) -> Option<u32> {
-        self.fit(kind, ProcessState::Spare)
+        self.newest_in_state(kind, ProcessState::Spare)
     }
 
     /// Kills a process.
@@ -116,12 +116,12 @@ impl Population {
         self.disturb(pid, Signal::KILL, |member| member.doomed = true);
     }
 
-    /// Freezes a process for good.
+    /// Freezes a process permanently.
     pub fn stop(&mut self, pid: u32) {
         self.disturb(pid, Signal::STOP, |member| member.doomed = true);
     }
 
-    /// Freezes a process until then.
+    /// Freezes a process until the given time.
     pub fn pause(&mut self, pid: u32, until: Instant) {
         self.disturb(pid, Signal::STOP, |member| member.resume_at = Some(until));
     }
@@ -131,7 +131,7 @@ impl Population {
         self.disturb(pid, Signal::USR2, |member| member.doomed = true);
     }
 
-    /// Takes note that a process is going to end in order.
+    /// Expects an orderly end of a process.
     pub fn expect_end(&mut self, pid: u32) {
         if let Some(member) = self.members.get_mut(&pid) {
             (member.disturbed, member.doomed) = (true, true);
@@ -146,9 +146,9 @@ impl Population {
         }
     }
 
-    /// The newest that says so of itself: while a stage changes hands, the last words of the old
-    /// process are still around.
-    fn fit(&self, kind: ProcessKind, state: ProcessState) -> Option<u32> {
+    /// The newest process that reports this state: while a spare takes over, the last heartbeats of the
+    /// old process are still under way.
+    fn newest_in_state(&self, kind: ProcessKind, state: ProcessState) -> Option<u32> {
         self.members
             .values()
             .filter(|member| member.kind == kind && member.state == state)
@@ -159,10 +159,10 @@ impl Population {
     }
 }
 
-/// A hold on a process of the group, if there is one of that number.
+/// A pidfd of the process with this id, if it belongs to the group.
 pub fn hold(pid: u32, instance: &str) -> Option<OwnedFd> {
     let pidfd = pidfd_open(Pid::from_raw(pid as i32)?, PidfdFlags::empty()).ok()?;
-    // Looked at after the hold was taken: from here on it cannot become somebody else.
+    // Checked after the pidfd was opened: from here on it cannot refer to another process.
     belongs_to(pid, instance).then_some(pidfd)
 }
 
@@ -177,12 +177,12 @@ fn names_instance(command_line: &[u8], instance: &str) -> bool {
     words.windows(2).any(|pair| pair == [b"--instance", instance.as_bytes()])
 }
 
-/// Whether a process panics on command instead of being killed by the signal that asks for it.
+/// Whether a process catches the signal that makes it panic, instead of being killed by it.
 pub fn panics_on_command(pid: u32) -> bool {
     listens_to(pid, Signal::USR2)
 }
 
-/// Whether a process has begun to listen to a signal.
+/// Whether a process catches a signal yet.
 pub fn listens_to(pid: u32, signal: Signal) -> bool {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
     catches(&status, signal)
@@ -194,13 +194,13 @@ fn catches(status: &str, signal: Signal) -> bool {
     mask >> (signal.as_raw() - 1) & 1 == 1
 }
 
-/// Whether a process has ended, also when nobody has asked for its exit status yet.
+/// Whether a process has ended, even if it has not been reaped yet.
 pub fn has_ended(pidfd: &OwnedFd) -> bool {
     let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
     poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&at_once)).is_ok_and(|ready| ready > 0)
 }
 
-/// That it has ended in the meantime is noticed by itself.
+/// An error means that the process has ended, which is noticed elsewhere.
 fn send(member: &Member, signal: Signal) {
     let _ = pidfd_send_signal(&member.pidfd, signal);
 }

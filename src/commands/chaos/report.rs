@@ -1,4 +1,4 @@
-//! The report: what was done, what was seen, and how long it was felt.
+//! The report: disturbances, observations, and durations of outages.
 
 use super::bystanders::Fate;
 use super::leaks::{Leftovers, Usage};
@@ -20,52 +20,52 @@ pub struct ChaosReport {
     pub kept: bool,
     /// The promises, one by one.
     pub promises: Vec<Promise>,
-    /// What was asked for.
+    /// Settings of the run.
     pub settings: Settings,
-    /// Whether it was ended before its time.
+    /// Whether it was interrupted.
     pub interrupted: bool,
     /// Frames, as the observer counted them.
     pub frames: Frames,
-    /// Times by what they are of, in milliseconds.
+    /// Distributions of times by name, in milliseconds.
     pub times_ms: BTreeMap<String, Times>,
-    /// What was done, in order.
+    /// The disturbances, in order.
     pub disturbances: Vec<Done>,
-    /// Frames lost before anything was disturbed: the machine does not keep up.
+    /// Frames lost before the first disturbance: the machine does not keep up.
     pub lost_undisturbed: u64,
-    /// Disturbances left out because the stage was not back in time to be disturbed again.
+    /// Disturbances skipped because the stage had not recovered in time.
     pub left_out: u64,
-    /// Why the supervisor ended although nobody had asked it to, if it did.
+    /// Reason for which the supervisor ended without a request, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub supervisor_failure: Option<String>,
-    /// Processes that ended although nobody had touched them.
+    /// Processes that ended without a disturbance.
     pub ended_by_themselves: Vec<Ended>,
-    /// Processes that ended before they were ready, as the group counts them; 0 when a new
-    /// supervisor began to count anew.
+    /// Processes that ended before they were ready, as the group counts them; 0 if a new supervisor has
+    /// restarted the count.
     pub started_in_vain: u64,
-    /// What the programs that attach and behave badly have been through, if there were any.
+    /// Counts of the bystanders, if there were any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bystanders: Option<Fate>,
-    /// What another user has done, where one was asked for.
+    /// Counts of the outsiders, if there were any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outsider: Option<Deeds>,
-    /// Longest time for which the observer itself was kept from looking.
+    /// Longest time for which the observer did not poll.
     pub observer_longest_absence_ms: f64,
-    /// What the group used before the first disturbance.
+    /// Resources used before the first disturbance.
     pub usage_before: Usage,
-    /// What it used when it had settled after the last one.
+    /// Resources used after the group had settled.
     pub usage_after: Usage,
-    /// What was left when it had ended.
+    /// Resources left after its end.
     pub left: Leftovers,
-    /// What the group said of itself at the end.
+    /// The group's own last report.
     pub group: Option<touchline::monitor::Report>,
-    /// What its supervisor wrote: every event, with its evidence.
+    /// The supervisor's log: every event, with its evidence.
     pub group_log: Vec<String>,
 }
 
-/// What was asked for.
+/// Settings of the run.
 #[derive(Debug, Clone, Serialize)]
 pub struct Settings {
-    /// For how long.
+    /// Duration of the disturbances.
     pub seconds: f64,
     /// Time between two disturbances.
     pub every_ms: u64,
@@ -76,50 +76,50 @@ pub struct Settings {
     pub stages: Vec<ProcessKind>,
     /// Frames a second.
     pub fps: f64,
-    /// Whether programs attach meanwhile and behave badly.
+    /// Whether bystanders attach meanwhile.
     pub bystanders: bool,
-    /// What makes the sequence.
+    /// Seed of the sequence.
     pub seed: u64,
-    /// Input without output for so long counts as a stall.
+    /// Time with input and without output that counts as a stall.
     pub stall_deadline_ms: f64,
     /// Stages that keep a spare.
     #[serde(serialize_with = "names")]
     pub spares: Vec<ProcessKind>,
 }
 
-/// A disturbance that happened.
+/// A disturbance that was carried out.
 #[derive(Debug, Clone, Serialize)]
 pub struct Done {
-    /// Monotonic clock.
+    /// On the monotonic clock.
     #[serde(skip)]
     pub t_ns: u64,
-    /// Seconds since disturbances began.
+    /// Seconds since the start of the disturbances.
     pub t_s: f64,
-    /// What was done.
+    /// The disturbance.
     pub what: Disturbance,
-    /// To which stage; absent for the supervisor and the machine.
+    /// Its stage; absent if the target is the supervisor or the machine.
     #[serde(serialize_with = "name", skip_serializing_if = "Option::is_none")]
     pub stage: Option<ProcessKind>,
-    /// To which process.
+    /// The process id of its target.
     pub pid: u32,
-    /// For what lasts: how long.
+    /// Its duration, if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause_ms: Option<f64>,
-    /// How long it came late because the stage had no spare yet.
+    /// Delay because the stage had no spare yet.
     pub waited_ms: f64,
-    /// Whether the group promises to lose nothing by it.
+    /// Whether the group promises to lose no frame by it.
     pub lossless: bool,
-    /// Until the next `world`, of whatever frame.
+    /// Time to the next `world`, of any frame.
     pub next_world_ms: Option<f64>,
-    /// Until the `world` of a frame captured after it.
+    /// Time to the `world` of a frame captured after the disturbance.
     pub fresh_world_ms: Option<f64>,
-    /// Until the stage had a spare again.
+    /// Time until the stage had a spare again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub protected_ms: Option<f64>,
 }
 
 impl Done {
-    /// What its times are grouped by.
+    /// The group of disturbances to whose times it belongs.
     pub fn label(&self) -> String {
         match self.what {
             Disturbance::Double => "double".into(),
@@ -129,90 +129,90 @@ impl Done {
     }
 }
 
-/// A process that ended although nobody had touched it.
+/// A process that ended without a disturbance.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ended {
     /// Its stage.
     #[serde(serialize_with = "one_name")]
     pub stage: ProcessKind,
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
-    /// Seconds since disturbances began.
+    /// Seconds since the start of the disturbances.
     pub t_s: f64,
 }
 
 /// Frames, as the observer counted them.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Frames {
-    /// On `frames`.
+    /// Frames on `frames`.
     pub captured: u64,
-    /// On `frames` with a number that had been there before.
+    /// Frames on `frames` whose number had come before.
     pub captured_again: u64,
-    /// In `world`.
+    /// Frames in `world`.
     pub world: u64,
-    /// Captured, but not in `world`, although that is promised.
+    /// Captured, but missing in `world` in spite of the promise.
     pub missing: u64,
-    /// Captured, but not in `world`, around double faults and the like, where it is not promised.
+    /// Captured, but missing in `world` around double faults and the like, where nothing is promised.
     pub missing_unpromised: u64,
-    /// Numbers nobody captured, although somebody should have.
+    /// Numbers that were not captured although the grabber was undisturbed.
     pub never_captured: u64,
-    /// Numbers nobody captured because the grabber itself was disturbed.
+    /// Numbers that were not captured because the grabber itself was disturbed.
     pub never_captured_unpromised: u64,
-    /// More than once in `world`.
+    /// Frames that came more than once in `world`.
     pub duplicates: u64,
-    /// In `world` after a later frame.
+    /// Frames that came in `world` after a later one.
     pub out_of_order: u64,
-    /// Frames about which nothing can be said: the observer itself was too slow.
+    /// Frames that the observer may have overlooked because it was too slow.
     pub overlooked: u64,
-    /// Another reader of `world`, which looks only now and then.
+    /// Another reader of `world`, which reads only at long intervals.
     pub slow_reader: SlowReader,
-    /// Which frames are `missing`; the first hundred.
+    /// Numbers of the `missing` frames; the first hundred.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub missing_numbers: Vec<u64>,
-    /// Which are `duplicates`; the first hundred.
+    /// Numbers of the `duplicates`; the first hundred.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub duplicate_numbers: Vec<u64>,
-    /// Which are `out_of_order`; the first hundred.
+    /// Numbers of the `out_of_order` frames; the first hundred.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub out_of_order_numbers: Vec<u64>,
 }
 
-/// What a reader of `world` met that looks only now and then.
+/// Counts of a reader of `world` that reads only at long intervals.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct SlowReader {
-    /// Messages.
+    /// Messages received.
     pub received: u64,
     /// Numbers that came again.
     pub duplicates: u64,
     /// Numbers that came after a higher one.
     pub out_of_order: u64,
-    /// Numbers that the other reader got, and this one did not.
+    /// Numbers that the other reader received, and this one did not.
     pub lost: u64,
 }
 
 /// A distribution, in milliseconds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Times {
-    /// How many.
+    /// Number of values.
     pub count: usize,
     /// Half are below.
     pub median: f64,
-    /// Nine of ten are below.
+    /// 90th percentile.
     pub p90: f64,
-    /// Ninety-nine of a hundred are below.
+    /// 99th percentile.
     pub p99: f64,
     /// The longest.
     pub max: f64,
 }
 
-/// Frames in flight before a disturbance may be lost by it.
+/// Window around an outage in which the loss of frames in flight is excused.
 const IN_FLIGHT_NS: u64 = 1_000_000_000;
 
-/// So many frame numbers are listed, for looking at what happened.
+/// Most frame numbers listed.
 const NUMBERS: usize = 100;
 
 impl Frames {
-    /// What was seen, with losses told apart by whether they are promised not to happen.
+    /// Counts of frames, with losses divided into promised and unpromised ones.
     pub fn new(sight: &Sight, missing: &[Missing], done: &[Done]) -> Self {
         let tally = &sight.tally;
         let order = tally.order();
@@ -263,12 +263,12 @@ impl Frames {
 }
 
 impl Times {
-    /// Of times in milliseconds; `None` when there are none.
+    /// The distribution of times in milliseconds; `None` without values.
     pub fn of(times_ms: impl IntoIterator<Item = f64>) -> Option<Self> {
         let mut times: Vec<f64> = times_ms.into_iter().collect();
         times.sort_by(f64::total_cmp);
         let max = *times.last()?;
-        // The smallest time that so many are not above.
+        // The nearest-rank percentile.
         let at = |share: f64| {
             let rank = (share * times.len() as f64).ceil() as usize;
             times[rank.clamp(1, times.len()) - 1]
@@ -322,7 +322,7 @@ pub mod tests {
     }
 
     #[test]
-    fn losses_are_excused_only_around_what_promises_nothing() {
+    fn losses_are_excused_only_around_disturbances_without_a_promise() {
         let history = [
             done(10, Disturbance::Kill, Some(ProcessKind::Filter), true),
             done(20, Disturbance::Double, Some(ProcessKind::Tracker), false),
@@ -355,7 +355,7 @@ pub mod tests {
     }
 
     #[test]
-    fn percentiles_are_times_that_happened() {
+    fn percentiles_are_measured_values() {
         let times = Times::of((1..=200).rev().map(f64::from)).unwrap();
         assert_eq!((times.count, times.median, times.p90), (200, 100.0, 180.0));
         assert_eq!((times.p99, times.max), (198.0, 200.0));

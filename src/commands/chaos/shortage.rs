@@ -1,7 +1,7 @@
-//! Leaving a match without descriptors or without shared memory for a while.
+//! Temporary lack of descriptors or of shared memory.
 //!
-//! A full `/dev/shm` would be felt by every program of the machine, so a match that is to have one gets
-//! its own: the whole of `chaos` runs in a mount namespace, in which another file system is in that place.
+//! A full `/dev/shm` would affect every program of the machine. So a match that needs one gets its own:
+//! the whole of `chaos` runs in a mount namespace with another file system mounted there.
 
 use crate::commands::CommandError;
 use common::config::Config;
@@ -15,12 +15,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// Tells the program that its shared memory is its own.
+/// Set if the program's shared memory is its own.
 const OWN_PLACE_VARIABLE: &str = "TOUCHLINE_CHAOS_OWN_SHM";
-/// Standard input, output and error are all that a process without descriptors may have.
+/// Standard input, output and error: all that a process without descriptors may have.
 const NO_DESCRIPTORS: u64 = 3;
 
-/// Something that is short until then. Ends with this.
+/// A shortage until a given time. Dropping it ends the shortage.
 pub struct Shortage {
     until: Instant,
     _undo: Undo,
@@ -32,11 +32,10 @@ enum Undo {
 }
 
 impl Shortage {
-    /// Takes all descriptors from a process that it has not opened yet. What it may allow itself again
-    /// is left to it, unless it may not.
+    /// Denies a process all descriptors that it has not opened yet. Only the soft limit changes.
     pub fn of_descriptors(pid: u32, until: Instant) -> Result<Self, CommandError> {
         let pid = Pid::from_raw(pid as i32).ok_or("no process")?;
-        // The same for this process, which has started it.
+        // This process has started the other, which has the same hard limit.
         let maximum = getrlimit(Resource::Nofile).maximum;
         let none = Rlimit { current: Some(NO_DESCRIPTORS), maximum };
         let before = prlimit(Some(pid), Resource::Nofile, none)?;
@@ -53,7 +52,7 @@ impl Shortage {
         Ok(Self { until, _undo: Undo::File(path) })
     }
 
-    /// Whether it is to end.
+    /// Whether its time is over.
     pub fn is_over(&self, now: Instant) -> bool {
         now >= self.until
     }
@@ -62,7 +61,7 @@ impl Shortage {
 impl Drop for Undo {
     fn drop(&mut self) {
         match self {
-            // It may have died since.
+            // The process may have died since.
             Self::Limit { pid, before } => {
                 let _ = prlimit(Some(*pid), Resource::Nofile, *before);
             }
@@ -73,13 +72,13 @@ impl Drop for Undo {
     }
 }
 
-/// Becomes the same program in a place with a shared memory of its own; returns at once where this is
-/// that program already.
+/// Executes this program again in a mount namespace with its own shared memory; returns at once if that
+/// has been done already.
 pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), CommandError> {
     if std::env::var_os(OWN_PLACE_VARIABLE).is_some() {
         return Ok(());
     }
-    // All that a match can need, for the old and the new processes of every stage.
+    // Enough for the old and the new processes of every stage.
     let frame_bytes = source.frame_capacity(&config.camera);
     let bytes = GroupMemory::with_frames_of(config, frame_bytes).ample_bytes() * 2;
     let megabytes = (bytes >> 20) + 64;

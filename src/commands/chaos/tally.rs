@@ -1,9 +1,9 @@
-//! Counting with our own eyes: which frames were captured, which of them came to `world`, in which
-//! order, and when.
+//! Independent counts: which frames were captured, and which of them came to `world`, in which order and
+//! when.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One `world` as the observer met it.
+/// A `world` message as the observer received it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Arrival {
     seen_ns: u64,
@@ -24,20 +24,20 @@ pub struct Missing {
 pub struct Gap {
     /// How many.
     pub frames: u64,
-    /// When the frame after them was captured.
+    /// Capture time of the frame after them.
     pub until_ns: u64,
 }
 
-/// How long a disturbance was felt, in nanoseconds; `None` while it still is.
+/// How long a disturbance was felt, in nanoseconds; `None` if it still is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outage {
-    /// To the next `world`, of whatever frame.
+    /// Time to the next `world`, of any frame.
     pub next_world_ns: Option<u64>,
-    /// To the next `world` of a frame that was captured after the disturbance.
+    /// Time to the next `world` of a frame captured after the disturbance.
     pub fresh_world_ns: Option<u64>,
 }
 
-/// Everything seen so far.
+/// All counts so far.
 #[derive(Debug, Default)]
 pub struct Tally {
     first: Option<u64>,
@@ -45,18 +45,18 @@ pub struct Tally {
     captured: u64,
     captured_again: u64,
     gaps: Vec<Gap>,
-    /// Captured and not in `world`: under way or lost.
+    /// Captured and not in `world` yet: under way or lost.
     pending: BTreeMap<u64, u64>,
     order: Order,
     arrivals: Vec<Arrival>,
-    /// Numbers that this observer may have overlooked because it was too slow itself.
+    /// Numbers that the observer may have overlooked because it was too slow.
     overlooked: u64,
     frames_blind: bool,
     world_blind: bool,
 }
 
 impl Tally {
-    /// A frame was captured.
+    /// Counts a captured frame.
     pub fn captured(&mut self, seq: u64, t_capture_ns: u64) {
         let blind = std::mem::take(&mut self.frames_blind);
         if let Some(last) = self.last {
@@ -77,9 +77,9 @@ impl Tally {
         self.pending.insert(seq, t_capture_ns);
     }
 
-    /// A `world` came. All frames captured before it must have been reported by then.
+    /// Counts a `world`. All frames captured before it must have been counted by then.
     pub fn arrived(&mut self, seq: u64, t_capture_ns: u64, seen_ns: u64) {
-        // What was on its way when the observer began does not count.
+        // Frames under way when the observer started do not count.
         if self.first.is_none_or(|first| seq < first) {
             return;
         }
@@ -99,8 +99,8 @@ impl Tally {
         self.arrivals.push(Arrival { seen_ns, t_capture_ns });
     }
 
-    /// The observer found its buffer of frames full: what is missing before the next one may have
-    /// been overwritten before it looked.
+    /// The observer found its buffer of frames full: frames missing before the next one may have been
+    /// overwritten before they were read.
     pub fn frames_may_be_overwritten(&mut self) {
         self.frames_blind = true;
     }
@@ -120,12 +120,12 @@ impl Tally {
         self.captured_again
     }
 
-    /// Numbers that nobody captured.
+    /// Numbers that were not captured.
     pub fn gaps(&self) -> &[Gap] {
         &self.gaps
     }
 
-    /// Numbers that may or may not have been there: the observer itself was too slow.
+    /// Numbers that the observer may have overlooked because it was too slow.
     pub fn overlooked(&self) -> u64 {
         self.overlooked
     }
@@ -135,8 +135,7 @@ impl Tally {
         &self.order
     }
 
-    /// Frames that are lost: later ones are in `world`, or their time was up at `deadline_ns` of
-    /// capture.
+    /// Frames that are lost: later ones are in `world`, or they were captured before `deadline_ns`.
     pub fn missing(&self, deadline_ns: u64) -> Vec<Missing> {
         self.pending
             .iter()
@@ -147,7 +146,7 @@ impl Tally {
             .collect()
     }
 
-    /// What somebody who looked at `world` from that moment on had to wait for.
+    /// The wait of a reader that starts at that time.
     pub fn outage(&self, from_ns: u64) -> Outage {
         let after = &self.arrivals[self.arrivals.partition_point(|a| a.seen_ns <= from_ns)..];
         let waited = |arrival: &Arrival| arrival.seen_ns - from_ns;
@@ -157,18 +156,18 @@ impl Tally {
         }
     }
 
-    /// Times between two `world`s that began at or after `from_ns`, in nanoseconds.
+    /// Intervals between `world` messages, from `from_ns` on, in nanoseconds.
     pub fn intervals_ns(&self, from_ns: u64) -> impl Iterator<Item = u64> {
         let from = self.arrivals.partition_point(|arrival| arrival.seen_ns < from_ns);
         self.arrivals[from..].windows(2).map(|pair| pair[1].seen_ns - pair[0].seen_ns)
     }
 }
 
-/// Whether numbers come once each, and rising.
+/// Checks that numbers come once each, and in rising order.
 #[derive(Debug, Default)]
 pub struct Order {
     last: Option<u64>,
-    /// Numbers passed over so far.
+    /// Numbers skipped so far.
     skipped: BTreeSet<u64>,
     received: u64,
     duplicates: Vec<u64>,
@@ -176,11 +175,11 @@ pub struct Order {
     blind: bool,
 }
 
-/// Longer jumps are rubbish or a new match, and not worth remembering every number of.
+/// Longer jumps are rubbish or a new match; their numbers are not recorded.
 const LONGEST_JUMP: u64 = 100_000;
 
 impl Order {
-    /// A number came.
+    /// Counts a number.
     pub fn met(&mut self, seq: u64) {
         self.received += 1;
         let blind = std::mem::take(&mut self.blind);
@@ -201,7 +200,7 @@ impl Order {
         self.last = Some(seq);
     }
 
-    /// What is passed over before the next number is not the writer's fault.
+    /// Numbers skipped before the next one are not the writer's fault.
     pub fn blind(&mut self) {
         self.blind = true;
     }
@@ -248,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_overtaken_is_missing_and_what_is_under_way_is_not() {
+    fn an_overtaken_frame_is_missing_and_one_under_way_is_not() {
         let tally = with(&[1, 2, 3, 4, 5], &[1, 2, 4]);
         assert_eq!(missing(&tally, 0), [3]);
         assert_eq!(missing(&tally, 51), [3, 5], "5 has had its time");
@@ -256,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn duplicates_and_wrong_order_are_told_apart() {
+    fn duplicates_and_wrong_order_are_distinguished() {
         let tally = with(&[1, 2, 3, 4], &[1, 3, 2, 3, 4, 1]);
         assert_eq!(
             (tally.order().duplicates(), tally.order().out_of_order()),
@@ -266,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_captured_is_a_gap_and_not_missing() {
+    fn an_uncaptured_number_is_a_gap_and_not_missing() {
         let tally = with(&[1, 2, 6], &[1, 2, 6]);
         assert_eq!(tally.gaps(), [Gap { frames: 3, until_ns: 60 }]);
         assert_eq!(missing(&tally, u64::MAX), [0u64; 0]);
@@ -286,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn our_own_slowness_is_nobody_elses_loss() {
+    fn a_slow_observer_counts_no_losses() {
         let mut tally = with(&[1, 2, 3, 4, 5], &[1]);
         tally.worlds_may_be_overwritten();
         tally.arrived(4, 40, 2000);
@@ -300,7 +299,7 @@ mod tests {
 
     #[test]
     fn an_outage_ends_with_the_next_world_and_with_the_next_fresh_one() {
-        // Worlds of frames 1, 2, 3 (captured at 10, 20, 30) come at 1000, 1010, 1020.
+        // The `world` messages of frames 1, 2, 3 (captured at 10, 20, 30) come at 1000, 1010, 1020.
         let mut tally = with(&[1, 2, 3], &[1, 2, 3]);
         tally.captured(4, 1015);
         tally.arrived(4, 1015, 1030);

@@ -1,5 +1,5 @@
-//! A program with the commonest bug: it publishes on topics that are not its own, at the rate of a camera,
-//! copies of the newest message with a wrong number, and noise.
+//! The vandal: a program with a common bug. It publishes on topics of other processes, at the rate of a
+//! camera, copies of the newest message with a wrong number, and noise.
 
 use crate::cli::BystanderArgs;
 use crate::commands::CommandError;
@@ -12,23 +12,23 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
-/// The name under which it joins the group.
+/// Name under which it joins the group.
 pub const NAME: &str = "vandal";
-/// From one message on a topic to the next.
+/// Time between two messages on a topic.
 const PERIOD: Duration = Duration::from_micros(12_500);
-/// How long it waits for a message to copy.
+/// Longest wait for a message to copy.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What is wrong with a message.
+/// The error in a message.
 #[derive(Debug, Clone, Copy)]
 enum Wrong {
-    /// A number so far ahead of the newest.
+    /// Its number is this far ahead of the newest.
     Ahead(u64),
-    /// This number.
+    /// Its number is this one.
     Number(u64),
-    /// The message once more.
+    /// It is a copy of the newest message.
     Repeated,
-    /// Bits at random.
+    /// Its bits are random.
     Noise,
 }
 
@@ -41,13 +41,13 @@ const KINDS: [Wrong; 6] = [
     Wrong::Noise,
 ];
 
-/// The program, running. It is killed when this is dropped.
+/// The running program. Dropping it kills it.
 pub struct Vandal {
     child: Child,
 }
 
 impl Vandal {
-    /// Starts it; it publishes for some time and ends.
+    /// Starts it; it publishes for the given time and ends.
     pub fn start(instance: &Instance, time: Duration) -> Result<Self, CommandError> {
         let places = instance.directory().parent().unwrap_or(instance.directory());
         descriptors::keep_from_programs_run_now();
@@ -58,7 +58,7 @@ impl Vandal {
             .env(RUNTIME_DIR_VARIABLE, places)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            // Where there is no memory left it cannot attach, and is not missed.
+            // Without memory it cannot attach; that is no failure.
             .stderr(Stdio::null())
             .process_group(0)
             .spawn()?;
@@ -78,7 +78,7 @@ impl Drop for Vandal {
     }
 }
 
-/// `touchline bystander --rubbish MS`: publishes rubbish for some time.
+/// `touchline bystander --rubbish MS`: publishes invalid messages for some time.
 pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     let parent = rustix::process::getppid();
@@ -101,7 +101,7 @@ pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode,
     ];
     let begun = Instant::now();
     let mut noise = 0x9E37_79B9_7F4A_7C15;
-    // Nothing can be copied before it has come.
+    // A message can be copied only once it has come.
     while lanes.iter_mut().map(|lane| lane.learn()).collect::<Result<Vec<_>, _>>()?.contains(&false)
     {
         if begun.elapsed() > PATIENCE {
@@ -131,18 +131,18 @@ fn set(number: &mut u64, wrong: Wrong) {
     };
 }
 
-/// A topic, whatever its types.
+/// A topic of any type.
 trait Lane {
-    /// Takes in the newest message; whether one is known.
+    /// Reads the newest message; `true` if one is known.
     fn learn(&mut self) -> Result<bool, BusError>;
-    /// Publishes a wrong one.
+    /// Publishes an invalid message.
     fn publish(&mut self, bus: &Bus, wrong: Wrong, noise: &mut u64) -> Result<(), BusError>;
 }
 
 struct Lanes<E: Message, H: Header, F> {
     topic: &'static Topic<E, H>,
     reader: Subscriber<E, H>,
-    /// Made when it is known how long messages are.
+    /// Created once the length of messages is known.
     writer: Option<Publisher<E, H>>,
     newest: Option<(Vec<E>, H)>,
     set_number: F,

@@ -1,4 +1,4 @@
-//! Which promises were kept, and the report for people.
+//! The promises, which of them were kept, and the report as text.
 
 use super::leaks::stale_descriptors;
 use super::plan::Disturbance;
@@ -8,23 +8,23 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-/// A promise, and what became of it.
+/// A promise and its verdict.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Promise {
-    /// What is promised.
+    /// The promise.
     pub promise: &'static str,
     /// Whether it was kept.
     pub kept: bool,
-    /// What was found.
+    /// The figures that decide it.
     pub figure: String,
 }
 
-/// Private memory may grow by this part of what there was …
+/// Private memory may grow by this share …
 const GROWTH: f64 = 0.10;
-/// … and by this much besides, before it counts as a leak.
+/// … and by this much in addition, before it counts as a leak.
 const GROWTH_BYTES: u64 = 8 << 20;
 
-/// Judges everything but times, which depend on the machine.
+/// Judges everything except times, which depend on the machine.
 pub fn judge(report: &ChaosReport) -> Vec<Promise> {
     let mut promises = Vec::new();
     let mut promise = |promise, kept, figure: String| {
@@ -97,7 +97,7 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
             report.started_in_vain
         ),
     );
-    // A new supervisor counts anew.
+    // A new supervisor counts from zero.
     let counts_all = report.disturbances.iter().all(|done| {
         !matches!(done.what, Disturbance::Supervisor | Disturbance::Enospc | Disturbance::Emfile)
     });
@@ -122,7 +122,7 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
             ),
         );
     }
-    // Without memory nobody attaches.
+    // Without memory no program attaches.
     let has_memory = report.disturbances.iter().all(|done| done.what != Disturbance::Enospc);
     if let Some(fate) = report.bystanders {
         promise(
@@ -205,8 +205,8 @@ fn sum(counts: &std::collections::BTreeMap<String, u64>) -> u64 {
     counts.values().sum()
 }
 
-/// The group's own counts against ours; `None` when they cannot be compared: a new supervisor began
-/// to count anew, or more is lost all the time.
+/// The group's own counts compared with the observer's; `None` if they are not comparable, because a new
+/// supervisor counts from zero or frames are lost all the time.
 fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
     let anew = report.disturbances.iter().any(|done| done.what == Disturbance::Supervisor);
     if anew || report.lost_undisturbed > 0 || report.supervisor_failure.is_some() {
@@ -229,8 +229,8 @@ fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
         .iter()
         .map(|(what, ours, theirs)| format!("{what} {theirs} (seen: {ours})"))
         .collect();
-    // Where the observer itself was too slow it cannot contradict, and where the group says that it has
-    // not seen everything, it has not miscounted.
+    // An observer that was too slow itself cannot contradict. A group that reports frames it has not
+    // seen has not miscounted.
     let not_seen = theirs.not_seen + theirs.not_seen_in_world;
     let agrees =
         ours.overlooked > 0 || not_seen > 0 || pairs.iter().all(|(_, ours, theirs)| ours == theirs);
@@ -238,8 +238,8 @@ fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
     Some((agrees, words.join(", ") + &besides))
 }
 
-/// What times are aimed at, and whether they were: `median` and `p99` or the longest, in
-/// milliseconds, counted to the `world` of a frame captured after the disturbance.
+/// The target for times, and whether it was met: median and 99th percentile or maximum in milliseconds,
+/// until the `world` of a frame captured after the disturbance.
 fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(String, bool)> {
     let period_ms = 1000.0 / settings.fps;
     match what {
@@ -253,7 +253,7 @@ fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(Stri
             Some((format!("median ≤ {median:.1}"), times.median <= median))
         }
         Disturbance::Pause | Disturbance::Emfile | Disturbance::Enospc => None,
-        // The floor is the next frame.
+        // The lower bound is the time to the next frame.
         Disturbance::Hup | Disturbance::Rubbish | Disturbance::Outsider => {
             Some(("max ≤ 100".into(), times.max <= 100.0))
         }
@@ -262,7 +262,7 @@ fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(Stri
     }
 }
 
-/// The report for people.
+/// The report as text.
 pub fn text(report: &ChaosReport) -> String {
     let mut text = String::new();
     let mut line = |words: std::fmt::Arguments| {
@@ -321,7 +321,7 @@ pub fn text(report: &ChaosReport) -> String {
     text
 }
 
-/// What to say when frames are lost before anything is disturbed.
+/// The message when frames are lost before the first disturbance.
 pub fn too_slow(lost: u64, fps: f64) -> String {
     format!(
         "{lost} frames were lost before anything was disturbed: this machine, as busy as it is, does \
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_that_are_not_promised_must_still_be_counted_by_the_group() {
+    fn unpromised_losses_must_still_be_counted_by_the_group() {
         let unpromised = |theirs: u64| {
             broken(|report| {
                 report.frames.missing_unpromised = 7;
@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn the_text_names_what_is_broken_and_how_to_repeat_it() {
+    fn the_text_names_broken_promises_and_how_to_repeat_them() {
         let mut report = good();
         report.frames.duplicates = 3;
         report.promises = judge(&report);

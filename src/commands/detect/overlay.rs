@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_detections_are_survived() {
+    fn absurd_detections_do_not_fail() {
         let config = Config::default();
         let overlay = Overlay::new(&config).unwrap();
         let mut seen = seen();

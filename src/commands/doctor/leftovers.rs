@@ -1,8 +1,8 @@
-//! What dead groups have left: in the runtime directory, and in shared memory.
+//! Finds and removes what dead groups have left, in the runtime directory and in shared memory.
 //!
-//! Nothing is touched that a living process could need. Whether somebody has a piece of shared memory
-//! open is not guessed from process lists, which end at the border of a container: the kernel
-//! grants a lease on a file only when nobody else has it open or mapped.
+//! Nothing that a living process could need is touched. Whether a process has a segment open is not
+//! concluded from process lists, which end at the border of a container: the kernel grants a lease on a
+//! file only if no other process has it open or mapped.
 
 use super::{Finding, bytes};
 use common::bus::participants;
@@ -17,32 +17,32 @@ use std::path::{Path, PathBuf};
 
 const ABOUT: &str = "leftovers";
 
-/// What is left of one dead group.
+/// The leftovers of one dead group.
 #[derive(Debug, Default)]
 pub struct Leftover {
-    /// Its instance, while its runtime directory still exists.
+    /// Its instance, if its runtime directory still exists.
     instance: Option<Instance>,
-    /// Its pieces of shared memory.
+    /// Its entries in shared memory.
     memory: Memory,
 }
 
-/// Pieces of shared memory that belong together.
+/// Entries of shared memory that belong together.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Memory {
     /// Directories and segments.
     pieces: Vec<PathBuf>,
-    /// The runtime directory of the group that has made them, if they say so.
+    /// The runtime directory of the group that created them, if they record it.
     runtime_directory: Option<PathBuf>,
 }
 
 impl Memory {
-    /// How much memory they take.
+    /// Memory that they occupy.
     fn bytes(&self) -> u64 {
         let data = self.pieces.iter().filter_map(|path| fs::symlink_metadata(path).ok());
         data.map(|data| data.blocks() * 512).sum()
     }
 
-    /// Whether any process has any of them open, the lock aside if it is held here.
+    /// Whether any process has any of them open; `lock` says whether an open lock counts.
     fn is_in_use(&self, lock: Lock) -> bool {
         self.pieces.iter().any(|path| is_in_use(path, lock))
     }
@@ -82,13 +82,13 @@ impl Leftover {
         }
     }
 
-    /// Nobody can have come to life in it since it was found, or it stays.
+    /// Removes the leftovers, unless a process has started to use them since they were found.
     fn remove(&self) -> Result<(), String> {
         let Some(instance) = &self.instance else {
             return self.remove_memory(Lock::Counts);
         };
         let text = |error: InstanceError| error.to_string();
-        // Held until the end: nobody starts meanwhile.
+        // Held until the end, so that no supervisor starts meanwhile.
         let Some(_lock) = instance.lock().map_err(text)? else {
             return Err("it has just been started".into());
         };
@@ -113,11 +113,11 @@ impl Leftover {
     }
 }
 
-/// `tl_`, eight digits, `_`: how all segments of ours begin.
+/// Length of the prefix of the program's segments: `tl_`, eight digits, `_`.
 const PREFIX_LENGTH: usize = 12;
 
-/// Looks for leftovers of this user below `base` and in shared memory; in second place what cannot
-/// be decided about, or not be removed.
+/// Finds this user's leftovers below `base` and in shared memory; the second part of the result lists
+/// those that cannot be judged or removed.
 pub fn find(base: &Path) -> Result<(Vec<Leftover>, Vec<Finding>), std::io::Error> {
     let mut segments = segments()?;
     let mut groups = Vec::new();
@@ -133,7 +133,7 @@ pub fn find(base: &Path) -> Result<(Vec<Leftover>, Vec<Finding>), std::io::Error
         });
         undecided.extend(foreign);
     }
-    // Whose note is not there any more, or not yet.
+    // Directories whose note is gone, or not written yet.
     let is_known =
         |path: &PathBuf, groups: &[Memory]| groups.iter().any(|it| it.pieces.contains(path));
     for path in namespace::directories()?.into_iter().filter(|path| !is_known(path, &groups)) {
@@ -161,7 +161,7 @@ pub fn find(base: &Path) -> Result<(Vec<Leftover>, Vec<Finding>), std::io::Error
     Ok((found, undecided))
 }
 
-/// Says what there is.
+/// A finding for each.
 pub fn list(left: &[Leftover]) -> Vec<Finding> {
     let finding = |left: &Leftover| {
         Finding::warning(ABOUT, left.name(), "touchline doctor --clean removes it")
@@ -169,7 +169,7 @@ pub fn list(left: &[Leftover]) -> Vec<Finding> {
     or_nothing(left.iter().map(finding).collect())
 }
 
-/// Removes it, and says so.
+/// Removes them, and reports the results.
 pub fn remove(left: Vec<Leftover>) -> Vec<Finding> {
     let finding = |left: Leftover| match left.remove() {
         Ok(()) => Finding::ok(ABOUT, format!("removed: {}", left.name())),
@@ -186,7 +186,7 @@ fn or_nothing(findings: Vec<Finding>) -> Vec<Finding> {
     if findings.is_empty() { vec![Finding::ok(ABOUT, "none")] } else { findings }
 }
 
-/// Segments of this user that have our names, by their prefix.
+/// This user's segments with names of this program, by their prefix.
 fn segments() -> Result<BTreeMap<String, Vec<PathBuf>>, std::io::Error> {
     let mut segments: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
@@ -213,17 +213,17 @@ fn is_alive(instance: &Instance) -> bool {
     instance.is_supervised() || has_processes(instance)
 }
 
-/// Whether any process of the group lives. When that cannot be found out, one does.
+/// Whether any process of the group lives; `true` if that cannot be determined.
 fn has_processes(instance: &Instance) -> bool {
     participants::living(instance).map_or(true, |living| !living.is_empty())
 }
 
-/// Whether any process, of whatever container, has the file open or mapped; also when that cannot
-/// be found out. A directory, in which iceoryx2 keeps files, is when one of those is.
+/// Whether any process, in any container, has the file open or mapped; `true` if that cannot be
+/// determined. A directory, in which iceoryx2 keeps files, is in use if one of its files is.
 fn is_in_use(path: &Path, lock: Lock) -> bool {
     if fs::symlink_metadata(path).is_ok_and(|data| data.is_dir()) {
         let entries = fs::read_dir(path).into_iter().flatten().flatten();
-        // What can be opened; sockets cannot, and do not last without the files beside them.
+        // Only files that can be opened count; sockets cannot, and do not outlast the files beside them.
         let is_kept = |kind: fs::FileType| kind.is_dir() || kind.is_file();
         return entries
             .into_iter()
@@ -239,12 +239,12 @@ fn is_in_use(path: &Path, lock: Lock) -> bool {
     }
 }
 
-/// A write lease is granted only to the one who alone has the file open; it is given back at once.
+/// A write lease is granted only if no other process has the file open; it is returned at once.
 #[allow(unsafe_code)] // `fcntl` for leases has no safe wrapper
 fn can_lease(file: &File) -> bool {
     let lease = |kind: i32| {
         // SAFETY: the descriptor is open for the whole call, and this command takes an integer and
-        // touches no memory of ours.
+        // accesses no memory of this process.
         unsafe { libc::fcntl(file.as_raw_fd(), libc::F_SETLEASE, kind) == 0 }
     };
     lease(libc::F_WRLCK) && lease(libc::F_UNLCK)
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_in_use_while_somebody_has_it_open() {
+    fn a_file_is_in_use_while_a_process_has_it_open() {
         let path = std::env::temp_dir().join(format!("tl-lease-{}", std::process::id()));
         let file = File::create(&path).unwrap();
         assert!(is_in_use(&path, Lock::Counts));
@@ -277,14 +277,14 @@ mod tests {
     }
 
     #[test]
-    fn the_living_are_left_alone_and_the_dead_removed() {
+    fn living_groups_stay_and_dead_ones_are_removed() {
         let base = std::env::temp_dir().join(format!("tl-doctor-{}", std::process::id()));
         let instance = |name| {
             let instance = Instance::below(&base, name).unwrap();
             instance.create_directory().unwrap();
             instance
         };
-        // A process that has joined, and shared memory of one that nobody has any more.
+        // A process that has joined, and shared memory that no process uses.
         let living = instance("living");
         let bus = Bus::join(&living, "somebody").unwrap();
         let _world = bus.publisher(&topics::WORLD, 1).unwrap();
@@ -296,7 +296,7 @@ mod tests {
             (path, namespace.directory().to_path_buf())
         };
         let (piece_of_dead, dead_place) = piece(&dead);
-        // And of groups whose directories are gone: one says whose it was, one has lost even that.
+        // Also of groups without a runtime directory: one records it, the other has lost that note too.
         let [gone, lost] = ["gone", "lost"].map(instance);
         let [(piece_of_gone, gone_place), (piece_of_lost, lost_place)] =
             [piece(&gone), piece(&lost)];
@@ -314,7 +314,7 @@ mod tests {
         assert!(!contains(living.directory().to_str().unwrap()), "{names:?}");
         assert!(!contains(bus.namespace().prefix()), "{names:?}");
 
-        // Other tests of this machine may have leftovers too; they are none of our business here.
+        // Other tests on this machine may have leftovers too.
         let mine = [&piece_of_dead, &piece_of_gone, &piece_of_lost];
         let is_mine = |left: &Leftover| left.memory.pieces.iter().any(|it| mine.contains(&it));
         for left in left.into_iter().filter(is_mine) {
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_to_life_meanwhile_stays() {
+    fn a_group_that_starts_meanwhile_stays() {
         let base = std::env::temp_dir().join(format!("tl-doctor-late-{}", std::process::id()));
         let late = Instance::below(&base, "late").unwrap();
         late.create_directory().unwrap();

@@ -1,4 +1,4 @@
-//! Processors, clock, and the rights to be served before others.
+//! Checks processors, clock, and scheduling rights.
 
 use super::Finding;
 use common::config::Config;
@@ -7,16 +7,16 @@ use rustix::process::{Resource, getrlimit};
 use std::fs;
 use std::path::Path;
 
-/// Bits of a process's capabilities (linux/capability.h).
+/// Numbers of capabilities (linux/capability.h).
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
-/// What all processes of a group have in memory together, without shared memory, is well below.
+/// Well above the memory of all processes of a group together, without shared memory.
 const MEMLOCK_BYTES: u64 = 1 << 30;
 const LIMITS: &str = "as a service: LimitRTPRIO= and LimitMEMLOCK= (scripts/touchline@.service); by \
                       hand: `NAME - rtprio 60` and `NAME - memlock unlimited` in \
                       /etc/security/limits.conf, then log in anew (docs/deployment.md)";
 
-/// All there is to say about the machine itself.
+/// All findings about the machine itself.
 pub fn findings(config: &Config) -> Vec<Finding> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let capabilities =
@@ -51,7 +51,7 @@ fn processors(cores: usize) -> Finding {
     }
 }
 
-/// The best instructions for pixels that this processor has.
+/// The best SIMD level that this processor has.
 fn instructions() -> Finding {
     match best_instructions() {
         Some(name) => Finding::ok("instructions", name),
@@ -115,13 +115,13 @@ fn memory_locking(limit: Option<u64>, has_capability: bool) -> Finding {
     }
 }
 
-/// The `CapEff` line of a process's status; 0 when there is none.
+/// The `CapEff` line of a process's status; 0 if there is none.
 fn effective_capabilities(status: &str) -> u64 {
     let line = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
     line.and_then(|digits| u64::from_str_radix(digits.trim(), 16).ok()).unwrap_or(0)
 }
 
-/// The governor of each processor that has one.
+/// The frequency governor of each processor that has one.
 fn governors(directory: &Path) -> Vec<String> {
     let processors = fs::read_dir(directory).into_iter().flatten().flatten();
     let texts = processors.filter_map(|processor| {

@@ -1,7 +1,7 @@
-//! `touchline doctor`: whether this computer is fit for a match.
+//! `touchline doctor`: checks whether this computer is fit for a match.
 //!
-//! [`machine`] looks at processors, clock and rights, [`places`] at shared memory, directories and
-//! disks, [`leftovers`] finds what dead groups have left.
+//! [`machine`] checks processors, clock and rights, [`places`] shared memory, directories and disks;
+//! [`leftovers`] finds what dead groups have left.
 
 mod leftovers;
 mod machine;
@@ -14,28 +14,28 @@ use serde::Serialize;
 use std::fmt;
 use std::process::ExitCode;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As it should be.
+    /// No action is needed.
     Ok,
-    /// A match runs, but not as well as it could.
+    /// A match runs, but not as well as possible.
     Warning,
     /// No match runs, or not for long.
     Problem,
 }
 
-/// What was found about one thing.
+/// A finding.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// Which thing.
+    /// Its subject.
     pub about: &'static str,
-    /// How bad it is.
+    /// Its severity.
     pub level: Level,
-    /// How it is.
+    /// The state found.
     pub what: String,
-    /// What to do about it.
+    /// The remedy.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
 }
@@ -69,7 +69,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks at everything, says what it has seen, and fails when no match could be run.
+/// Runs all checks, prints the findings, and fails if no match could run.
 pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
     let config = load_config(args.config.as_deref())?;
     let instance = Instance::new(&args.instance.instance)?;
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn advice_stands_below_what_was_found() {
+    fn advice_stands_below_the_finding() {
         let text = Finding::warning("clock", "slow", "take another").to_string();
         let (first, second) = text.split_once('\n').unwrap();
         assert!(first.starts_with("warning  clock") && first.ends_with(" slow"), "{text}");

@@ -1,4 +1,4 @@
-//! Where a match puts things: shared memory, runtime directory, disk.
+//! Checks the places that a match uses: shared memory, runtime directory, disk.
 
 use super::{Finding, bytes};
 use crate::commands::group::strange_versions;
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use touchline::gateway::place;
 use touchline::supervisor::evidence_directory;
 
-/// Less is not worth recording to.
+/// Shortest recording for which the free disk space should last.
 const DISK_MINUTES: u64 = 10;
 
-/// Whether the configured group fits into shared memory, with frames of that source.
+/// Whether the configured group, with frames of that source, fits into shared memory.
 pub fn shared_memory(instance: &Instance, config: &Config, source: &Source) -> Finding {
     if let Err(error) = check_place() {
         return Finding::problem(
@@ -57,7 +57,7 @@ fn fits(group: &GroupMemory, free: u64) -> Finding {
     }
 }
 
-/// What the group itself, if it runs, has taken already.
+/// Shared memory that the group itself uses already, if it runs.
 fn used_by(instance: &Instance) -> u64 {
     let Ok(Some(namespace)) = instance.namespace() else { return 0 };
     let segments = namespace.segments().map(|(own, _)| own).unwrap_or_default();
@@ -70,7 +70,7 @@ fn used_by(instance: &Instance) -> u64 {
         .sum()
 }
 
-/// Whether all programs that attach have the version of iceoryx2 that the group has, if there is one.
+/// Whether all attached programs have the running group's version of iceoryx2.
 pub fn ipc_versions(instance: &Instance) -> Vec<Finding> {
     const ABOUT: &str = "iceoryx2";
     let Ok(Some(namespace)) = instance.namespace() else { return Vec::new() };
@@ -85,7 +85,7 @@ pub fn ipc_versions(instance: &Instance) -> Vec<Finding> {
     strange.into_iter().map(|what| Finding::warning(ABOUT, what, advice.as_str())).collect()
 }
 
-/// Whether the runtime directory is, or can be made, ours alone.
+/// Whether the runtime directory is accessible only to this user, or can be created so.
 pub fn runtime_directory(instance: &Instance) -> Finding {
     const ABOUT: &str = "runtime directory";
     let path = instance.directory();
@@ -105,7 +105,7 @@ pub fn runtime_directory(instance: &Instance) -> Finding {
     Finding::ok(ABOUT, format!("{}{state}", path.display()))
 }
 
-/// Whether the users that the configuration names can be let in.
+/// Whether the users in the configuration can be given access.
 pub fn other_users(instance: &Instance, config: &Config) -> Finding {
     const ABOUT: &str = "other users";
     let Some(name) = config.access.group() else {
@@ -115,7 +115,7 @@ pub fn other_users(instance: &Instance, config: &Config) -> Finding {
         Ok(group) => group,
         Err(error) => return Finding::problem(ABOUT, error.to_string(), "see docs/deployment.md"),
     };
-    // The place of all groups is opened when it is needed.
+    // The directory of all groups is opened for others when needed.
     let directory = instance.gateway_directory();
     let around = directory.parent().and_then(Path::parent).unwrap_or(Path::new("/"));
     match place::closed(&existing(around), group) {
@@ -134,7 +134,7 @@ pub fn other_users(instance: &Instance, config: &Config) -> Finding {
     }
 }
 
-/// Whether there is room for evidence and recordings.
+/// Whether the disk has room for evidence and recordings.
 pub fn disk(config: &Config) -> Finding {
     const ABOUT: &str = "disk";
     let directory = evidence_directory();
@@ -160,7 +160,7 @@ pub fn disk(config: &Config) -> Finding {
     }
 }
 
-/// The directory itself, or the nearest one above it that exists.
+/// The directory itself, or its nearest existing ancestor.
 fn existing(path: &Path) -> PathBuf {
     let found = path.ancestors().find(|path| path.exists());
     found.unwrap_or(Path::new("/")).to_path_buf()

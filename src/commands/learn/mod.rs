@@ -60,7 +60,7 @@ fn from_labels(
     }
     let lit = lessons.under_light(&config)?;
     let samples = lessons.gather(&config, &lit, labels)?;
-    tell_what_is_not_shown(&config, &samples)?;
+    warn_of_unlabelled_colors(&config, &samples)?;
     let colors = learn_from(&config, &samples);
     Ok(Config { colors, ..config })
 }
@@ -123,7 +123,7 @@ fn learn_from(config: &Config, samples: &Samples) -> Vec<ColorConfig> {
 }
 
 /// Reports colours that keep their bounds because no label shows them.
-fn tell_what_is_not_shown(config: &Config, samples: &Samples) -> Result<(), CommandError> {
+fn warn_of_unlabelled_colors(config: &Config, samples: &Samples) -> Result<(), CommandError> {
     if samples.pixels.is_empty() {
         return Err(
             "nothing that is labelled shows a colour: label robots, a ball, or places under \

@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_hides_what_lies_behind_it() {
+    fn a_robot_hides_objects_behind_it() {
         let config = Config::default();
         let share = |robot: [f64; 2]| visible_share(&config, &truth([800.0, 0.0], robot));
         assert_eq!(share([870.0, 0.0]), 1.0);

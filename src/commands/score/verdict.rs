@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_else_in_its_place_is_a_wrong_identity() {
+    fn another_robot_in_its_place_is_a_wrong_identity() {
         let score = score(
             TWO,
             |seen| {
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_miss_says_why_and_what_was_seen() {
+    fn a_miss_has_a_reason_and_the_colours_seen() {
         let run = |row, begin, end, class| Run { row, begin, end, class, reserved: 0 };
         let score = score(
             TWO,
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ball_is_scored_when_somebody_looked_for_it() {
+    fn the_ball_is_scored_if_it_is_labelled() {
         let ball = |labels: &str, x_px: Option<f32>| {
             let fill = |seen: &mut DetectionFrame| {
                 if let Some(x_px) = x_px {

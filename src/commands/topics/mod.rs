@@ -1,4 +1,4 @@
-//! `touchline topics`: what a program needs to know to attach to a group.
+//! `touchline topics`: prints what a program needs to attach to a group.
 
 mod c;
 mod python;
@@ -14,10 +14,10 @@ use serde::Serialize;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Between two looks at what has come: less than any buffer lasts.
+/// Time between two reads: shorter than the time in which any buffer fills.
 const POLL: Duration = Duration::from_millis(2);
 
-/// A topic for people and programs.
+/// Description of a topic.
 #[derive(Debug, Serialize)]
 struct Row {
     /// Name of the iceoryx2 service.
@@ -33,7 +33,7 @@ struct Row {
     /// Unread messages kept for each reader.
     buffer: usize,
     history: usize,
-    /// Whether there is an iceoryx2 event of the same name, on which to sleep.
+    /// Whether there is an iceoryx2 event of the same name, to wait on.
     notifies: bool,
     max_publishers: usize,
     max_subscribers: usize,
@@ -41,24 +41,24 @@ struct Row {
     live: Option<Live>,
 }
 
-/// What goes on on a topic.
+/// Activity on a topic.
 #[derive(Debug, Serialize)]
 struct Live {
     /// Writers connected, spares included.
     publishers: usize,
-    /// Readers connected, spares included; the one that has measured this is left out.
+    /// Readers connected, spares included, without this program.
     subscribers: usize,
     messages_per_s: f64,
-    /// Elements of the newest message.
+    /// Number of elements of the newest message.
     elements: Option<usize>,
 }
 
-/// The document of `--json`.
+/// The output of `--json`.
 #[derive(Debug, Serialize)]
 struct Document {
     instance: String,
     is_running: bool,
-    /// For `iox2.config`: where the services of this group are, if it runs.
+    /// For `iox2.config`: the place of the group's services, if it runs.
     iceoryx2: Option<Iceoryx2>,
     topics: Vec<Row>,
 }
@@ -70,7 +70,7 @@ struct Iceoryx2 {
     prefix: String,
 }
 
-/// Prints what there is, in the wanted form.
+/// Prints the topics in the requested format.
 pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     match args.format {
@@ -97,7 +97,7 @@ fn document(instance: &Instance, seconds: f64) -> Result<Document, CommandError>
     Ok(Document { instance: instance.name().into(), is_running, iceoryx2, topics })
 }
 
-/// The configuration file for other iceoryx2 programs: theirs, with the place of this group.
+/// The configuration file for other iceoryx2 programs: their default, with the place of this group.
 fn ipc_toml(instance: &Instance) -> Result<String, CommandError> {
     let Some(namespace) = instance.namespace()? else {
         let name = instance.name();
@@ -148,9 +148,9 @@ fn rows() -> Vec<Row> {
     rows.0
 }
 
-/// Counts what comes on a topic, whatever its type.
+/// Counts messages on a topic of any type.
 trait Counter {
-    /// Takes what has come; the number of messages, and elements of the newest one.
+    /// Reads new messages; returns their number, and the number of elements of the newest one.
     fn count(&mut self) -> Result<(u64, Option<usize>), BusError>;
 }
 
@@ -264,23 +264,23 @@ fn text(document: &Document) -> String {
     text
 }
 
-/// Everything that generated files are made from.
+/// The types from which files are generated.
 #[derive(Debug)]
 struct Types {
-    /// Parts before what they are part of.
+    /// Each structure follows its parts.
     structures: Vec<Structure>,
     topics: Vec<Row>,
 }
 
 impl Types {
-    /// The versioned name of a structure that is an element or a header; `None` for parts.
+    /// The versioned name of a structure that is an element or a header; `None` for a part.
     fn type_name(&self, structure: &Structure) -> Option<&'static str> {
         let names = self.topics.iter().flat_map(|row| [row.element, row.header]);
         names.into_iter().find(|name| structure_name(name) == structure.name)
     }
 }
 
-/// `World` of `touchline/World/1`.
+/// The structure's name: `World` for `touchline/World/1`.
 fn structure_name(type_name: &str) -> &str {
     type_name.split('/').nth(1).unwrap_or(type_name)
 }
@@ -290,7 +290,7 @@ fn collect_types() -> Types {
     impl Found {
         fn add<T: JsonSchema + 'static>(&mut self) {
             use std::any::TypeId;
-            // Bytes and nothing are no structures.
+            // Bytes and `()` are not structures.
             if [TypeId::of::<u8>(), TypeId::of::<()>()].contains(&TypeId::of::<T>()) {
                 return;
             }
@@ -315,7 +315,7 @@ fn collect_types() -> Types {
     Types { structures: found.0, topics: rows() }
 }
 
-/// Numbers that have names, as `(enumeration, [(name, number)])`.
+/// Enumerations, as `(enumeration, [(name, number)])`.
 fn enumerations() -> Vec<(&'static str, Vec<(String, u64)>)> {
     use common::messages::*;
     fn list<T: Copy + std::fmt::Debug>(
@@ -339,12 +339,12 @@ fn enumerations() -> Vec<(&'static str, Vec<(String, u64)>)> {
     ]
 }
 
-/// A field's name where `class` is a word of the language.
+/// A field's name; `class` is renamed because it is a keyword.
 fn field_name(name: &str) -> &str {
     if name == "class" { "class_" } else { name }
 }
 
-/// `TooSmall` as `TOO_SMALL`.
+/// `TOO_SMALL` for `TooSmall`.
 fn upper_case(name: &str) -> String {
     let mut upper = String::new();
     for (index, letter) in name.chars().enumerate() {
