@@ -1,6 +1,6 @@
-//! Keeps the attendants running. Nothing that happens to them concerns the stages, so they have rules of their own: an
-//! attendant is started when the group is complete, and started again, with growing pauses, when it has ended or
-//! gives no sign of life.
+//! Keeps the attendants running. They never affect the stages, so they have rules of their own: an attendant
+//! is started when the group is complete, and restarted, with growing pauses, when it has ended or sends no
+//! heartbeats.
 
 use super::children::{self, End};
 use super::log::Log;
@@ -17,9 +17,10 @@ use std::fs;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// An attendant gives a sign ten times a second; so long a silence is no busy machine any more.
+/// Silence after which an attendant is killed. It sends ten heartbeats a second, and no busy
+/// machine delays them this long.
 const SILENCE_NS: u64 = 5_000_000_000;
-/// It holds nothing that would be lost with it.
+/// Time to end before it is killed; it holds no data that could be lost.
 const LAST_MOMENTS: Duration = Duration::from_millis(300);
 const LAST_MOMENTS_NS: u64 = LAST_MOMENTS.as_nanos() as u64;
 /// Uptime that resets the back-off.
@@ -28,14 +29,14 @@ const GOOD_START_NS: u64 = 10_000_000_000;
 /// The attendants of a group.
 pub struct Attendants(Vec<Supervised>);
 
-/// One of them, and its process.
+/// An attendant and its process.
 struct Supervised {
     row: &'static Row,
     instance: Instance,
     running: Option<Running>,
     rules: Rules,
     starts: u64,
-    /// When a user has asked for another process: the end of this one is no failure.
+    /// Time at which a user asked for a restart: the end of this process is then no failure.
     restart_ns: Option<u64>,
 }
 
@@ -44,23 +45,23 @@ struct Running {
     log: Log,
 }
 
-/// What has happened to an attendant.
+/// An event of an attendant.
 pub struct Happened {
     /// Its name.
     pub name: &'static str,
-    /// What kind of thing.
+    /// Kind of the event.
     pub kind: EventKind,
     /// Its process; 0 for none.
     pub pid: u32,
-    /// In words.
+    /// Description.
     pub what: String,
     /// The last lines it wrote.
     pub evidence: String,
 }
 
 impl Attendants {
-    /// Prepares the attendants that the configuration asks for. One that cannot be prepared ends the start, unless the
-    /// group `lives` already: then the match goes on without it.
+    /// Prepares the attendants that the configuration asks for. An error ends the start, unless the
+    /// group `lives` already: then the match goes on without that attendant.
     pub fn prepare(
         instance: &Instance,
         config: &Config,
@@ -83,14 +84,14 @@ impl Attendants {
         Ok(Self(attendants))
     }
 
-    /// One of them has given a sign of life.
+    /// Records a heartbeat of an attendant.
     pub fn heard(&mut self, pid: u32, now_ns: u64) {
         for attendant in self.0.iter_mut().filter(|attendant| attendant.pid() == Some(pid)) {
             attendant.rules.heard_ns = now_ns;
         }
     }
 
-    /// Does what there is to do; returns what has happened.
+    /// Starts, reaps and kills attendants as due; returns the events.
     pub fn tend(&mut self, settings: &Settings, now_ns: u64) -> Vec<Happened> {
         self.0.iter_mut().filter_map(|attendant| attendant.tend(settings, now_ns)).collect()
     }
@@ -100,7 +101,8 @@ impl Attendants {
         self.0.iter().any(|attendant| attendant.row.name() == name)
     }
 
-    /// Replaces the process of the attendant of this name, or starts it at once where it waits for its next start.
+    /// Replaces the process of the attendant of this name; one that waits for its next start is
+    /// started at once.
     pub fn restart(&mut self, name: &str, now_ns: u64) {
         for attendant in self.0.iter_mut().filter(|attendant| attendant.row.name() == name) {
             match attendant.pid() {
@@ -113,7 +115,7 @@ impl Attendants {
         }
     }
 
-    /// As the report shows them.
+    /// The attendants for the report.
     pub fn view(&self) -> Vec<AttendantView> {
         let view = |attendant: &Supervised| AttendantView {
             name: attendant.row.name(),
@@ -159,7 +161,7 @@ impl Supervised {
             Some(running) if self.rules.is_silent(now_ns) => {
                 self.rules.heard_ns = now_ns;
                 let pid = running.child.id();
-                // It is our child, and was not waited for: the number is still its own.
+                // It is our child and was not reaped yet, so the pid is still its own.
                 let _ = running.child.kill();
                 Some(self.happened(EventKind::Killed, pid, "killed: it gave no sign of life", ""))
             }
@@ -209,7 +211,7 @@ impl Supervised {
     }
 }
 
-/// When to start an attendant, and when to give it up. No clock, no process.
+/// Rules for starting and killing an attendant; use neither a clock nor a process.
 #[derive(Debug, Default)]
 struct Rules {
     failures: u32,
@@ -238,13 +240,13 @@ impl Rules {
     }
 }
 
-/// Ends the attendants that an earlier supervisor has started: their clients come again. Nothing that lives
-/// on under a dead supervisor depends on them.
+/// Ends the attendants of an earlier supervisor; their clients reconnect. No living process of the
+/// group depends on them.
 pub fn end_earlier(instance: &Instance) -> Result<(), SupervisorError> {
     let deadline = Instant::now() + GRACE;
     loop {
         let living = participants::living(instance)?;
-        // Programs of others may call themselves what they like.
+        // Other programs may use any name.
         let is_ours = |pid: u32, name: &str| {
             let comm = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
             comm.trim_end() == children::process_name(name)
@@ -284,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_falls_is_started_at_once_and_one_that_keeps_falling_ever_later() {
+    fn the_first_restart_comes_at_once_and_repeated_failures_delay_it() {
         let (mut rules, settings) = (Rules::default(), settings());
         let mut now_ns = 100 * S;
         assert!(rules.may_start(now_ns));
@@ -293,11 +295,11 @@ mod tests {
             rules.started(now_ns);
             now_ns += S / 100;
             rules.ended(&settings, now_ns);
-            let fell_ns = now_ns;
+            let failed_ns = now_ns;
             while !rules.may_start(now_ns) {
                 now_ns += S / 100;
             }
-            pauses.push((now_ns - fell_ns) * 10 / S);
+            pauses.push((now_ns - failed_ns) * 10 / S);
         }
         assert_eq!(pauses, [0, 1, 2, 4, 8, 16, 32, 50, 50, 50]);
         rules.started(now_ns);
@@ -307,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_noticed() {
+    fn long_silence_is_detected() {
         let mut rules = Rules::default();
         rules.started(S);
         assert!(!rules.is_silent(S + SILENCE_NS));

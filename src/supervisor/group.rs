@@ -1,4 +1,4 @@
-//! A living group: carries events to the rules and the rules' decisions to the processes.
+//! A running group: passes events to the rules ([`policy`](super::policy)) and carries out their decisions.
 
 mod acting;
 mod adoption;
@@ -35,24 +35,24 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use upkeep::PREMISES;
 
-/// How often topics and heartbeats are looked at, at least; between, when a stall is due. All that
-/// stages send says when it was sent, so it need not be seen at once.
+/// Longest time between two looks at topics and heartbeats; a due stall makes it shorter. All
+/// messages carry the time they were sent, so they need not be seen at once.
 const TICK: Duration = Duration::from_millis(20);
-/// Looks at a stage that is behind, before it counts as stalled.
+/// Looks per stall deadline.
 const TICKS_PER_STALL: u32 = 2;
-/// A stall that is due but excused does not keep the supervisor from sleeping.
+/// Shortest sleep. A stall that is due but excused must not turn the loop into a busy one.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
-/// How long after the camera's last frame results are waited for.
+/// Longest wait for results after the last output.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
 
-/// A group while it lives.
+/// A running group.
 pub struct Group<'a> {
     launch: Launch,
     config: Config,
     policy: Policy,
     processes: HashMap<MemberId, Process>,
     progress: Progress,
-    /// The newest frames in what each stage has given out.
+    /// Newest frames in each stage's output.
     outputs: StageMap<Numbers>,
     skip_after: HashMap<StageId, FrameId>,
     drops: Drops,
@@ -60,7 +60,7 @@ pub struct Group<'a> {
     restarts: BTreeMap<StageId, u64>,
     start_failures: u32,
     ever_complete: bool,
-    /// Grabbers that have captured all they were asked to.
+    /// Grabbers that have captured all requested frames.
     finished: BTreeSet<StageId>,
     last_output: Instant,
     tick: Duration,
@@ -73,7 +73,7 @@ pub struct Group<'a> {
     reserve: Reserve,
     /// Signals that could not be sent.
     unsent: Vec<(MemberId, Signal)>,
-    /// Something has changed that the record does not say yet.
+    /// The group has changed since the record was written.
     record_is_due: Cell<bool>,
     record_after: Instant,
     janitor: Janitor,
@@ -81,25 +81,26 @@ pub struct Group<'a> {
     settings: Settings,
 }
 
-/// Why nobody watches a group any longer.
+/// Reason for which the supervisor stops supervising.
 pub enum Ending {
-    /// It is to end.
+    /// The group is to end.
     Over,
-    /// It goes on under this program.
+    /// The group goes on, supervised by this program.
     Upgrade(PathBuf),
 }
 
-/// Why the supervisor has stopped sleeping, if not because it is time to look.
+/// Events that ended the supervisor's sleep.
 struct Woken {
-    /// A signal has asked for the end.
+    /// A signal has asked the group to end.
     to_stop: bool,
-    /// Processes that have ended, it seems.
+    /// Processes that have probably ended.
     ended: Vec<MemberId>,
 }
 
 impl<'a> Group<'a> {
-    /// A group without processes, with the memories of an earlier supervisor, if there was one. One that
-    /// lives already is looked after whatever is missing for it; a new one is not begun then.
+    /// A group without processes, with the record of an earlier supervisor if there was one. If its
+    /// processes are alive, failures here are reported and retried; a new group is not started
+    /// after a failure.
     pub fn new(
         launch: Launch,
         config: &Config,
@@ -172,8 +173,7 @@ impl<'a> Group<'a> {
         })
     }
 
-    /// Looks after the group until it is to end.
-    /// `meanwhile` is called every round.
+    /// Supervises the group until it is to end. `meanwhile` is called every round.
     pub fn watch(
         &mut self,
         until: Until,
@@ -184,13 +184,13 @@ impl<'a> Group<'a> {
             if woken.to_stop {
                 return Ok(Ending::Over);
             }
-            // In this order: what the dead have published is known when they are replaced, and which
-            // input they died of.
+            // Outputs before deaths: a replacement needs to know the dead process's last output and
+            // the input it died on.
             self.look();
             self.reap(&woken.ended)?;
-            self.excuse_the_starved();
-            // Before anything is done about it: who is asked to end at once, to be replaced, has not
-            // failed to start.
+            self.excuse_starved();
+            // Before actions are carried out: a process that is retired at once has not failed to
+            // start.
             if self.policy.is_complete() && !self.ever_complete {
                 self.ever_complete = true;
                 self.notifier.ready();
@@ -219,7 +219,7 @@ impl<'a> Group<'a> {
         }
     }
 
-    /// Sleeps until a process ends, a signal or a request comes, or it is time to look.
+    /// Sleeps until a process ends, a signal or a request arrives, or the next look is due.
     fn wait(&mut self) -> Woken {
         let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
         let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
@@ -242,8 +242,7 @@ impl<'a> Group<'a> {
                 let ended = ids.iter().zip(&fds).filter(|(_, fd)| happened(fd));
                 ended.map(|(&id, _)| id).collect()
             }
-            // Then all of them are asked. It may be that there are more of them than this process may
-            // have descriptors.
+            // Check all of them. The processes may outnumber the descriptors this process may have.
             Err(_) => {
                 raise_limit();
                 std::thread::sleep(timeout);
@@ -259,7 +258,7 @@ impl<'a> Group<'a> {
         Woken { to_stop: asked.to_stop, ended }
     }
 
-    /// Does what is asked for; returns the program that is to take over, if that is asked for.
+    /// Serves requests. Returns the program of an upgrade request.
     fn serve_requests(&mut self) -> Option<PathBuf> {
         let mut upgrade = None;
         while let Some((request, sender)) = self.premises.control().and_then(Control::next) {
@@ -277,7 +276,8 @@ impl<'a> Group<'a> {
         upgrade
     }
 
-    /// Has the processes of stages and attendants replaced: of all that are named, or of none.
+    /// Replaces the processes of the named stages and attendants; none of them if one name is
+    /// unknown.
     fn restart(&mut self, names: &[String]) -> Answer {
         let (attendants, stages): (Vec<_>, Vec<_>) =
             names.iter().partition(|name| self.attendants.has(name));
@@ -313,7 +313,7 @@ impl<'a> Group<'a> {
         Ok(())
     }
 
-    /// Takes in what topics, pages and heartbeats say.
+    /// Reads topics, pages and heartbeats.
     fn look(&mut self) {
         let now = monotonic_ns();
         let Self { progress, policy, outputs, last_output, .. } = self;
@@ -325,7 +325,7 @@ impl<'a> Group<'a> {
         }
         for stage in self.settings.graph.stages() {
             let at_ns = progress.pages().checked_in_ns(stage);
-            policy.note(Event::LookedAround(stage, at_ns), now);
+            policy.note(Event::CheckedIn(stage, at_ns), now);
         }
         let Self { progress, policy, processes, states, drops, finished, .. } = self;
         let (record_is_due, attendants) = (&self.record_is_due, &mut self.attendants);
@@ -334,7 +334,7 @@ impl<'a> Group<'a> {
                 Beat::Stage(sign) => sign,
                 Beat::Attendant { pid } => return attendants.heard(pid, now),
             };
-            // Heartbeats of processes that are not ours, or no longer alive, say nothing.
+            // Ignore heartbeats of foreign or dead processes.
             let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
             else {
                 return;
@@ -349,7 +349,8 @@ impl<'a> Group<'a> {
             if drops.note(sign.stage, sign.pid, sign.dropped) {
                 policy.note(Event::Dropped(sign.stage), now);
             }
-            // A grabber whose camera is away says so; a new one would not find it either.
+            // A grabber whose camera is away reports it; a new grabber would not find the camera
+            // either.
             if sign.stage.is_grabber() && sign.state == ProcessState::Waiting {
                 policy.note(Event::CameraIsAway(sign.stage), now);
             }
@@ -361,21 +362,21 @@ impl<'a> Group<'a> {
         for notice in self.drops.tell(now) {
             self.log(EventKind::Dropped, notice.stage, notice.pid, &notice.what, "");
         }
-        // Connected again, and nothing missed, is another matter than nothing new while unconnected.
+        // No news while unconnected does not count as a success.
         if seen.is_err() || heard.is_err() || self.progress.is_connected() {
             self.attempted(SIGHT, seen.and(heard).map_err(std::io::Error::other));
         }
     }
 
-    /// On a busy machine a stage may be late because it gets no processor. That is no stall: a
-    /// replacement would get none either.
-    fn excuse_the_starved(&mut self) {
+    /// Excuses late stages for time in which they got no processor. That is no stall: a replacement
+    /// would get no processor either.
+    fn excuse_starved(&mut self) {
         for stage in self.settings.graph.stages() {
             let now_ns = monotonic_ns();
             let late = self.policy.late(stage, now_ns);
             let Self { processes, reserve, .. } = self;
             if let Some(process) = late.and_then(|id| processes.get_mut(&id)) {
-                // One that has died is noticed by itself.
+                // A failure means that it has died, which `wait` reports.
                 let times = reserve.lend(|| process.processor_times()).ok();
                 let waited_ns = times.map_or(0, |times| process.newly_waited_ns(times, now_ns));
                 self.policy.note(Event::Waited(stage, waited_ns), now_ns);
@@ -392,7 +393,7 @@ impl<'a> Group<'a> {
         self.settings.graph.lanes().all(is_out) || self.last_output.elapsed() > LAST_RESULTS
     }
 
-    /// Whether every camera has captured all it was asked to.
+    /// Whether every grabber has captured all requested frames.
     fn has_finished(&self) -> bool {
         self.finished.len() == self.settings.graph.lanes().count()
     }
@@ -403,7 +404,7 @@ impl<'a> Group<'a> {
     }
 }
 
-// What can fail for a while, in the words in which it is told.
+// Names of operations that can fail for a while, as reported.
 const WAITING: &str = "wait for the group's processes";
 const SIGHT: &str = "see what the stages do";
 
@@ -429,7 +430,7 @@ fn settings(config: &Config, graph: StageGraph) -> Settings {
     }
 }
 
-/// Whether a file can be run at all; whether it fits is for whoever asks to find out first.
+/// Whether a file can be run at all. The client has checked before that it fits the group.
 fn check_program(program: &Path) -> Answer {
     use std::os::unix::fs::PermissionsExt;
     let data =

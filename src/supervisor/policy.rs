@@ -1,25 +1,25 @@
-//! What to do when: the supervisor's decisions, without doing any of them.
+//! The supervisor's decisions: which process to start, promote, retire or kill, and when.
 //!
-//! Events and the time go in, actions come out. Nothing here touches a process, a clock or a
-//! topic, so every situation can be played through in a test.
+//! Input: events and the time. Output: actions, which the caller carries out. Nothing here touches a
+//! process, a clock or a topic, so a test can play through every situation.
 //!
 //! The rules:
 //! * A stage has one active process, and may have a spare that is connected but idle.
 //! * A process that ends, does not get ready, or has input and gives no output within the stall
 //!   deadline is replaced: by its spare at once, else by a new start. A stalled process is killed
-//!   first, and its successor speaks only when it is confirmed dead.
-//! * A stage makes progress by its output. Dropping an input that no process could work on deals with that input;
-//!   a stage that drops everything is replaced once and then said to be degraded ([`dropping`]).
+//!   first, and its successor publishes only after it is confirmed dead.
+//! * Output is progress. An invalid input counts as handled when it is dropped; a stage that drops
+//!   everything is replaced once and then reported as degraded ([`dropping`]).
 //! * Two deaths in a row on the same input make the next process skip that input.
-//! * Starts that fail quickly, again and again, are spaced out; the rest of the group goes on. So are
-//!   those of a stage whose processes die more often than any disturbance from outside explains
-//!   ([`intensity`]): each of them may have had a good start.
-//! * A camera that streams has its own rate: a grabber that gives no frame for five of its periods and
-//!   does not look around either is stuck. One that looks around waits for its camera.
-//! * While the supervisor sees only part of what happens, nobody is blamed for what it does not see.
+//! * Back-off: the pause before the next start doubles with every failed start in a row; the rest of the
+//!   group goes on. The same holds for a stage whose processes start well but die more often than any
+//!   disturbance from outside explains ([`intensity`]).
+//! * A streaming camera has its own rate: a grabber that neither gives a frame nor checks in for five of
+//!   its periods is stuck. A grabber that checks in is waiting for its camera.
+//! * While the supervisor cannot see heartbeats, no process is killed for not being ready.
 //! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
-//! * A camera starts last, when every stage that works on its frames is ready to see the first one.
-//! * What happens to a stage of one lane concerns its readers only: the other lanes go on.
+//! * The grabber starts last, when every stage that works on its frames is ready for the first one.
+//! * A fault in one lane affects only the readers of that lane: the other lanes go on.
 
 mod degraded;
 mod dropping;
@@ -36,21 +36,21 @@ use stage::{Member, Stage};
 /// Identifies a process from its start to its end; never used twice.
 pub type MemberId = u64;
 
-/// The numbers the rules need, in nanoseconds.
+/// Limits and times of the rules, in nanoseconds.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Input without output for so long is a stall.
+    /// Stall deadline: longest time with input and without output.
     pub stall_ns: u64,
-    /// A camera may be silent for so long.
+    /// Stall deadline of a grabber: longest time without a frame.
     pub grabber_stall_ns: u64,
-    /// A grabber whose camera streams may be stuck for so long at least, and for
-    /// five of its frames.
+    /// Shortest stuck deadline of a grabber whose camera streams; the deadline is five of its
+    /// periods where that is longer.
     pub grabber_stuck_ns: u64,
-    /// From start to ready.
+    /// Longest time from start to ready.
     pub ready_timeout_ns: u64,
-    /// First pause between failed starts; doubles.
+    /// Pause after the second failed start in a row; doubles with every further one.
     pub backoff_ns: u64,
-    /// Longest pause.
+    /// Longest pause between starts.
     pub backoff_max_ns: u64,
     /// The group's stages.
     pub graph: StageGraph,
@@ -65,31 +65,31 @@ pub enum Event {
     Ready(MemberId),
     /// A process could not be started at all.
     NotStarted(MemberId),
-    /// When the working process of a stage has last looked around.
-    LookedAround(StageId, u64),
-    /// A process is gone for certain.
+    /// The active process of a stage has checked in, last at this time.
+    CheckedIn(StageId, u64),
+    /// A process is confirmed dead.
     Exited {
-        /// Which.
+        /// The process.
         id: MemberId,
-        /// Whether it fell by itself (a panic, a fault), rather than being ended from outside.
+        /// Whether it failed by itself (a panic, a fault) instead of being killed from outside.
         crashed: bool,
     },
     /// A stage's newest output contains this frame.
     Output(StageId, FrameId),
-    /// A stage has dropped input that no process of it could work on.
+    /// A stage has dropped input that is invalid for every process.
     Dropped(StageId),
     /// A grabber says that its camera is away.
     CameraIsAway(StageId),
-    /// A stage was ready to run for so long (nanoseconds), but got no processor.
+    /// A stage was ready to run for this time, in nanoseconds, without getting a processor.
     Waited(StageId, u64),
-    /// A grabber has captured all it was asked to.
+    /// A grabber has captured all requested frames.
     Finished(StageId),
 }
 
 /// Why a process is killed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
-    /// Input, but no output.
+    /// It has input but gives no output.
     Stalled,
     /// It drops everything it gets.
     OnlyDrops,
@@ -99,32 +99,32 @@ pub enum Cause {
     DoesNotEnd,
 }
 
-/// Something to be done.
+/// A decision for the supervisor to carry out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
     /// Start a process.
     Start {
-        /// Name it is known by from now on.
+        /// Its identifier.
         id: MemberId,
         /// Its stage.
         stage: StageId,
-        /// Whether it is to wait for promotion.
+        /// Start it as a spare, which waits for promotion.
         spare: bool,
     },
-    /// Let a spare take over.
+    /// Promote a spare to active.
     Promote {
         /// The spare.
         id: MemberId,
         /// Its stage.
         stage: StageId,
     },
-    /// Kill a process, which cannot refuse.
+    /// Kill a process with SIGKILL.
     Kill {
         /// The process.
         id: MemberId,
         /// Its stage.
         stage: StageId,
-        /// Why.
+        /// The reason.
         cause: Cause,
     },
     /// Ask a process to end, so that its spare takes over.
@@ -141,29 +141,28 @@ pub enum Action {
         /// The newest frame of that lane in its output.
         after: FrameId,
     },
-    /// Remove from shared memory what dead processes have left.
+    /// Remove the garbage of dead processes from shared memory.
     CleanUp,
 }
 
-/// A process that gave output, or lived for so long, had a good start: the next failure counts as
-/// the first.
+/// Uptime that resets the back-off: the next failure counts as the first. An output resets it too.
 const GOOD_START_NS: u64 = 5_000_000_000;
 /// Pause between a death and the slow work after it (next spare, clean-up), so that it does not
 /// compete with the successor for the processor.
 const SETTLE_NS: u64 = 100_000_000;
-/// Between two looks of the supervisor itself. If it was away for longer, the whole machine was
-/// busy or asleep, and that time is nobody's fault.
+/// Longest normal time between two ticks. After a longer one the whole machine was busy or asleep,
+/// and the time does not count against any stage.
 const OWN_LAG_NS: u64 = 40_000_000;
-/// A process that was asked to end and did not within this time is killed.
+/// Time a retired process has to end before it is killed.
 const RETIREMENT_NS: u64 = 1_000_000_000;
-/// The camera does not wait longer than this for stages that do not get ready.
+/// Longest time the grabber's start waits for stages that are not ready.
 const GRABBER_WAIT_NS: u64 = 5_000_000_000;
 
-/// The state of the group as the rules see it.
+/// The rules, with their view of the group's state.
 #[derive(Debug)]
 pub struct Policy {
     settings: Settings,
-    /// Heartbeats are not seen.
+    /// The supervisor cannot see heartbeats.
     is_blind: bool,
     stages: StageMap<Stage>,
     next_id: MemberId,
@@ -173,7 +172,7 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// Nothing runs yet; the first [`tick`](Self::tick) starts the group.
+    /// A group without processes; the first [`tick`](Self::tick) starts it.
     pub fn new(settings: Settings) -> Self {
         Self {
             stages: StageMap::of_defaults(settings.graph),
@@ -186,14 +185,14 @@ impl Policy {
         }
     }
 
-    /// Takes note of an event and of when it happened; what has to be done about it comes from the next
-    /// [`tick`](Self::tick).
+    /// Records an event and its time. The next [`tick`](Self::tick) returns the actions that
+    /// follow.
     pub fn note(&mut self, event: Event, now_ns: u64) {
         match event {
             Event::Ready(id) => self.ready(id, now_ns),
             Event::Exited { id, crashed } => self.exited(id, crashed, now_ns),
             Event::NotStarted(id) => self.not_started(id, now_ns),
-            Event::LookedAround(stage, at_ns) => {
+            Event::CheckedIn(stage, at_ns) => {
                 let stage = &mut self.stages[stage];
                 stage.checked_in_ns = stage.checked_in_ns.max(at_ns.min(now_ns));
             }
@@ -210,8 +209,8 @@ impl Policy {
         }
     }
 
-    /// Takes in a process that an earlier supervisor has started. Returns the name it is known by
-    /// from now on; `None` when the stage has no place for it.
+    /// Adopts a process that an earlier supervisor started. Returns its identifier, or `None` if
+    /// the stage has no free slot for it.
     pub fn adopt(
         &mut self,
         stage: StageId,
@@ -231,8 +230,8 @@ impl Policy {
         Some(id)
     }
 
-    /// Has a stage's active process replaced in good order, by its spare where it has one. Where there
-    /// is none, because starts have failed again and again, the next start comes at once.
+    /// Retires a stage's active process in favour of its spare. Without an active process, while
+    /// starts are paused, the next start comes at once.
     pub fn renew_stage(&mut self, stage: StageId, now_ns: u64) {
         let stage = &mut self.stages[stage];
         match &mut stage.active {
@@ -244,7 +243,8 @@ impl Policy {
         }
     }
 
-    /// Whether heartbeats are seen. While they are not, nobody can be known to be ready.
+    /// Sets whether the supervisor cannot see heartbeats. While it cannot, no process can become
+    /// ready, so the ready timeout is suspended.
     pub fn set_blind(&mut self, is_blind: bool, now_ns: u64) {
         if self.is_blind && !is_blind {
             for stage in self.stages.values_mut() {
@@ -256,7 +256,7 @@ impl Policy {
         self.is_blind = is_blind;
     }
 
-    /// Everything that is to be done now. Call after events, and every few milliseconds.
+    /// Actions to carry out now. Call it after events, and every few milliseconds.
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
         let away_ns = now_ns.saturating_sub(self.last_tick_ns);
         if away_ns > OWN_LAG_NS {
@@ -268,11 +268,11 @@ impl Policy {
         self.started_ns.get_or_insert(now_ns);
 
         let mut actions = Vec::new();
-        // Against the stream: a stage is there before its input is.
+        // From the last stage to the first: a stage is started before its input.
         for stage in self.settings.graph.stages().rev() {
             self.fill_active(stage, now_ns, &mut actions);
             self.fill_spare(stage, now_ns, &mut actions);
-            self.kill_the_stuck(stage, now_ns, &mut actions);
+            self.kill_stuck(stage, now_ns, &mut actions);
             self.renew(stage, now_ns, &mut actions);
         }
         if self.clean_up_at_ns.is_some_and(|at| now_ns >= at) {
@@ -293,7 +293,7 @@ impl Policy {
             let stage = &mut self.stages[stage];
             for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
                 if member.id == id && !member.ready {
-                    // What kills working processes is nothing against the next spare.
+                    // A spare can get ready: deaths of active processes do not delay it.
                     stage.spare_failures = 0;
                     member.ready = true;
                     member.input_at_ready = input;
@@ -304,7 +304,7 @@ impl Policy {
     }
 
     fn output(&mut self, stage: StageId, frame: FrameId, sent_ns: u64) {
-        // The clock of a stage that had nothing to do starts with its input.
+        // The stall deadline of an idle stage runs from the arrival of its input.
         let readers: Vec<StageId> = self.settings.graph.readers(stage).collect();
         let idle: Vec<StageId> =
             readers.into_iter().filter(|&reader| !self.has_input(reader)).collect();
@@ -323,8 +323,8 @@ impl Policy {
     }
 
     fn exited(&mut self, id: MemberId, crashed: bool, now_ns: u64) {
-        // Not put off by further deaths: in a storm of them, the dead would soon hold every slot that
-        // a topic has for publishers.
+        // Further deaths do not postpone the clean-up: in a storm of deaths, dead processes would
+        // soon hold every publisher slot of a topic.
         self.clean_up_at_ns.get_or_insert(now_ns + SETTLE_NS);
         let Some((stage, was_active)) = self.stage_of(id) else { return };
         let input = self.input(stage);
@@ -342,7 +342,7 @@ impl Policy {
             return;
         }
         stage.dropping = None;
-        // Not the fault of a process that somebody kills.
+        // A kill from outside is not the process's own fault.
         let is_its_own_fault = crashed || member.stalled;
         if is_its_own_fault {
             stage.died_on_input(input);
@@ -365,7 +365,7 @@ impl Policy {
         })
     }
 
-    /// As a process that ended at once, except that there is nothing to be cleaned up after it.
+    /// Counts as a process that ended at once, except that it leaves no garbage.
     fn not_started(&mut self, id: MemberId, now_ns: u64) {
         let Some((stage, is_active)) = self.stage_of(id) else { return };
         let stage = &mut self.stages[stage];
@@ -394,7 +394,7 @@ impl Policy {
                 stage.progress_ns = now_ns;
                 stage.spare_after_ns = stage.spare_after_ns.max(now_ns + SETTLE_NS);
             }
-            // Started only lately; it will be ready sooner than another one.
+            // It is still starting, and will be ready sooner than a new one.
             Some(spare) => stage.spare = Some(spare),
             None if may_start && now_ns >= stage.start_after_ns => {
                 let member = start(&mut self.next_id, id, false, actions);
@@ -421,7 +421,7 @@ impl Policy {
         self.settings.spares.contains(&stage.kind())
     }
 
-    fn kill_the_stuck(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
+    fn kill_stuck(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
         let stalled = self.has_stalled(id, now_ns);
         let only_drops = self.is_to_be_replaced_for_drops(id, now_ns);
         let stage = &mut self.stages[id];
@@ -448,8 +448,8 @@ impl Policy {
         }
     }
 
-    /// Replaces an outdated spare, then, when its successor is ready, the outdated active process;
-    /// one stage at a time, and the grabber, whose replacement costs frames, last.
+    /// Replaces outdated processes one stage at a time: first the spare, and when the new spare is
+    /// ready, the active process. The grabber comes last, since its replacement costs frames.
     fn renew(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
         let is_outdated = |stage: StageId| {
             let stage = &self.stages[stage];
@@ -474,7 +474,7 @@ impl Policy {
         }
     }
 
-    /// The newest frames that a stage can read; a grabber reads none.
+    /// Newest frames available to a stage, by lane; none for a grabber.
     fn input(&self, stage: StageId) -> Numbers {
         let mut input = Numbers::default();
         for lane in self.settings.graph.lanes() {
@@ -486,8 +486,8 @@ impl Policy {
         input
     }
 
-    /// Whether a stage's active process has input that it has neither answered nor dropped. A
-    /// camera always has.
+    /// Whether a stage's active process has pending input: neither answered nor dropped. Always
+    /// true for a grabber.
     fn has_input(&self, id: StageId) -> bool {
         let stage = &self.stages[id];
         if id.is_grabber() {
@@ -498,7 +498,8 @@ impl Policy {
         self.input(id).are_beyond(done)
     }
 
-    /// A camera starts when every stage that works on its frames is there, or when it has waited long enough.
+    /// Whether a stage may start: a grabber waits, for a limited time, until every stage that works
+    /// on its frames is ready.
     fn may_start(&self, stage: StageId, now_ns: u64) -> bool {
         if !stage.is_grabber() {
             return true;
@@ -511,7 +512,7 @@ impl Policy {
 }
 
 impl Settings {
-    /// The pause after so many failures in a row; none after the first.
+    /// Pause after `failures` failures in a row; none after the first.
     pub fn backoff(&self, failures: u32) -> u64 {
         match failures {
             0 | 1 => 0,

@@ -1,4 +1,4 @@
-//! How far each stage has come, read off the topics themselves rather than asked of the stages.
+//! Progress of each stage: its newest output, read from the topics instead of asked from the stage.
 
 use super::drops::Dropped;
 use super::pages::Pages;
@@ -18,13 +18,13 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-/// Between two attempts to connect, at first; doubles.
+/// First pause between two attempts to connect; doubles.
 const RECONNECT: Duration = Duration::from_millis(100);
 /// Longest pause between two attempts.
 const RECONNECT_MAX: Duration = Duration::from_secs(5);
 
-/// Sees how far the stages come: by the topics, as long as it is connected to them, and by the pages in
-/// which the stages write it down themselves, which takes neither descriptors nor memory.
+/// Observes the progress of the stages: through the topics while connected, and through the pages
+/// in which the stages record it themselves, which takes neither descriptors nor memory.
 pub struct Progress {
     instance: Instance,
     frame_bytes: usize,
@@ -32,11 +32,10 @@ pub struct Progress {
     graph: StageGraph,
     topics: Option<Topics>,
     pages: Pages,
-    /// How far the stages had come by their pages at the last look: by now the topics must have
-    /// shown as much.
+    /// Progress according to the pages at the last look: by now the topics must have shown as much.
     paged: StageMap<Option<u64>>,
     seen: StageMap<Numbers>,
-    /// Connected since the last look: what was published before is in the pages only.
+    /// Connected since the last look: earlier outputs are only in the pages.
     is_fresh: bool,
     /// The newest frame of each lane.
     last_frames: Vec<Option<LastFrame>>,
@@ -46,32 +45,32 @@ pub struct Progress {
     pause: Duration,
 }
 
-/// Connected to the topics: always has the newest message of each, also when the writer is dead.
+/// Connections to the topics: always hold the newest message of each, even if its writer is dead.
 struct Topics {
     lanes: Vec<LaneTopics>,
     world: Subscriber<WorldFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
-    /// The frame of each stage's newest output.
+    /// Frame of each stage's newest output.
     last_of: StageMap<Option<FrameHeader>>,
     // Last, so that it outlives the ports.
     _bus: Bus,
 }
 
-/// Connected to the topics of one lane.
+/// Connections to the topics of one lane.
 struct LaneTopics {
     frames: Subscriber<u8, FrameHeader>,
     runs: Subscriber<Run, RunsHeader>,
     detections: Subscriber<DetectionFrame, ()>,
-    /// In shared memory: a frame that has stalled two processes in a row is some ten frames old by
-    /// then.
+    /// Newest frames, held in shared memory: a frame that has stalled two processes in a row is
+    /// some ten frames old by then.
     recent_frames: VecDeque<Received<u8, FrameHeader>>,
     kept_frames: usize,
 }
 
-/// Something a stage has published.
+/// An output of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Output {
-    /// When, but not later than it was seen: others can publish too, and claim what they like.
+    /// Time sent, capped at the time it was seen: other programs can publish too, with any time.
     pub t_sent_ns: u64,
     /// The stage.
     pub stage: StageId,
@@ -79,26 +78,26 @@ pub struct Output {
     pub frame: FrameId,
 }
 
-/// A sign of life.
+/// A heartbeat.
 #[derive(Debug, Clone, Copy)]
 pub enum Beat {
-    /// Of a stage's process.
+    /// From a stage's process.
     Stage(Sign),
-    /// Of an attendant.
+    /// From an attendant.
     Attendant {
         /// Who sent it.
         pid: u32,
     },
 }
 
-/// What a heartbeat tells the rules.
+/// Content of a stage's heartbeat.
 #[derive(Debug, Clone, Copy)]
 pub struct Sign {
     /// Who sent it.
     pub pid: u32,
     /// Its stage.
     pub stage: StageId,
-    /// Where it is in its life.
+    /// Its state.
     pub state: ProcessState,
     /// Inputs it has dropped so far, by reason.
     pub dropped: Dropped,
@@ -115,7 +114,8 @@ impl Progress {
         Ok(progress)
     }
 
-    /// Without a connection, for a supervisor that takes over a group and has no memory left for it.
+    /// Starts without a connection: for a supervisor that takes over a group and lacks the memory
+    /// to connect.
     pub fn unconnected(instance: &Instance, config: &Config, graph: StageGraph) -> Self {
         Self {
             instance: instance.clone(),
@@ -134,17 +134,18 @@ impl Progress {
         }
     }
 
-    /// Whether it is connected to the topics. If not, it sees outputs by the pages and no heartbeats.
+    /// Whether it is connected to the topics. Otherwise it sees outputs through the pages, and no
+    /// heartbeats.
     pub fn is_connected(&self) -> bool {
         self.topics.is_some()
     }
 
-    /// The pages it shares with the stages.
+    /// The pages shared with the stages.
     pub fn pages(&mut self) -> &mut Pages {
         &mut self.pages
     }
 
-    /// Connects if it is not connected and it is time to try; `None` if there was nothing to do.
+    /// Connects if it is unconnected and an attempt is due; otherwise returns `None`.
     pub fn connect(&mut self) -> Option<io::Result<()>> {
         if self.topics.is_some() || Instant::now() < self.connect_after {
             return None;
@@ -163,7 +164,7 @@ impl Progress {
         }))
     }
 
-    /// Takes in what is new. After an error it is unconnected.
+    /// Reads new outputs from the topics. After an error it is unconnected.
     fn receive(&mut self) -> Result<(), BusError> {
         self.outputs.clear();
         let Some(topics) = &mut self.topics else { return Ok(()) };
@@ -190,9 +191,9 @@ impl Progress {
         }
     }
 
-    /// What is new, in the order in which it was sent: each frame, and the newest output of the other
-    /// stages. What the topics should have shown, but have not, is taken from the pages; the error says
-    /// that this may be so from now on.
+    /// New outputs, ordered by time sent: every frame, and the newest output of each other stage.
+    /// Outputs that the topics missed are taken from the pages; then an error says that outputs may
+    /// be missed from now on.
     pub fn outputs(&mut self) -> (&[Output], Result<(), BusError>) {
         let mut outcome = self.receive();
         let now_ns = monotonic_ns();
@@ -235,12 +236,12 @@ impl Progress {
         received
     }
 
-    /// The newest frame seen in a lane, from which a new grabber continues the numbers.
+    /// The newest frame seen in a lane; a new grabber continues its numbers.
     pub fn last_frame(&self, lane: u8) -> Option<LastFrame> {
         *self.last_frames.get(usize::from(lane))?
     }
 
-    /// The first frame of a lane after this one, if it is still at hand.
+    /// The first frame of a lane after this one, if it is still kept.
     pub fn first_frame_after(&self, frame: FrameId) -> Option<&Received<u8, FrameHeader>> {
         let lane = self.topics.as_ref()?.lanes.get(usize::from(frame.lane))?;
         let oldest = lane.recent_frames.front()?.header().seq;
@@ -297,11 +298,12 @@ impl Topics {
             || self.health.misses_a_writer()
     }
 
-    /// Takes in what is new on the topics. A number that the stage cannot have reached says nothing: no frame
-    /// comes sooner than its camera allows, and no result is of a frame that does not exist.
+    /// Reads new outputs. Ignores impossible frame numbers: no frame comes sooner than its camera
+    /// allows, and no result is of a frame that does not exist.
     fn outputs(&mut self, fps: f64, outputs: &mut Vec<Output>) -> Result<(), BusError> {
         let Self { lanes, world, last_of, .. } = self;
-        // Against the stream, so that the frame of every result has been seen in the end.
+        // From the last topic to the first, so that the frame of every result has been seen at the
+        // end.
         let mut filtered: Option<Sent> = None;
         while let Some(received) = world.receive()? {
             filtered = received.message().map(|it| (it.frame, it.t_sent_ns)).or(filtered);
@@ -344,7 +346,7 @@ impl Topics {
                 (ProcessKind::Filter, filtered.filter(|_| number == 0)),
             ];
             for (kind, result) in results {
-                // Before the first frame is seen nothing is known of frames.
+                // Before the first frame, any result is accepted.
                 if let Some((frame, t_sent_ns)) = result
                     && newest.is_none_or(|newest| frame.seq <= newest)
                 {

@@ -1,4 +1,4 @@
-//! What an earlier supervisor has left behind: a group to take over, processes to end, or rubbish.
+//! Remains of an earlier supervisor: a group to take over, processes to end, or garbage to remove.
 
 use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants};
 use common::bus::BusError;
@@ -13,36 +13,36 @@ use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// A living stage process that another supervisor has started.
+/// A living stage process that an earlier supervisor started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inherited {
     /// Its stage.
     pub stage: StageId,
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
     /// Whether it is a spare, according to the record; `None` when that does not say.
     pub spare: Option<bool>,
 }
 
-/// What a supervisor begins with.
+/// State that a new supervisor starts from.
 #[derive(Debug, Default)]
 pub struct Inheritance {
     /// Processes to take over.
     pub stages: Vec<Inherited>,
-    /// Of the group they belong to; an empty one when the group is new.
+    /// Record of their group; empty for a new group.
     pub record: Record,
 }
 
 impl Inheritance {
-    /// Whether there is a group to be taken over, rather than begun.
+    /// Whether there is a living group to take over.
     pub fn lives(&self) -> bool {
         !self.stages.is_empty()
     }
 }
 
-/// Makes the instance ready for a supervisor that holds its lock. Living stages that were started
-/// for the same run are returned, to be taken over; others are ended, and it is said why. Programs of
-/// others that have attached to the group are left alone.
+/// Prepares the instance for a supervisor that holds its lock. Returns the living stage processes
+/// of the same run, to be taken over. Those of another run are ended, and the reason is reported.
+/// Foreign programs attached to the group are left alone.
 pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, SupervisorError> {
     let instance = &launch.instance;
     attendants::end_earlier(instance)?;
@@ -54,8 +54,8 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
         } else if !record.serves(launch) {
             "its source differs"
         } else {
-            // The dead supervisor's places on the topics are needed. Programs of others may have left
-            // so much that clearing it would take longer than a stage can do without a supervisor.
+            // The dead supervisor's slots on the topics are needed. Clearing the garbage of foreign
+            // programs too could take longer than a stage can do without a supervisor.
             let is_ours =
                 |name: &str| OWN_NAMES.contains(&name) || StageId::from_name(name).is_some();
             warn(participants::remove_dead_named(instance, is_ours));
@@ -79,7 +79,8 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
     Ok(Inheritance::default())
 }
 
-/// Whether there is shared memory for a new group. Where it runs out, processes die of touching it.
+/// Checks that there is enough shared memory for a new group. If it runs out, processes die of
+/// touching it.
 fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError> {
     let frame_bytes = launch.source.frame_capacity(&config.camera);
     let group = GroupMemory::with_frames_of(config, frame_bytes);
@@ -103,7 +104,7 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
     Ok(())
 }
 
-/// Removes everything dead processes have left; if none is alive, without asking what it was.
+/// Removes the garbage of dead processes; if no process is alive, removes everything.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     if others(instance)?.is_empty() {
         let foreign = instance.wipe()?;
@@ -120,25 +121,25 @@ fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
     Ok(())
 }
 
-/// Living processes in the instance but for this one, which has left in order or, with a monitor that has
-/// met a fault, will never leave.
+/// Living processes of the instance except this one, which has left the group in order or, if its
+/// monitor has panicked, never will.
 fn others(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
     let mut others = participants::living(instance)?;
     others.retain(|process| process.pid != std::process::id());
     Ok(others)
 }
 
-/// What cannot be removed now is tried again by the janitor, and is no reason to give up a match.
+/// Reports a failed removal. The janitor retries it; it is no reason to give up a match.
 fn warn(cleaned: Result<usize, BusError>) {
     if let Err(error) = cleaned {
         common::tell!("touchline: {error}; it is tried again");
     }
 }
 
-/// Leaves nothing of a group that has ended. What programs of others that are still attached need
-/// stays; the next start, or the end of the next group, removes it.
+/// Removes everything that a group which has ended leaves behind. Files that attached foreign
+/// programs need stay until the next start, or the end of the next group.
 pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
-    // One that could not be taken over lives, and waits for the next who tries.
+    // A group that could not be taken over is alive, and stays for the next supervisor.
     if !living_stages(instance)?.is_empty() {
         return Ok(());
     }
@@ -149,14 +150,14 @@ pub fn tidy_up(instance: &Instance) -> Result<(), SupervisorError> {
     if others(instance)?.is_empty() {
         instance.remove_directory()?;
     } else {
-        // It is for who takes a group over, and this one has ended.
+        // These files serve a takeover, and this group has ended.
         let _ = std::fs::remove_file(instance.record_path());
         instance.forget_progress()?;
     }
     Ok(())
 }
 
-/// Kills a process that is not our child. That it has ended in the meantime is no error.
+/// Kills a process that is not our child. If it has already ended, that is no error.
 pub fn kill(pid: u32) {
     send(pid, Signal::KILL);
 }
@@ -164,11 +165,11 @@ pub fn kill(pid: u32) {
 /// Asks a process to end.
 pub fn terminate(pid: u32) {
     send(pid, Signal::TERM);
-    // A stopped one cannot hear.
+    // A stopped process handles SIGTERM only after SIGCONT.
     send(pid, Signal::CONT);
 }
 
-/// Under which a supervisor's own process joins the group.
+/// Names under which a supervisor's own process joins the group.
 const OWN_NAMES: [&str; 2] = ["supervisor", "monitor"];
 
 fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {

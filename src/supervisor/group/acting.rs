@@ -1,4 +1,4 @@
-//! Doing what the rules decide.
+//! Carries out the actions that the rules decide.
 
 use super::Group;
 use crate::supervisor::SupervisorError;
@@ -15,9 +15,9 @@ use common::topics;
 use rustix::process::Signal;
 use std::io;
 
-/// Failed starts, before anything has worked, after which the group gives up.
+/// Failed starts after which a group that was never complete gives up.
 const HOPELESS_STARTS: u32 = 3;
-/// What cannot be done for a while, in the words in which it is told.
+/// Name of an operation that can fail for a while, as reported.
 const SIGNALS: &str = "signal a process";
 
 impl Group<'_> {
@@ -66,8 +66,8 @@ impl Group<'_> {
         Ok(())
     }
 
-    /// Starts a process. One that cannot be started is one that failed to start: the rules say when it
-    /// is tried again.
+    /// Starts a process. If the system refuses, that counts as a failed start, and the rules decide
+    /// when to retry.
     pub(super) fn start(
         &mut self,
         id: MemberId,
@@ -93,7 +93,8 @@ impl Group<'_> {
         }
     }
 
-    /// Before anything ever worked, somebody is waiting to be told what is wrong.
+    /// Counts a failed start. Before the group was ever complete, a user is waiting at the
+    /// terminal, so the group gives up after a few.
     pub(super) fn failed_to_start(
         &mut self,
         stage: StageId,
@@ -106,7 +107,7 @@ impl Group<'_> {
         }
     }
 
-    /// Sends a signal, and if it cannot be sent, sends it again.
+    /// Sends a signal; retried if it cannot be sent.
     pub(super) fn signal(&mut self, id: MemberId, signal: Signal) {
         let Some(process) = self.processes.get(&id) else { return };
         let sent = process.signal(signal);
@@ -122,18 +123,18 @@ impl Group<'_> {
         }
     }
 
-    /// Tells the process of a stage that is about to work how far the last one came. That one is
-    /// confirmed dead, and all it has published was looked at since.
+    /// Leaves a note for the next active process of a stage: the last output of its predecessor,
+    /// which is confirmed dead and whose outputs have all been read.
     pub(super) fn hand_over(&mut self, stage: StageId) {
         let lane = stage.lane();
         let Some(resume_after) = self.outputs[stage].of(lane) else { return };
-        // Stays until there is a later output: this process may die, or not even start.
+        // The note stays until there is a later output: this process may die too, or fail to start.
         let last = FrameId { lane, seq: resume_after };
         let skip_next = self.skip_after.get(&stage) == Some(&last);
         self.progress.pages().leave_note(stage, Handover { resume_after, skip_next });
     }
 
-    /// Has the next process of a stage skip the input that has killed two, and keeps the frame.
+    /// Makes the next process of a stage skip the input that has killed two, and saves the frame.
     pub(super) fn skip(&mut self, stage: StageId, after: FrameId) {
         self.skip_after.insert(stage, after);
         let what = match self.progress.first_frame_after(after) {
@@ -153,7 +154,7 @@ impl Group<'_> {
     }
 }
 
-/// Whether there is the shared memory that a new process takes, in itself and in all that connect to it.
+/// Checks that there is enough shared memory for a new process and for its readers.
 fn room_for(launch: &Launch, config: &Config, stage: StageId) -> io::Result<()> {
     let topic = match stage.kind() {
         ProcessKind::Grabber => topics::FRAMES.name,

@@ -1,4 +1,4 @@
-//! The beginning of a group that has lived under another supervisor.
+//! Takeover: adopts the processes of a group that ran under another supervisor.
 
 use super::{Group, TICK};
 use crate::supervisor::SupervisorError;
@@ -15,20 +15,20 @@ use std::io;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How often it is tried to hold a process that is to be taken over.
+/// Attempts to open a process that is to be adopted.
 const HOLD_ATTEMPTS: u32 = 10;
-/// Processes give a sign of life ten times a second.
+/// Longest wait for the first heartbeat; a process sends ten a second.
 const FIRST_WORD: Duration = Duration::from_millis(600);
 
 impl Group<'_> {
-    /// Takes over processes of an earlier supervisor. Its record says what they are; of those that
-    /// it does not know, or that were still starting, they say it themselves, several times a second.
-    /// One that says nothing is stuck.
+    /// Adopts processes of an earlier supervisor. The record gives their roles; a process that is
+    /// not in the record, or was still starting, is identified by its next heartbeat. A process
+    /// that sends none is stuck.
     pub fn adopt(&mut self, inherited: &[Inherited]) -> Result<(), SupervisorError> {
         if inherited.is_empty() {
             return Ok(());
         }
-        // What is taken over has worked before.
+        // An inherited group was complete before.
         self.ever_complete = true;
         let mut silent = BTreeMap::new();
         for stage in inherited {
@@ -57,7 +57,8 @@ impl Group<'_> {
             std::thread::sleep(TICK);
         }
         if !self.progress.is_connected() {
-            // It cannot be known that they are silent. One that is the only one of its stage works.
+            // Without heartbeats a silent process cannot be recognised. The only process of a stage
+            // counts as the active one.
             for stage in silent.values() {
                 let is_alone =
                     !inherited.iter().any(|it| it.stage == stage.stage && it.pid != stage.pid);
@@ -78,10 +79,10 @@ impl Group<'_> {
         let &Inherited { stage, pid, .. } = inherited;
         let process = match self.hold(inherited) {
             Ok(process) => process,
-            // It has just ended.
+            // The process has just ended.
             Err(error) if error.raw_os_error() == Some(Errno::SRCH.raw_os_error()) => return,
             Err(error) => {
-                // Left alone it would work beside its successor.
+                // If left alone, it would work beside its successor.
                 let what = format!("killed: it cannot be taken over: {error}");
                 self.log(EventKind::Killed, stage, pid, &what, "");
                 return takeover::kill(pid);
@@ -97,13 +98,13 @@ impl Group<'_> {
             }
             None => {
                 self.log(EventKind::Killed, stage, pid, "killed: there is another one", "");
-                // One that is still there for want of a signal is in nobody's way.
+                // Best effort: if the signal fails, the extra process does no harm.
                 let _ = process.signal(Signal::KILL);
             }
         }
     }
 
-    /// What is refused now may be granted a moment later.
+    /// Opens an inherited process; retried, since the system may refuse only for a moment.
     fn hold(&mut self, inherited: &Inherited) -> io::Result<Process> {
         let mut attempts = 0;
         loop {

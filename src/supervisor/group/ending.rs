@@ -8,18 +8,18 @@ use rustix::process::Signal;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-/// How long the last results may take when the group is told to end.
+/// Longest wait for the last results when the group is told to end.
 const DRAIN: Duration = Duration::from_millis(100);
 
 impl Group<'_> {
-    /// Leaves the group to whoever comes next, in a state that can be taken over.
+    /// Leaves the group running, in a state that the next supervisor can take over.
     pub fn leave(mut self) {
-        // Processes of the other program are to serve the clients, which come again.
+        // The next supervisor starts its own attendants, and clients reconnect.
         self.attendants.end();
         self.janitor.finish();
     }
 
-    /// Ends the camera, lets the last frame's results come out, and ends everybody else.
+    /// Ends the grabbers, waits for the last frame's results, then ends all other processes.
     pub fn end_all(mut self) {
         self.notifier.stopping();
         for process in self.processes.values().filter(|process| process.stage.is_grabber()) {
@@ -38,7 +38,8 @@ impl Group<'_> {
         }
         let deadline = Instant::now() + GRACE;
         for process in self.processes.values() {
-            // A stopped process cannot hear; a continued one that was not stopped does not care.
+            // A stopped process handles SIGTERM only after SIGCONT, which does nothing to a running
+            // one.
             let _ = process.signal(Signal::TERM);
             let _ = process.signal(Signal::CONT);
         }
@@ -52,7 +53,7 @@ impl Group<'_> {
             self.look();
             self.processes.retain(|_, process| process.reap().is_none());
         }
-        // Last: whatever has come out has been given to its clients.
+        // Last, so that they have passed the last results on to their clients.
         self.attendants.end();
         self.janitor.finish();
     }

@@ -1,5 +1,4 @@
-//! What a supervisor does besides looking after processes: it keeps what it needs itself, and says how
-//! things are.
+//! The supervisor's own upkeep: its files and connections, the record, the attendants and the report.
 
 use super::{Group, SIGHT};
 use crate::monitor::{Event as LogEvent, ProcessView};
@@ -12,17 +11,17 @@ use common::messages::{Attendant, EventKind, ProcessState};
 use common::stages::StageId;
 use std::time::{Duration, Instant};
 
-/// A record that could not be written is tried again so much later.
+/// Pause before a failed write of the record is retried.
 const RECORD_PAUSE: Duration = Duration::from_secs(1);
 
-// What cannot be done for a while, in the words in which it is told.
+// Names of operations that can fail for a while, as reported.
 pub(super) const PREMISES: &str = "keep the runtime directory in order";
 const PAGES: &str = "map the pages of the stages";
 const JANITOR: &str = "clean up after dead processes";
 const RECORD: &str = "write the group's record";
 
 impl Group<'_> {
-    /// The terminal is gone; what it showed can be had elsewhere.
+    /// Reports that the terminal is gone, and which commands replace it.
     pub(super) fn leave_terminal(&self) {
         let name = self.launch.instance.name();
         self.say(&format!(
@@ -31,7 +30,7 @@ impl Group<'_> {
         ));
     }
 
-    /// Takes note of how an attempt went that is made again and again, and says what there is to say.
+    /// Records the outcome of a repeated operation, and reports it where that is due.
     pub(super) fn attempted(&mut self, what: &str, outcome: std::io::Result<()>) {
         let outcome = outcome.map_err(|error| error.to_string());
         if let Some(said) = self.troubles.note(what, outcome, monotonic_ns()) {
@@ -39,13 +38,13 @@ impl Group<'_> {
         }
     }
 
-    /// Notes an event that concerns the supervisor itself.
+    /// Logs an event that concerns the supervisor itself.
     pub(super) fn say(&self, what: &str) {
         let supervisor = Attendant::Supervisor.name();
         self.view.log(LogEvent::new(EventKind::Other, supervisor, std::process::id(), what, ""));
     }
 
-    /// Looks after what the supervisor itself needs.
+    /// Maintains the supervisor's own files, connections and threads.
     pub(super) fn tend_itself(&mut self) {
         let connected = self.reserve.lend(|| self.progress.connect().transpose());
         if let Err(error) = connected {
@@ -60,7 +59,7 @@ impl Group<'_> {
                 && !restored.is_empty()
             {
                 self.say(&format!("somebody has removed {}: put back", restored.join(", ")));
-                // It may be gone, too.
+                // The record may have been removed too.
                 self.record_is_due.set(true);
             }
             self.attempted(PREMISES, restored.map(drop));
@@ -69,13 +68,13 @@ impl Group<'_> {
             let running = self.janitor.keep_running();
             self.attempted(JANITOR, running);
         }
-        // A process that is just starting will have to be connected to.
+        // Not while a process is starting: connecting to it takes descriptors.
         if !is_blind && self.states.len() == self.processes.len() {
             self.reserve.refill();
         }
     }
 
-    /// Begins when the group is complete: whatever serves people comes after the match.
+    /// Starts and restarts attendants, only after the group is complete: the match comes first.
     pub(super) fn tend_attendants(&mut self) {
         if !self.ever_complete {
             return;
@@ -86,15 +85,15 @@ impl Group<'_> {
         }
     }
 
-    /// Writes down what a successor needs to know. Comes last in a round: whoever waits for a spare
-    /// does not wait for the disk.
+    /// Writes the record for a later supervisor. Last in a round, so that a promotion does not wait
+    /// for the disk.
     pub(super) fn keep_record(&mut self) {
         if Instant::now() < self.record_after || !self.record_is_due.replace(false) {
             return;
         }
         let by_name = |(stage, &count): (&StageId, &u64)| (stage.to_string(), count);
         let member = |process: &Process| {
-            // One that has not said its first word is still starting.
+            // A process without a heartbeat is still starting.
             let state = self.states.get(&process.pid)?;
             Some(Member {
                 stage: process.stage.to_string(),
@@ -108,7 +107,7 @@ impl Group<'_> {
             events: self.view.events(),
             ..Record::new(&self.launch)
         };
-        // It is a help for a successor, who can do without.
+        // The record is optional for a later supervisor.
         let written = record.write(&self.launch.instance);
         if written.is_err() {
             self.record_after = Instant::now() + RECORD_PAUSE;
@@ -118,7 +117,7 @@ impl Group<'_> {
         self.record_is_due.set(failed);
     }
 
-    /// Everything that is missing at the moment, as text.
+    /// Everything the group lacks at the moment, as text.
     pub(super) fn lacks(&self) -> Vec<String> {
         let in_s = |ns: u64| format!("next try in {:.1} s", ns as f64 / 1e9);
         let lack = |it: Degraded| {

@@ -1,9 +1,10 @@
-//! Degraded groups: stages and spares that are missing because starts keep failing, or that do nothing. The group is kept alive, and says so.
+//! Degraded groups: stages and spares that are missing because their starts keep failing, or that drop all
+//! their input. The group goes on and reports it.
 
 use super::Policy;
 use common::stages::StageId;
 
-/// Failures in a row after which a stage counts as not working, rather than as being replaced.
+/// Failed starts in a row after which a stage counts as not working instead of as being replaced.
 const DEGRADED: u32 = 3;
 
 /// The part of a stage that is missing.
@@ -11,28 +12,27 @@ const DEGRADED: u32 = 3;
 pub struct Degraded {
     /// The stage.
     pub stage: StageId,
-    /// How.
+    /// The kind of lack.
     pub what: Lack,
-    /// When the next attempt is due, from now on in nanoseconds.
+    /// Time until the next start, in nanoseconds.
     pub next_start_in_ns: u64,
 }
 
 /// The part of a stage that is missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lack {
-    /// It does not work: so many starts in a row have failed.
+    /// No active process: this many starts in a row have failed.
     Process(u32),
-    /// It works without a spare: so many starts of one have failed.
+    /// No spare: this many starts of one have failed in a row.
     Spare(u32),
-    /// It drops all its input.
+    /// No output: it drops all its input.
     Output,
-    /// It works, but so many of its processes have died in a short time that there is a pause before the
-    /// next.
+    /// This many of its active processes have died in a short time, so the next start is delayed.
     Peace(u32),
 }
 
 impl Policy {
-    /// Stages of which something is missing, and what.
+    /// Stages that lack something.
     pub fn degraded(&self, now_ns: u64) -> Vec<Degraded> {
         let lack = |(id, stage): (StageId, &super::Stage)| {
             let (what, at_ns) = if stage.failures >= DEGRADED && !stage.is_working() {

@@ -1,17 +1,17 @@
 //! Stages that give no output because they drop their input.
 //!
-//! An input that no process could work on (a wrong size, an unknown format) is dealt with when it is dropped.
-//! But a stage that drops everything does not work, whatever the reason: its process is replaced once, in case
-//! the fault is the process's own. A successor that drops everything too is kept, since another one would do
-//! no better, and the group counts as degraded.
+//! An invalid input (a wrong size, an unknown format) counts as handled when it is dropped. But a stage that
+//! drops everything does not work, whatever the reason: its process is replaced once, in case the fault is
+//! its own. A successor that drops everything too is kept, since another one would do no better, and the
+//! group counts as degraded.
 
 use super::Policy;
 use common::stages::StageId;
 
-/// Drops without an output in between for so long, and so many of them, are no chance.
+/// Time and number of drops without an output that are not a coincidence.
 const ONLY_DROPS_NS: u64 = 2_000_000_000;
 const FEWEST_DROPS: u32 = 20;
-/// After so long without a drop it is not known what would become of the next input.
+/// Time after the last drop from which the drops say nothing about the next input.
 const RECENT_NS: u64 = 1_000_000_000;
 
 /// The drops of a stage since its last output.
@@ -19,12 +19,12 @@ const RECENT_NS: u64 = 1_000_000_000;
 pub struct Dropping {
     since_ns: u64,
     last_ns: u64,
-    /// Times at which it has reported drops.
+    /// Number of reported drops.
     reports: u32,
 }
 
 impl Policy {
-    /// A stage has dropped its input so far.
+    /// Records that a stage has dropped its input up to the newest.
     pub(super) fn dropped(&mut self, id: StageId, now_ns: u64) {
         let input = self.input(id);
         let stage = &mut self.stages[id];
@@ -37,7 +37,7 @@ impl Policy {
         stage.dropping = Some(Dropping { last_ns: now_ns, reports, ..before });
     }
 
-    /// Whether a stage drops everything it gets. What a grabber drops says something of its camera only.
+    /// Whether a stage drops all its input. A grabber's drops concern only its camera.
     pub(super) fn only_drops(&self, id: StageId, now_ns: u64) -> bool {
         !id.is_grabber()
             && self.stages[id].dropping.is_some_and(|dropping| {
@@ -47,7 +47,8 @@ impl Policy {
             })
     }
 
-    /// Whether the process of a stage that drops everything is to be replaced.
+    /// Whether to replace the process of a stage that drops all its input: only one that has given
+    /// output.
     pub(super) fn is_to_be_replaced_for_drops(&self, id: StageId, now_ns: u64) -> bool {
         let stage = &self.stages[id];
         let has_worked = |active: &super::Member| active.has_worked(stage.output);

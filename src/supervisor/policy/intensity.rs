@@ -1,39 +1,39 @@
-//! How often a stage's processes die: the restart intensity of Erlang/OTP's supervisors. There a
-//! supervisor that is over its limit ends itself; a match is worth more than that, so here it becomes
-//! slower.
+//! Restart intensity: how often a stage's processes die. Erlang/OTP's supervisors use it too, and end
+//! themselves above the limit; here a stage above the limit is only restarted more slowly, so that the
+//! match goes on.
 
 use std::collections::VecDeque;
 
-/// Deaths are counted over so long.
+/// Window over which deaths are counted.
 const WINDOW_NS: u64 = 5_000_000_000;
-/// More of them are too many. A kill twice a second, which a match takes without losing a frame, is
-/// half of this; a process that dies of every frame reaches it.
+/// Largest permitted number of deaths in a window. A kill twice a second, which a match survives
+/// without losing a frame, causes half as many; a process that dies of every frame exceeds it.
 const MOST: usize = 20;
 
 /// The latest deaths.
 #[derive(Debug, Default)]
 pub struct Intensity {
-    /// When, oldest first.
+    /// Times of death, oldest first.
     deaths_ns: VecDeque<u64>,
 }
 
 impl Intensity {
-    /// Takes note of a death.
+    /// Records a death.
     pub fn note(&mut self, now_ns: u64) {
         self.deaths_ns.push_back(now_ns);
-        // One more than is asked for.
+        // One more than the limit is enough to exceed it.
         if self.deaths_ns.len() > MOST + 1 {
             self.deaths_ns.pop_front();
         }
     }
 
-    /// Deaths in the window before now, up to one more than are too many.
+    /// Deaths in the window before now; counts up to one above the limit.
     pub fn count(&self, now_ns: u64) -> u32 {
         let is_recent = |&&at_ns: &&u64| now_ns.saturating_sub(at_ns) < WINDOW_NS;
         self.deaths_ns.iter().filter(is_recent).count() as u32
     }
 
-    /// Whether there are too many.
+    /// Whether the deaths exceed the limit.
     pub fn is_too_high(&self, now_ns: u64) -> bool {
         self.count(now_ns) as usize > MOST
     }
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_storm_is_told_from_a_disturbed_match() {
+    fn frequent_deaths_exceed_the_limit_and_disturbances_do_not() {
         let mut deaths = Intensity::default();
         let ms = |ms: u64| ms * 1_000_000;
         for death in 0..100 {

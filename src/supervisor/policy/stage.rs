@@ -1,29 +1,29 @@
-//! What the rules know of a stage and of its processes.
+//! State of a stage and of its processes, as the rules see it.
 
 use super::MemberId;
 use super::dropping::Dropping;
 use super::intensity::Intensity;
 use common::stages::{FrameId, Numbers};
 
-/// So many deaths in a row on the same input are not chance.
+/// Deaths in a row on the same input that are not a coincidence.
 const POISONOUS: u32 = 2;
 
-/// A process.
+/// A process of the stage.
 #[derive(Debug)]
 pub struct Member {
-    /// Its name.
+    /// Its identifier.
     pub id: MemberId,
-    /// When it was started.
+    /// Time of its start.
     pub started_ns: u64,
     /// Connected to all its topics.
     pub ready: bool,
-    /// Newest input at the moment it got ready; what came before never reached it.
+    /// Newest input when it became ready; older input never reached it.
     pub input_at_ready: Numbers,
-    /// The stage's newest output when it began to work.
+    /// The stage's newest output when it became active.
     pub output_at_work: Numbers,
     /// Runs a program that has been replaced.
     pub outdated: bool,
-    /// Since when it is to end.
+    /// Time at which it was killed or asked to end.
     pub dying_ns: Option<u64>,
     /// Killed because it had input and gave no output.
     pub stalled: bool,
@@ -32,41 +32,42 @@ pub struct Member {
 /// A stage: its processes, and how far it has come.
 #[derive(Debug, Default)]
 pub struct Stage {
-    /// Works.
+    /// The active process.
     pub active: Option<Member>,
-    /// Waits to take over.
+    /// The spare, which waits for promotion.
     pub spare: Option<Member>,
-    /// Starts in a row that failed, and how long to wait for the next; of the spare too.
+    /// Failed starts in a row, and the earliest time of the next start; for the active process and
+    /// the spare.
     pub failures: u32,
     pub start_after_ns: u64,
     pub spare_failures: u32,
     pub spare_after_ns: u64,
-    /// The newest frames that its output contains.
+    /// Newest frames in its output.
     pub output: Numbers,
-    /// Newest input at the moment it reported a drop; that much it has dealt with.
+    /// Newest input when it last reported a drop; input up to here is handled.
     pub dropped_up_to: Numbers,
-    /// Its drops since its last output; `None` when there was none.
+    /// Drops since its last output; `None` if there are none.
     pub dropping: Option<Dropping>,
-    /// How many processes in a row have died after the same output, and after which.
+    /// Deaths in a row after the same output, and that output.
     pub deaths: u32,
     pub output_at_death: Numbers,
-    /// Inputs that were skipped without another output since.
+    /// Inputs skipped since its last output.
     skipped: usize,
-    /// To be skipped: the input after this frame.
+    /// Skip the next input after this frame.
     pub skip_after: Option<FrameId>,
-    /// A grabber has captured all it was asked to.
+    /// A grabber has captured all requested frames.
     pub has_finished: bool,
-    /// Last time at which the stage did something, or had nothing to do.
+    /// Last time at which the stage made progress or had no pending input.
     pub progress_ns: u64,
-    /// Last time at which its active process looked around.
+    /// Last time at which its active process checked in.
     pub checked_in_ns: u64,
     /// Smoothed interval between outputs; `None` before the second output of a process.
     pub period_ns: Option<u64>,
-    /// When the newest output was sent.
+    /// Time at which the newest output was sent.
     sent_ns: Option<u64>,
-    /// The deaths of its active processes.
+    /// Recent deaths of its active processes.
     pub intensity: Intensity,
-    /// How often in a row there were too many of them; 0 when all is well.
+    /// Deaths in a row over the limit; 0 when all is well.
     pub escalation: u32,
 }
 
@@ -74,17 +75,17 @@ pub struct Stage {
 const SMOOTHED: u64 = 8;
 
 impl Stage {
-    /// Whether its active process can be expected to work.
+    /// Whether its active process is ready and not about to end.
     pub fn is_working(&self) -> bool {
         self.active.as_ref().is_some_and(|active| active.ready && active.dying_ns.is_none())
     }
 
-    /// Takes an output into the period: a frame number, and the one before it in the same lane. To be called
-    /// before it becomes the newest.
+    /// Updates the period from an output: its frame number, and the previous one of the same lane.
+    /// Call it before the output becomes the newest.
     pub fn note_period(&mut self, seq: u64, last: Option<u64>, sent_ns: u64) {
         let before = self.sent_ns.replace(sent_ns);
         let has_worked = self.active.as_ref().is_some_and(|active| active.has_worked(self.output));
-        // Between two processes there is a gap that says nothing of the camera.
+        // The gap between two processes says nothing about the camera.
         let (Some(before_ns), Some(last), true) = (before, last, has_worked) else {
             self.period_ns = None;
             return;
@@ -94,8 +95,8 @@ impl Stage {
         self.period_ns = Some(self.period_ns.map_or(period_ns, smoothed));
     }
 
-    /// A process that worked has died. When there were more deaths than even a disturbed match has, and
-    /// from then on until one has lived well, returns how many that were.
+    /// Counts the death of an active process. Returns the escalation level if deaths are more
+    /// frequent than in a disturbed match, and from then on until a process has lived long enough.
     pub fn escalate(&mut self, had_lived: bool, now_ns: u64) -> Option<u32> {
         self.intensity.note(now_ns);
         let is_too_high = self.intensity.is_too_high(now_ns);
@@ -105,9 +106,9 @@ impl Stage {
         (self.escalation > 0).then_some(self.escalation)
     }
 
-    /// A process of this stage has died by the fault of its input, as far as one can tell. Where the stage reads
-    /// several lanes, it is not known which of the waiting frames it was: each time, that of another lane is
-    /// skipped.
+    /// Counts a death that the input probably caused, and skips an input after two. A stage that
+    /// reads several lanes may have several pending frames, and the culprit is unknown: each skip
+    /// takes a frame of another lane.
     pub fn died_on_input(&mut self, input: Numbers) {
         if !self.output.are_beyond(Numbers::default()) {
             return;
@@ -133,12 +134,12 @@ impl Stage {
 }
 
 impl Member {
-    /// Whether it has given output since it began to work.
+    /// Whether it has given output since it became active.
     pub fn has_worked(&self, output: Numbers) -> bool {
         output.are_beyond(self.output_at_work)
     }
 
-    /// Just started.
+    /// A process that was just started.
     pub fn new(id: MemberId, output_at_work: Numbers, now_ns: u64) -> Self {
         Self {
             id,

@@ -1,18 +1,18 @@
-//! Which stages are behind, and since when.
+//! Stall detection: which stages are behind, and since when.
 
 use super::{MemberId, Policy};
 use common::stages::StageId;
 
-/// A stage that is behind for this part of its deadline is late. Healthy ones never are.
+/// A stage is late when it is behind for 1 / this of its deadline. Healthy stages never are.
 const LATE_PART: u64 = 4;
-/// The first output of a process may take longer than the stall deadline.
+/// Shortest stall deadline before a process's first output.
 const FIRST_OUTPUT_NS: u64 = 200_000_000;
-/// A camera that streams gives five frames in this many periods; none at all is no jitter.
+/// Periods of a streaming camera without any frame that jitter does not explain.
 const STUCK_PERIODS: u64 = 5;
 
 impl Policy {
-    /// The active process of a stage that is so far behind that it may be about to stall: from here on
-    /// its waiting for a processor matters.
+    /// The active process of a late stage, which may be about to stall: from here on, its time
+    /// without a processor matters.
     pub fn late(&self, id: StageId, now_ns: u64) -> Option<MemberId> {
         let stage = &self.stages[id];
         let behind_ns = now_ns.saturating_sub(stage.progress_ns);
@@ -24,8 +24,8 @@ impl Policy {
         stage.active.as_ref().filter(|_| is_late).map(|active| active.id)
     }
 
-    /// When a stage that is behind will have stalled, from now on in nanoseconds; `None` while none is
-    /// behind. Looking just then, rather than some time after, makes outages shorter.
+    /// Time in nanoseconds until the next stall; `None` while no stage is behind. Looking exactly
+    /// then makes outages shorter.
     pub fn stall_due_in_ns(&self, now_ns: u64) -> Option<u64> {
         let due_ns = self
             .stages
@@ -38,8 +38,8 @@ impl Policy {
         due_ns.min().map(|due_ns| due_ns.saturating_sub(now_ns))
     }
 
-    /// Whether the active process has input it should have dealt with by now. "No input" is no
-    /// stall, and counts as progress so that the deadline starts when input comes.
+    /// Whether the active process has had pending input for too long. Having no pending input
+    /// counts as progress, so the deadline starts when input arrives.
     pub(super) fn has_stalled(&mut self, id: StageId, now_ns: u64) -> bool {
         let has_input = self.has_input(id);
         let stage = &mut self.stages[id];
@@ -49,14 +49,15 @@ impl Policy {
         now_ns > self.stalls_at_ns(id)
     }
 
-    /// When the active process of a stage that has input will have stalled, if it gives no sign before.
+    /// Time at which the active process of a stage with pending input has stalled unless it makes
+    /// progress.
     pub(super) fn stalls_at_ns(&self, id: StageId) -> u64 {
         let stage = &self.stages[id];
         let silent_ns = stage.progress_ns.saturating_add(self.stall_deadline_ns(id));
         let has_worked =
             stage.active.as_ref().is_some_and(|active| active.has_worked(stage.output));
         match stage.period_ns.filter(|_| id.is_grabber() && has_worked) {
-            // A camera may pause, but a process that has one looks around meanwhile.
+            // A camera may pause, but its grabber checks in meanwhile.
             Some(period_ns) => {
                 let sign_ns = stage.progress_ns.max(stage.checked_in_ns);
                 silent_ns.min(sign_ns.saturating_add(self.stuck_deadline_ns(period_ns)))
@@ -65,19 +66,19 @@ impl Policy {
         }
     }
 
-    /// How long a grabber may neither give a frame nor look around when its camera has this period.
+    /// Longest time without a frame or a check-in of a grabber whose camera has this period.
     pub(super) fn stuck_deadline_ns(&self, period_ns: u64) -> u64 {
         let deadline_ns = period_ns.saturating_mul(STUCK_PERIODS);
         deadline_ns.max(self.settings.grabber_stuck_ns).min(self.settings.grabber_stall_ns)
     }
 
-    /// How long the active process of a stage may be behind.
+    /// Longest time that the active process of a stage may be behind.
     pub(super) fn stall_deadline_ns(&self, id: StageId) -> u64 {
         let deadline_ns = match id.is_grabber() {
             true => self.settings.grabber_stall_ns,
             false => self.settings.stall_ns,
         };
-        // A process that has just begun has a backlog to go through, and its memory to touch.
+        // A new process has a backlog to work through and memory pages to touch.
         let stage = &self.stages[id];
         let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
         if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns }

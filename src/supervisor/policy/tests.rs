@@ -1,4 +1,4 @@
-//! Situations, played through.
+//! Sequences of events played through the rules.
 
 use super::*;
 
@@ -96,14 +96,14 @@ fn started(actions: &[Action]) -> Vec<(StageId, bool)> {
 }
 
 #[test]
-fn the_camera_starts_when_everybody_downstream_is_ready() {
+fn the_camera_starts_when_every_stage_downstream_is_ready() {
     let play = Play::new(&[]);
     let order: Vec<_> = started(&play.actions).into_iter().map(|(stage, _)| stage).collect();
     assert_eq!(order, [FILTER, TRACKER, CLASSIFIER, GRABBER]);
 }
 
 #[test]
-fn a_dead_stage_is_started_again_at_once_and_then_ever_more_slowly() {
+fn a_dead_stage_is_restarted_at_once_and_then_with_growing_pauses() {
     let mut play = Play::new(&[]);
     let mut pauses = vec![];
     for _ in 0..5 {
@@ -192,7 +192,7 @@ fn a_stage_that_drops_everything_is_replaced_once_and_then_degraded() {
 }
 
 #[test]
-fn drops_long_ago_are_no_reason_to_replace_anybody() {
+fn drops_long_ago_are_no_reason_to_replace_a_process() {
     let mut play = Play::new(&[]);
     for stage in GRAPH.stages() {
         play.output(stage, 0);
@@ -204,7 +204,7 @@ fn drops_long_ago_are_no_reason_to_replace_anybody() {
     let wait = |play: &mut Play| {
         for _ in 0..100 {
             play.policy.note(Event::CameraIsAway(GRABBER), play.now_ns);
-            play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
+            play.policy.note(Event::CheckedIn(GRABBER, play.now_ns), play.now_ns);
             let actions = play.run(50);
             assert!(actions.is_empty(), "{actions:?}");
         }
@@ -216,7 +216,7 @@ fn drops_long_ago_are_no_reason_to_replace_anybody() {
 }
 
 #[test]
-fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
+fn dropped_and_unreceived_inputs_are_not_pending() {
     let mut play = Play::new(&[]);
     play.output(GRABBER, 5);
     play.policy.note(Event::Dropped(CLASSIFIER), play.now_ns);
@@ -232,7 +232,7 @@ fn what_was_dropped_or_never_arrived_is_nobodys_backlog() {
 }
 
 #[test]
-fn what_has_killed_twice_is_skipped() {
+fn an_input_that_has_killed_two_processes_is_skipped() {
     let mut play = Play::new(&[TRACKER]);
     play.output(TRACKER, 41);
     play.output(CLASSIFIER, 42);
@@ -347,7 +347,7 @@ fn time_without_a_processor_does_not_count() {
 }
 
 #[test]
-fn nobody_is_blamed_when_the_whole_machine_was_away() {
+fn no_stage_stalls_because_the_whole_machine_was_away() {
     let mut play = Play::new(&[]);
     play.output(GRABBER, 1);
     play.now_ns += 3000 * MS;
@@ -368,7 +368,7 @@ fn cleaning_up_is_not_put_off_by_further_deaths() {
 }
 
 #[test]
-fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
+fn garbage_is_cleaned_up_after_the_successor_has_settled() {
     let mut play = Play::new(&[]);
     play.run(500);
     play.exit(CLASSIFIER);
@@ -377,7 +377,7 @@ fn what_the_dead_leave_is_cleaned_up_after_the_hurry() {
 }
 
 #[test]
-fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
+fn the_deadline_runs_from_the_time_sent_however_late_it_is_seen() {
     let mut play = Play::new(&[]);
     for stage in GRAPH.stages() {
         play.output(stage, 1);
@@ -385,7 +385,7 @@ fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
     play.run(5);
     let last_look_ns = play.now_ns;
     let sent_ns = |ms: u64| last_look_ns + ms * MS;
-    // Seen 20 ms later: one frame is answered, the other not.
+    // Both outputs are seen 20 ms after they were sent: one frame is answered, the other is not.
     for (stage, seq, ms) in [(GRABBER, 2, 3), (CLASSIFIER, 2, 4), (GRABBER, 3, 15)] {
         play.policy.note(Event::Output(stage, first_lane(seq)), sent_ns(ms));
     }
@@ -400,7 +400,7 @@ fn the_deadline_runs_from_when_things_were_sent_however_late_they_are_seen() {
 }
 
 #[test]
-fn who_is_only_at_work_is_not_late() {
+fn a_busy_stage_within_its_deadline_is_not_late() {
     let mut play = Play::new(&[]);
     for stage in GRAPH.stages() {
         play.output(stage, 1);
@@ -413,7 +413,7 @@ fn who_is_only_at_work_is_not_late() {
 }
 
 #[test]
-fn it_is_known_when_a_stage_will_have_stalled() {
+fn the_time_of_the_next_stall_is_known() {
     let mut play = Play::new(&[]);
     assert_eq!(play.policy.stall_due_in_ns(play.now_ns), None);
     for stage in GRAPH.stages() {
@@ -424,7 +424,7 @@ fn it_is_known_when_a_stage_will_have_stalled() {
     play.output(GRABBER, 2);
     let due_ns = play.policy.stall_due_in_ns(play.now_ns).unwrap();
     assert!((1..=40 * MS + 1).contains(&due_ns), "{due_ns}");
-    // Not before, but then.
+    // The stall is decided at the announced time, not before.
     let at_ns = play.now_ns + due_ns;
     let is_kill = |action: &Action| matches!(action, Action::Kill { cause: Cause::Stalled, .. });
     while play.now_ns + 5 * MS < at_ns {
@@ -433,7 +433,7 @@ fn it_is_known_when_a_stage_will_have_stalled() {
     assert!(play.policy.tick(at_ns).iter().any(is_kill));
 }
 
-/// A camera that streams 80 frames a second for so long, and everything behind it.
+/// Streams these frames at 80 frames a second through all stages.
 fn stream(play: &mut Play, frames: std::ops::Range<u64>) {
     for seq in frames {
         let sent_ns = play.now_ns;
@@ -480,11 +480,11 @@ fn a_grabber_that_waits_for_its_camera_is_not_stuck() {
     let mut play = Play::new(&[]);
     stream(&mut play, 0..40);
     for _ in 0..18 {
-        play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
+        play.policy.note(Event::CheckedIn(GRABBER, play.now_ns), play.now_ns);
         assert_eq!(kills(&play.run(50)), [], "it looks around");
     }
     for _ in 0..4 {
-        play.policy.note(Event::LookedAround(GRABBER, play.now_ns), play.now_ns);
+        play.policy.note(Event::CheckedIn(GRABBER, play.now_ns), play.now_ns);
         play.run(50);
     }
     let killed = kills(&play.actions);
@@ -501,7 +501,7 @@ fn the_first_frame_of_a_grabber_may_take_its_time() {
 }
 
 #[test]
-fn what_cannot_be_started_is_tried_again_with_pauses_and_named() {
+fn failed_starts_are_retried_with_pauses_and_reported() {
     let mut play = Play::new(&[TRACKER]);
     play.policy.note(Event::Finished(GRABBER), play.now_ns);
     play.exit(TRACKER);
@@ -530,7 +530,7 @@ fn what_cannot_be_started_is_tried_again_with_pauses_and_named() {
 }
 
 #[test]
-fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_not() {
+fn restarts_are_slowed_down_after_constant_deaths_but_not_after_disturbances() {
     let die = |every_ms: u64, deaths: u64| {
         let mut play = Play::new(&[TRACKER]);
         let mut seq = 0;
@@ -563,7 +563,7 @@ fn a_stage_that_dies_of_everything_is_slowed_down_and_one_that_is_disturbed_is_n
 }
 
 #[test]
-fn while_nothing_is_heard_nobody_is_killed_for_not_being_ready() {
+fn without_heartbeats_no_process_is_killed_for_not_being_ready() {
     let mut play = Play::new(&[]);
     play.policy.note(Event::Finished(GRABBER), play.now_ns);
     play.exit(TRACKER);

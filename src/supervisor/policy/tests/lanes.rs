@@ -1,4 +1,4 @@
-//! Two cameras: what happens in one lane concerns that lane, and the filter at most.
+//! Two cameras: a fault in one lane affects that lane and at most the filter.
 
 use super::*;
 
@@ -9,7 +9,7 @@ fn in_lane(stage: StageId, lane: u8) -> StageId {
     StageId::new(stage.kind(), lane)
 }
 
-/// Two lanes at 80 frames a second, in which every stage answers at once, but for those that a test holds back.
+/// Two lanes at 80 frames a second; every stage answers at once unless a test holds it up.
 struct TwoCameras {
     play: Play,
     seq: u64,
@@ -24,11 +24,11 @@ impl TwoCameras {
         cameras
     }
 
-    /// Lets time pass, and returns what was done meanwhile.
+    /// Lets time pass, and returns the actions taken meanwhile.
     fn run(&mut self, ms: u64) -> Vec<Action> {
         let mut actions = vec![];
         for step in 0..ms / 5 {
-            // Not both at the same moment: the cameras have clocks of their own.
+            // The lanes are out of phase: each camera has its own clock.
             match step % 2 {
                 0 => self.frame(0),
                 _ => self.frame(1),
@@ -38,7 +38,7 @@ impl TwoCameras {
         actions
     }
 
-    /// A frame goes through a lane, as far as its stages are heard.
+    /// Sends a frame through a lane up to the first stage that is held up.
     fn frame(&mut self, lane: u8) {
         self.seq += 1;
         for stage in LANES.stages().filter(|stage| stage.serves(lane)) {
@@ -47,11 +47,11 @@ impl TwoCameras {
             }
             let frame = FrameId { lane, seq: self.seq };
             self.play.policy.note(Event::Output(stage, frame), self.play.now_ns);
-            self.play.policy.note(Event::LookedAround(stage, self.play.now_ns), self.play.now_ns);
+            self.play.policy.note(Event::CheckedIn(stage, self.play.now_ns), self.play.now_ns);
         }
     }
 
-    /// The stage is heard again when it has a new process.
+    /// Holds a stage up until it has a new process.
     fn is_held_up(&mut self, stage: StageId) -> Vec<Action> {
         self.silent.push(stage);
         let actions = self.run(400);
@@ -62,7 +62,7 @@ impl TwoCameras {
     fn poison(&mut self, stage: StageId, lane: u8) -> Vec<Action> {
         let mut actions = vec![];
         for _ in 0..2 {
-            // The input is there, and the process dies of it.
+            // The input is pending, and the process dies of it.
             for before in LANES.stages().filter(|it| it.serves(lane) && *it < stage) {
                 let frame = FrameId { lane, seq: self.seq + 1 };
                 self.play.policy.note(Event::Output(before, frame), self.play.now_ns);
@@ -134,7 +134,7 @@ fn a_lane_without_camera_does_not_keep_the_other_from_being_filtered() {
         cameras.play.policy.note(Event::CameraIsAway(away), cameras.play.now_ns);
         assert_eq!(concerned(&cameras.run(100)), BTreeSet::new());
     }
-    // And a filter that stands still is noticed by the lane that goes on.
+    // A stalled filter is noticed by the lane that still runs.
     cameras.silent.push(FILTER);
     let killed = kills(&cameras.run(100));
     assert!(killed.contains(&(FILTER, Cause::Stalled)), "{killed:?}");
@@ -155,9 +155,9 @@ fn a_poisonous_frame_is_skipped_in_its_lane() {
 }
 
 #[test]
-fn a_filter_that_dies_with_frames_of_two_lanes_before_it_skips_one_after_the_other() {
+fn a_filter_that_dies_with_pending_frames_of_two_lanes_skips_one_after_the_other() {
     let mut cameras = TwoCameras::new(&[FILTER]);
-    // Its processes give no output, and are killed for it.
+    // Its processes give no output and are killed as stalled.
     cameras.silent.push(FILTER);
     let skip = |action: &Action| match action {
         Action::Skip { stage: FILTER, after } => Some(after.lane),
@@ -168,7 +168,7 @@ fn a_filter_that_dies_with_frames_of_two_lanes_before_it_skips_one_after_the_oth
 }
 
 #[test]
-fn a_renewal_goes_through_all_lanes_and_comes_to_the_cameras_last() {
+fn a_renewal_goes_through_all_lanes_and_reaches_the_cameras_last() {
     let mut cameras = TwoCameras::new(&SPARED);
     for stage in LANES.stages() {
         cameras.play.policy.renew_stage(stage, cameras.play.now_ns);
