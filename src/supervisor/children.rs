@@ -22,16 +22,16 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// What all processes of the group are started with.
+/// Start options shared by all processes of the group.
 #[derive(Debug, Clone)]
 pub struct Launch {
     /// The group.
     pub instance: Instance,
-    /// Where the grabber's frames come from.
+    /// Source of the grabber's frames.
     pub source: Source,
-    /// How many frames the grabber is to capture.
+    /// Number of frames to capture.
     pub frames: Option<u64>,
-    /// When the group is to end, monotonic clock: whatever the camera does.
+    /// Time at which the group is to end, on the monotonic clock.
     pub ends_at_ns: Option<u64>,
 }
 
@@ -39,9 +39,9 @@ pub struct Launch {
 pub struct Process {
     /// Its stage.
     pub stage: StageId,
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
-    /// Becomes readable when it ends.
+    /// Becomes readable when the process ends.
     pub pidfd: OwnedFd,
     /// `None` for a process that another supervisor has started.
     child: Option<Child>,
@@ -54,15 +54,15 @@ pub struct Process {
 pub struct End {
     /// Exit status or signal, in words.
     pub how: String,
-    /// It fell by itself: it was not killed from outside and did not end in order.
+    /// It failed by itself: it was neither killed from outside nor ended in order.
     pub crashed: bool,
     /// The last lines it wrote.
     pub last_words: String,
 }
 
 impl Process {
-    /// Starts a process from the very image this one runs: whatever happens to the file in the
-    /// meantime, a restart never changes the version.
+    /// Starts a process from the same executable image as this one: even if the file is replaced
+    /// meanwhile, a restart never changes the version.
     pub fn start(
         launch: &Launch,
         stage: StageId,
@@ -94,14 +94,14 @@ impl Process {
                 Ok(Self { stage, pid, pidfd, child: Some(child), log, wait: Default::default() })
             }
             Err(error) => {
-                // Its end would not be noticed.
+                // Without a pidfd its end would not be noticed.
                 let _ = child.kill().and_then(|()| child.wait());
                 Err(error)
             }
         }
     }
 
-    /// Takes in a process that another supervisor has started.
+    /// Adopts a process that another supervisor started.
     pub fn adopt(stage: StageId, pid: u32) -> io::Result<Self> {
         let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
         let pidfd = sys::ask(Call::HoldProcess, || hold(id))?;
@@ -109,8 +109,8 @@ impl Process {
         Ok(Self { stage, pid, pidfd, child: None, log, wait: Default::default() })
     }
 
-    /// Sends a signal. That the process has ended in the meantime is not an error: its end is
-    /// noticed by itself.
+    /// Sends a signal. If the process has already ended, that is not an error: its end is noticed
+    /// separately.
     pub fn signal(&self, signal: Signal) -> io::Result<()> {
         let send = || match pidfd_send_signal(&self.pidfd, signal) {
             Err(Errno::SRCH) => Ok(()),
@@ -124,13 +124,13 @@ impl Process {
         SchedulerTimes::of(self.pid)
     }
 
-    /// How long it has been ready to run without getting a processor since the last call, given what the
-    /// system says now.
+    /// Time without a processor while ready to run, since the last call, according to the latest
+    /// times.
     pub fn newly_waited_ns(&mut self, times: SchedulerTimes, now_ns: u64) -> u64 {
         self.wait.newly_waited_ns(times, now_ns)
     }
 
-    /// How it ended, if it has.
+    /// Reaps it: returns how it ended, or `None` while it runs.
     pub fn reap(&mut self) -> Option<End> {
         let Some(child) = &mut self.child else {
             let (how, crashed) = end_of_adopted(&self.pidfd)?;
@@ -140,7 +140,7 @@ impl Process {
     }
 }
 
-/// The command that starts a process of the group from the very image this one runs.
+/// Command that starts a process of the group from the same executable image as this one.
 pub fn command(instance: &Instance, name: &str, log: &Log) -> Command {
     let mut command = Command::new("/proc/self/exe");
     command
@@ -150,7 +150,7 @@ pub fn command(instance: &Instance, name: &str, log: &Log) -> Command {
         .args(["--instance", instance.name()])
         .arg("--config")
         .arg(instance.config_path())
-        // Looking up names for a back trace takes longer than a stall; message and place are kept.
+        // Resolving names for a back trace takes longer than a stall; message and place are kept.
         .env("RUST_BACKTRACE", "0")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -163,15 +163,15 @@ pub fn command(instance: &Instance, name: &str, log: &Log) -> Command {
     command
 }
 
-/// What `ps` and `top` show for a process of the group, as far as the system keeps it: its file is the same for
-/// every one.
+/// Process name that `ps` and `top` show, as far as the system keeps it: all processes have the
+/// same executable file.
 pub fn process_name(name: &str) -> String {
     let mut shown = format!("tl-{name}");
     shown.truncate(15);
     shown
 }
 
-/// How a child ended, if it has.
+/// Reaps a child: returns how it ended, or `None` while it runs.
 pub fn end_of(child: &mut Child, log: &Log) -> Option<End> {
     let status = sys::ask(Call::ReapProcess, || child.try_wait()).ok().flatten()?;
     let (how, crashed) = describe(status.code(), status.signal());
@@ -182,12 +182,12 @@ fn hold(pid: Pid) -> io::Result<OwnedFd> {
     Ok(pidfd_open(pid, PidfdFlags::empty())?)
 }
 
-/// The file that a process runs, also when it has been replaced or removed since.
+/// Executable file of a process, even if it has been replaced or removed since.
 pub fn program_of(pid: u32) -> PathBuf {
     format!("/proc/{pid}/exe").into()
 }
 
-/// Whether two names stand for the very same file.
+/// Whether two paths name the same file.
 pub fn is_same_program(one: &Path, other: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|data| (data.dev(), data.ino()));
     matches!((identity(one), identity(other)), (Ok(one), Ok(other)) if one == other)
@@ -198,8 +198,8 @@ fn has_ended(pidfd: &OwnedFd) -> bool {
     poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&at_once)).is_ok_and(|ready| ready > 0)
 }
 
-/// How a process ended that this program has not started. Our own image may have: after an upgrade
-/// its children are still ours. The exit status of others went to whoever is their parent now.
+/// How an adopted process ended. After an upgrade this process may still be its parent; otherwise
+/// the exit status went to another parent.
 fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
     let at_once = WaitIdOptions::EXITED | WaitIdOptions::NOHANG;
     let ask = || Ok(waitid(WaitId::PidFd(pidfd.as_fd()), at_once)?);
@@ -210,12 +210,12 @@ fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
     }
 }
 
-/// How a process ended, in words, and whether that was its own doing.
+/// Describes an exit, and says whether the process failed by itself.
 fn describe(code: Option<i32>, signal: Option<i32>) -> (String, bool) {
     use signal_hook::consts::{SIGKILL, SIGTERM};
     match (code, signal) {
-        // A stage that ends in order with an error (1) lacked something, memory say; it is the fault
-        // of no frame.
+        // Exit status 1 is an orderly end with an error: the stage lacked something such as memory,
+        // and no frame caused it.
         (Some(code), _) => (format!("exit status {code}"), code > 1),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal);

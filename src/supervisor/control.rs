@@ -1,8 +1,8 @@
-//! What one may ask of a running supervisor: a socket in the runtime directory, which nobody but the
-//! group's user can reach.
+//! Requests to a running supervisor: a socket in the runtime directory, which only the group's user can
+//! reach.
 //!
-//! Request and answer are one datagram each, JSON. So a supervisor never waits for anybody who has
-//! something to ask: what has arrived has arrived as a whole.
+//! Request and answer are one JSON datagram each. A datagram arrives as a whole, so a supervisor never
+//! waits for a client.
 
 use super::sys::{self, Call};
 use common::instance::Instance;
@@ -16,23 +16,23 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Something to be done in the middle of a match.
+/// A request during a match.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
     /// Replace the active processes of these stages, each by its spare.
     Restart(Vec<String>),
-    /// Go on as this program.
+    /// Hand over to this program.
     Upgrade(PathBuf),
 }
 
-/// `Ok` when it is being done; otherwise why not.
+/// `Ok` if the request is carried out; otherwise the reason for refusing it.
 pub type Answer = Result<(), String>;
 
-/// Requests are short.
+/// Longest request.
 const MAX_BYTES: usize = 8192;
 
-/// The supervisor's end.
+/// The supervisor's end of the socket.
 pub struct Control {
     socket: UnixDatagram,
     path: PathBuf,
@@ -40,8 +40,8 @@ pub struct Control {
 }
 
 impl Control {
-    /// Opens the socket in the place of one that a dead supervisor has left. Only for the holder of
-    /// the instance's lock.
+    /// Opens the socket, replacing one that a dead supervisor left. Only for the holder of the
+    /// instance's lock.
     pub fn open(instance: &Instance) -> io::Result<Self> {
         let path = instance.control_path();
         if let Err(error) = fs::remove_file(&path)
@@ -55,17 +55,17 @@ impl Control {
         Ok(Self { socket, path, inode })
     }
 
-    /// Whether it can still be found: somebody may have removed its name.
+    /// Whether the socket still has its name, which other programs can remove.
     pub fn is_reachable(&self) -> bool {
         fs::symlink_metadata(&self.path).is_ok_and(|data| data.ino() == self.inode)
     }
 
-    /// Becomes readable when there is a request.
+    /// Becomes readable when a request arrives.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.socket.as_fd()
     }
 
-    /// The next request and whom to answer. What is no request is answered at once.
+    /// The next request and its sender. An invalid request is refused at once.
     pub fn next(&self) -> Option<(Request, SocketAddr)> {
         let mut buffer = [0; MAX_BYTES];
         loop {
@@ -80,11 +80,11 @@ impl Control {
         }
     }
 
-    /// Answers. That the other one is gone or does not listen is its own affair.
+    /// Answers. A client that is gone or does not listen is ignored.
     pub fn answer(&self, to: &SocketAddr, answer: &Answer) {
         if let Ok(text) = serde_json::to_vec(answer) {
             let answer = || self.socket.send_to_addr(&text, to);
-            // Once more for a refusal that passes, as when buffers are full.
+            // Retry once: full buffers, for example, may have been emptied.
             let _ = sys::ask(Call::AnswerRequest, answer).or_else(|_| answer());
         }
     }
@@ -98,8 +98,8 @@ impl Drop for Control {
     }
 }
 
-/// Asks the supervisor of a group for something. The error says what was wrong with the way to it;
-/// what it answers is inside.
+/// Sends a request to a group's supervisor. The outer error is a failed exchange; the inner result
+/// is the answer.
 pub fn ask(instance: &Instance, request: &Request, patience: Duration) -> io::Result<Answer> {
     let own = instance.directory().join(format!("control-{}", std::process::id()));
     let _ = fs::remove_file(&own);
@@ -123,7 +123,7 @@ mod tests {
     use std::ffi::OsString;
 
     #[test]
-    fn requests_are_answered_and_rubbish_is_refused() {
+    fn requests_are_answered_and_invalid_ones_are_refused() {
         let base = std::env::temp_dir().join(format!("tl-control-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();
@@ -131,7 +131,7 @@ mod tests {
         let patience = Duration::from_secs(10);
         assert!(ask(&instance, &request, patience).is_err(), "nobody is there");
 
-        // A dead supervisor leaves its socket.
+        // A dead supervisor's socket file stays.
         std::mem::forget(Control::open(&instance).unwrap());
         let control = Control::open(&instance).unwrap();
         assert_eq!(fs::symlink_metadata(&control.path).unwrap().mode() & 0o777, 0o600);

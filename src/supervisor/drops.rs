@@ -1,4 +1,5 @@
-//! Which inputs stages have dropped, and why: as events, of which a flood of rubbish makes no flood.
+//! Events about dropped inputs and the reasons, limited in rate so that a flood of invalid input causes
+//! no flood of events.
 
 use common::messages::DropReason;
 use common::stages::StageId;
@@ -7,7 +8,7 @@ use std::collections::BTreeMap;
 /// Drops by reason, in the order of [`DropReason::ALL`].
 pub type Dropped = [u64; DropReason::ALL.len()];
 
-/// From one event about a process's drops to the next.
+/// Shortest time between two events about a process's drops.
 const PAUSE_NS: u64 = 1_000_000_000;
 
 /// Follows the counters of all processes.
@@ -25,20 +26,21 @@ struct Counted {
     told_ns: Option<u64>,
 }
 
-/// Something to be told.
+/// An event about drops.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DropNotice {
     /// The stage.
     pub stage: StageId,
     /// Its process.
     pub pid: u32,
-    /// How many were dropped, and why.
+    /// Numbers of drops, by reason.
     pub what: String,
 }
 
 impl Drops {
-    /// Takes in a process's counters; whether it has since dropped something that no process could have worked
-    /// on. An input that only its own count of numbers forbids might be good for another one.
+    /// Records a process's counters. Returns whether it has dropped an input that is invalid for
+    /// every process; one refused only because of the process's own count of numbers might be valid
+    /// for another.
     pub fn note(&mut self, stage: StageId, pid: u32, dropped: Dropped) -> bool {
         let counted = self.processes.entry(pid).or_insert(Counted {
             stage,
@@ -53,7 +55,7 @@ impl Drops {
         reasons.any(|reason| before[reason as usize] != dropped[reason as usize])
     }
 
-    /// What is to be told now.
+    /// Events that are due now.
     pub fn tell(&mut self, now_ns: u64) -> Vec<DropNotice> {
         let mut notices = Vec::new();
         for (&pid, counted) in &mut self.processes {
@@ -66,7 +68,7 @@ impl Drops {
         notices
     }
 
-    /// Forgets a process that has ended, and returns what it had not been asked to tell yet.
+    /// Forgets a process that has ended, and returns its drops not reported yet.
     pub fn forget(&mut self, pid: u32) -> Option<DropNotice> {
         let counted = self.processes.remove(&pid)?;
         let has_more = counted.now != counted.told;
@@ -108,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_drop_is_told_at_once_and_a_flood_once_a_second() {
+    fn the_first_drop_is_reported_at_once_and_a_flood_once_a_second() {
         let mut drops = Drops::default();
         assert!(!drops.note(TRACKER, 7, dropped(0, 0)), "nothing happened");
         assert!(drops.note(TRACKER, 7, dropped(1, 0)));
@@ -124,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_dead_had_not_told_is_told() {
+    fn unreported_drops_of_a_dead_process_are_reported() {
         let mut drops = Drops::default();
         drops.note(StageId::FILTER, 7, dropped(1, 0));
         drops.tell(0);
@@ -132,12 +134,12 @@ mod tests {
         let notice = drops.forget(7).unwrap();
         assert_eq!((notice.pid, notice.what.as_str()), (7, "dropped input: 2 wrong_size"));
         assert_eq!(drops.forget(7), None);
-        // The number is used again.
+        // The pid is reused.
         assert!(drops.note(StageId::FILTER, 7, dropped(1, 0)));
     }
 
     #[test]
-    fn an_input_that_another_process_could_work_on_is_not_dealt_with() {
+    fn an_input_that_another_process_could_work_on_is_not_handled() {
         let mut drops = Drops::default();
         assert!(!drops.note(TRACKER, 7, dropped(0, 3)), "numbers");
         assert!(drops.note(TRACKER, 7, dropped(1, 3)), "a wrong size");

@@ -1,4 +1,4 @@
-//! What is kept for a bug report when a frame has killed two processes.
+//! Saves a frame that has killed two processes, for a bug report.
 
 use super::sys::{self, Call};
 use classifier::{Picture, to_rgb};
@@ -11,9 +11,9 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Saves a raw frame where it outlives the group: as a grey PNG of its Bayer data, which
-/// `touchline detect` takes as it is, or in colour if it came in colour. Encoding takes a while and
-/// is done in the background; returns where the file will be.
+/// Saves a raw frame in a directory that outlives the group: Bayer data as a grey PNG, which
+/// `touchline detect` accepts, and colour as colour. Encoding is slow and runs in the background;
+/// returns the path of the file to be.
 pub fn save_frame(
     instance: &Instance,
     frame: &Received<u8, FrameHeader>,
@@ -39,11 +39,11 @@ pub fn save_frame(
     }
 }
 
-/// How many pictures of the same frame number, from different matches, are kept.
+/// Most pictures kept of the same frame number, from different matches.
 const MOST_ALIKE: u32 = 100;
 
-/// Makes a new picture file in a directory that is this user's alone. What is there already, be it a
-/// picture of an earlier match or a link that somebody has put there, is left as it is.
+/// Creates a new picture file in a directory private to this user. An existing file, such as a
+/// picture of an earlier match or a link planted by another user, is left as it is.
 fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), String> {
     private::create_directory(directory).map_err(|error| error.to_string())?;
     for number in 1..=MOST_ALIKE {
@@ -79,8 +79,8 @@ fn picture_of(header: &FrameHeader, bytes: &[u8]) -> Result<DynamicImage, FrameF
     picture.ok_or(fault)
 }
 
-/// Where programs keep what should survive them but is no document of the user's. Where the environment
-/// names no such place, it is one of this user's own in the directory for temporary files.
+/// Directory for state that survives the program but is no user document (XDG state). If the
+/// environment names none, a private one in the directory for temporary files.
 pub fn directory() -> PathBuf {
     let from = |variable| std::env::var_os(variable).filter(|value| !value.is_empty());
     let state = from("XDG_STATE_HOME").map(PathBuf::from);
@@ -101,7 +101,7 @@ mod tests {
     use std::os::unix::fs::{PermissionsExt, symlink};
 
     #[test]
-    fn no_picture_is_written_over_anything_or_where_others_can_write() {
+    fn pictures_never_overwrite_a_file_and_need_a_private_directory() {
         let base = std::env::temp_dir().join(format!("tl-evidence-{}", std::process::id()));
         let directory = base.join("state");
         let (first, _) = create(&directory, "match-frame-7").unwrap();

@@ -1,9 +1,9 @@
-//! Removes from shared memory what dead processes have left: on a thread of its own, since that takes
-//! tens of milliseconds, in which deaths must be noticed.
+//! Removes the garbage of dead processes from shared memory, on a thread of its own: it takes tens of
+//! milliseconds, during which the supervisor must still notice deaths.
 //!
-//! Consumers die too, and nobody reports it: a logger that is killed again and again would soon hold
-//! every place that a topic has for subscribers. So the janitor looks around by itself when somebody has
-//! come, who may have come again, and now and then in any case.
+//! Deaths of consumers are not reported: a logger that is killed again and again would soon hold every
+//! subscriber slot of a topic. So the janitor also looks by itself when a process has joined, which may
+//! be a restarted one, and now and then in any case.
 
 use super::reserve;
 use super::sys::{self, Call};
@@ -15,11 +15,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Between two looks at whether somebody has come or gone. A topic has places for some six extra
-/// subscribers: even one that dies and comes back every 100 ms leaves some free.
+/// Time between two looks for joined processes. A topic has some six extra subscriber slots: even a
+/// consumer that dies and returns every 100 ms leaves some free.
 const ROUND: Duration = Duration::from_millis(300);
-/// Who is alive takes two milliseconds to find out. After so many quiet rounds it is done all the same:
-/// a death alone is heard of nowhere.
+/// Quiet rounds after which the janitor checks which processes are alive, which takes two
+/// milliseconds: a death alone is not announced.
 const QUIET_ROUNDS: u32 = 30;
 
 /// The thread that cleans up.
@@ -34,7 +34,7 @@ struct Running {
 }
 
 impl Janitor {
-    /// Starts looking around, now or, where no thread can be had, later.
+    /// Starts the thread; if that fails, [`keep_running`](Self::keep_running) retries it.
     pub fn start(instance: &Instance) -> Self {
         let mut janitor = Self { instance: instance.clone(), running: None };
         let _ = janitor.keep_running();
@@ -56,15 +56,15 @@ impl Janitor {
         Ok(())
     }
 
-    /// Has it look now.
+    /// Makes it look now.
     pub fn call(&self) {
         if let Some(running) = &self.running {
-            // It is there as long as this is.
+            // The receiver lives as long as the thread.
             let _ = running.call.send(());
         }
     }
 
-    /// Ends it, after what it is doing: half a clean-up is worse than none.
+    /// Ends the thread after the clean-up in progress: half a clean-up is worse than none.
     pub fn finish(self) {
         if let Some(Running { call, thread }) = self.running {
             drop(call);
@@ -103,7 +103,7 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
         }
         let error = removed.err().unwrap_or_default();
         if !error.is_empty() {
-            // It may have been for want of descriptors.
+            // Descriptors may have run out.
             reserve::raise_limit();
         }
         // A failed removal is retried, but reported once.
@@ -117,7 +117,7 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
     }
 }
 
-/// What programs with other versions of iceoryx2 have made in the group, in words.
+/// Warnings about files that programs with other versions of iceoryx2 made in the group.
 fn strange_versions(instance: &Instance) -> Vec<String> {
     let namespace = instance.namespace().ok().flatten();
     namespace.and_then(|namespace| namespace.strange_versions().ok()).unwrap_or_default()

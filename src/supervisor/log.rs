@@ -1,6 +1,6 @@
-//! What a process of the group writes on its standard error: kept in memory that has no name, so that it
-//! takes no disk, no directory can be removed from under it, and nothing is left of it. While the process
-//! lives it can be read as `/proc/PID/fd/2`.
+//! Standard error of a process of the group, kept in anonymous memory: it takes no disk, no directory can
+//! be removed from under it, and it leaves no file. While the process lives it can be read as
+//! `/proc/PID/fd/2`.
 
 use super::sys::{self, Call};
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -8,17 +8,17 @@ use std::fs::{self, File};
 use std::os::unix::fs::FileExt;
 use std::process::Stdio;
 
-/// Enough of a dead process's last output to see a panic with its place.
+/// Kept part of a dead process's last output: enough for a panic with its place.
 const LAST_WORDS_BYTES: u64 = 2000;
-/// How the names of these logs begin, as the system shows them.
+/// Prefix of the logs' names in `/proc`.
 const NAME: &str = "touchline-log-";
 
-/// A log; nothing is kept where there was no memory or descriptor for it.
+/// A log; keeps nothing if there was no memory or descriptor for it.
 #[derive(Debug)]
 pub struct Log(Option<File>);
 
 impl Log {
-    /// An empty one.
+    /// An empty log.
     pub fn new(name: &str) -> Self {
         let make = || Ok(memfd_create(format!("{NAME}{name}"), MemfdFlags::CLOEXEC)?);
         Self(sys::ask(Call::MakeLog, make).ok().map(File::from))
@@ -27,20 +27,20 @@ impl Log {
     /// The log of a process that another supervisor has started.
     pub fn of_process(pid: u32) -> Self {
         let path = format!("/proc/{pid}/fd/2");
-        // Not whatever else its standard error may be: opening a fifo would take for ever.
+        // Only a log: its standard error may be anything, and opening a fifo would block for ever.
         let is_log = fs::read_link(&path)
             .is_ok_and(|target| target.to_string_lossy().starts_with(&format!("/memfd:{NAME}")));
         Self(is_log.then(|| sys::ask(Call::MakeLog, || File::open(&path)).ok()).flatten())
     }
 
-    /// For the process itself.
+    /// The handle the process writes to.
     pub fn for_writing(&self) -> Stdio {
         let copy =
             self.0.as_ref().and_then(|file| sys::ask(Call::MakeLog, || file.try_clone()).ok());
         copy.map_or_else(Stdio::null, Stdio::from)
     }
 
-    /// The last lines of it.
+    /// Its last lines.
     pub fn last_words(&self) -> String {
         let Some(file) = &self.0 else { return String::new() };
         let read = || {

@@ -1,17 +1,20 @@
 //! The supervisor: starts the group, watches it, replaces what fails, and cleans up at the end.
 //!
-//! [`policy`] decides, [`children`] does, with a [`log`] for each, [`progress`] looks, also into the
-//! [`pages`] of the stages, [`starvation`] sees who gets no
-//! processor, [`control`] listens to requests and [`signals`] to signals, [`takeover`] deals with what an
-//! earlier supervisor has left, of which [`record`] tells, [`evidence`] keeps what a bug report needs,
-//! [`drops`] tells which input was dropped and why, [`janitor`] removes what the dead leave, [`premises`]
-//! puts back what somebody removes, [`attendants`] keeps the processes running that serve people;
-//! [`group`] ties them together while a group lives, and this file is its beginning and
-//! its end.
+//! * [`policy`] decides, and [`group`] carries the decisions out while the group runs.
+//! * [`children`] starts, signals and reaps processes, with a [`log`] for each.
+//! * [`progress`] observes the stages' outputs, also through their [`pages`].
+//! * [`starvation`] measures which process gets no processor.
+//! * [`control`] receives requests, and [`signals`] signals.
+//! * [`takeover`] adopts or ends what an earlier supervisor left, according to its [`record`].
+//! * [`evidence`] saves frames for bug reports; [`drops`] reports dropped inputs.
+//! * [`janitor`] removes the garbage of dead processes; [`premises`] restores removed files.
+//! * [`attendants`] keeps the processes running that serve people.
 //!
-//! Nothing that the system refuses ends a match. All that can be refused is asked for through [`sys`],
-//! tried again, and said by [`troubles`]; for want of descriptors there is a [`reserve`]. What is refused before a living
-//! match is taken over is tried again by [`persistence`].
+//! This file starts and ends the group.
+//!
+//! No refusal by the system ends a match. Every fallible call goes through [`sys`], is retried, and is
+//! reported by [`troubles`]; [`reserve`] keeps descriptors for when they run out. Steps before the
+//! takeover of a running match are retried by [`persistence`].
 
 mod attendants;
 mod children;
@@ -56,33 +59,33 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use takeover::Inheritance;
 
-/// Why a group could not be run.
+/// Reason for which a group could not be run.
 #[derive(Debug, thiserror::Error)]
 pub enum SupervisorError {
-    /// Shared memory.
+    /// Shared memory failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Runtime directory.
+    /// The runtime directory is unusable.
     #[error(transparent)]
     Instance(#[from] InstanceError),
     /// An attendant cannot do its work.
     #[error("{0}")]
     Attendant(AttendantError),
-    /// Somebody else supervises it.
+    /// Another supervisor runs the group.
     #[error(
         "the group {0:?} is running already; look at it with `touchline status --instance {0}`, end \
          it with `touchline stop --instance {0}`, or give this one another name with --instance"
     )]
     AlreadyRunning(String),
-    /// Stages of a dead supervisor that do not go away.
+    /// Stage processes of a dead supervisor do not end.
     #[error("processes {0:?} of an earlier group {1:?} do not end; end them by hand")]
     Undead(Vec<u32>, String),
-    /// The operating system.
+    /// The operating system refused something.
     #[error("{action}: {source}")]
     System {
-        /// What was tried.
+        /// The attempted action.
         action: String,
-        /// What the system said.
+        /// The system's answer.
         source: std::io::Error,
     },
     /// There is not enough shared memory for a match.
@@ -93,9 +96,9 @@ pub enum SupervisorError {
         common::memory::advice(*ample)
     )]
     NoMemory {
-        /// Bytes without which it cannot begin.
+        /// Least bytes to start with.
         needed: u64,
-        /// Bytes with which it is safe.
+        /// Bytes that are always enough.
         ample: u64,
         /// Bytes that are free.
         free: u64,
@@ -103,49 +106,49 @@ pub enum SupervisorError {
     /// A stage keeps failing at the start of the run.
     #[error("the {stage} does not start: {reason}")]
     NoStart {
-        /// Which.
+        /// The stage.
         stage: StageId,
-        /// What it said last.
+        /// Its last words.
         reason: String,
     },
 }
 
-/// How long processes have to end in order before they are killed.
+/// Time processes have to end in order before they are killed.
 const GRACE: Duration = Duration::from_secs(2);
 
 /// How long a group runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Until {
-    /// Somebody ends it.
+    /// Until it is stopped.
     Stopped,
-    /// The grabber has captured its frames, and their results are out.
+    /// Until the grabber has captured its frames and their results are out.
     Finished,
 }
 
-/// How a group's supervisor has come to its end.
+/// How supervising a group ended.
 pub enum Outcome {
-    /// With the group; this is what the run was like.
+    /// The group ended too, with this report.
     Ended(Box<Report>),
-    /// The group goes on, and this program is to take it over.
+    /// The group goes on, and this program takes it over.
     Upgrade(PathBuf),
 }
 
-/// Before a monitor that could not be started, or has met a fault, is tried again.
+/// Pause before a monitor that did not start, or has panicked, is started again.
 const MONITOR_PAUSE: Duration = Duration::from_secs(2);
-/// What one that has met a fault held is not given back, so there are not many of them.
+/// Most monitors started: one that has panicked never frees what it held.
 const MOST_MONITORS: u32 = 3;
 
-/// Runs the group. When it has ended nothing of it is left, neither a process nor shared memory.
+/// Runs the group. Afterwards neither a process nor shared memory of it is left.
 pub fn run(
     launch: Launch,
     config: &Config,
     until: Until,
     start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
-    // First: until then a terminal that is closed ends it.
+    // First: before this a closed terminal ends the supervisor.
     let signals = Signals::listen()?;
     let instance = launch.instance.clone();
-    // Before anything is made that would be left behind.
+    // Before creating anything that would be left behind.
     common::memory::check_place().map_err(InstanceError::from)?;
     insist(|| Ok(instance.create_directory()?))?;
     let Some(lock) = insist(|| Ok(instance.lock()?))? else {
@@ -158,7 +161,7 @@ pub fn run(
     if matches!(outcome, Ok(Outcome::Upgrade(_))) {
         return outcome;
     }
-    // Also after an error, which is of more interest than that something was left behind.
+    // After an error too; that error is reported rather than a failed clean-up.
     let tidied = takeover::tidy_up(&instance);
     drop(premises);
     outcome.and_then(|outcome| tidied.map(|()| outcome))
@@ -180,7 +183,7 @@ fn supervise(
     let mut group =
         Group::new(launch, config, Arc::clone(&view), signals, premises, &inheritance, attendants)?;
     let mut monitor = match start_monitor(Arc::clone(&view)) {
-        // It only counts.
+        // The monitor only counts, so the match goes on without it.
         Err(error) if lives => {
             common::tell!("touchline: {error}; the match goes on, but is not counted for now");
             None

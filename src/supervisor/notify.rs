@@ -1,8 +1,9 @@
-//! Tells systemd, or whoever speaks its protocol, that the group is complete, lives, or ends.
+//! Notifies systemd, or another service manager with its protocol, that the group is complete, is alive,
+//! or ends.
 //!
 //! The protocol (`sd_notify(3)`) is one datagram of `NAME=value` lines to the socket that
-//! `$NOTIFY_SOCKET` names. Nobody listens in an ordinary shell; then all of this does nothing. Nothing
-//! of it is ever waited for: a service manager that does not read must not stop a match.
+//! `$NOTIFY_SOCKET` names. An ordinary shell sets no socket; then all of this does nothing. Sending never
+//! blocks: a service manager that does not read must not stop a match.
 
 use std::env;
 use std::io;
@@ -10,21 +11,21 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// Where to send to.
+/// Socket of the service manager.
 const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
-/// Within how many microseconds a sign of life is expected.
+/// Watchdog period in microseconds.
 const WATCHDOG_VARIABLE: &str = "WATCHDOG_USEC";
-/// From which process.
+/// Process that the watchdog expects.
 const WATCHDOG_PID_VARIABLE: &str = "WATCHDOG_PID";
-/// What the supervisor's own processes must not inherit: they are not the service.
+/// Variables that the supervisor's own processes must not inherit: they are not the service.
 pub const VARIABLES: [&str; 3] = [SOCKET_VARIABLE, WATCHDOG_VARIABLE, WATCHDOG_PID_VARIABLE];
 
-/// Signs of life are sent so many times in the interval in which one is expected …
+/// Keep-alive messages per watchdog period …
 const SIGNS_PER_INTERVAL: u32 = 4;
-/// … but never more often than this.
+/// … but never more often than one in this time.
 const SIGN_MIN: Duration = Duration::from_millis(250);
 
-/// The line to the service manager.
+/// Connection to the service manager.
 #[derive(Debug, Default)]
 pub struct Notifier {
     socket: Option<UnixDatagram>,
@@ -34,8 +35,8 @@ pub struct Notifier {
 }
 
 impl Notifier {
-    /// As the environment says. A socket that cannot be used is complained about, and the match goes
-    /// on: the service manager will say more when its own patience ends.
+    /// Connects as the environment says. An unusable socket is reported, and the match goes on: the
+    /// service manager reports more when its own time limit ends.
     pub fn from_environment() -> Self {
         let number = |variable| env::var(variable).ok()?.parse::<u64>().ok();
         let Some(name) = env::var_os(SOCKET_VARIABLE).filter(|name| !name.is_empty()) else {
@@ -61,7 +62,7 @@ impl Notifier {
         }
     }
 
-    /// The group is complete. Said once, however often it is called.
+    /// Reports once that the group is complete.
     pub fn ready(&mut self) {
         if !self.is_ready {
             self.is_ready = true;
@@ -69,7 +70,7 @@ impl Notifier {
         }
     }
 
-    /// The supervisor goes round its loop. Sent when it is time to.
+    /// Sends a keep-alive message when one is due; call it in every round of the loop.
     pub fn alive(&mut self, now: Instant) {
         let Some(every) = self.sign_every else { return };
         if self.last_sign.is_none_or(|last| now.saturating_duration_since(last) >= every) {
@@ -78,20 +79,20 @@ impl Notifier {
         }
     }
 
-    /// The group ends.
+    /// Reports that the group ends.
     pub fn stopping(&self) {
         self.send("STOPPING=1\nSTATUS=The match is ending");
     }
 
     fn send(&self, message: &str) {
         if let Some(socket) = &self.socket {
-            // A full or vanished socket is the service manager's affair.
+            // Ignore a full or vanished socket: the fault is the service manager's.
             let _ = socket.send(message.as_bytes());
         }
     }
 }
 
-/// A path, or after an `@` a name in the abstract namespace.
+/// Connects to a path or, after an `@`, to a name in the abstract namespace.
 fn connect(name: &[u8]) -> io::Result<UnixDatagram> {
     let address = match name {
         [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_socket_with_a_path_hears_all() {
+    fn a_path_socket_receives_all_messages() {
         let path = env::temp_dir().join(format!("tl-notify-{}", std::process::id()));
         let manager = manager(&SocketAddr::from_pathname(&path).unwrap());
         says(path.as_os_str().as_encoded_bytes(), &manager);
@@ -152,14 +153,14 @@ mod tests {
     }
 
     #[test]
-    fn an_abstract_socket_hears_all() {
+    fn an_abstract_socket_receives_all_messages() {
         let name = format!("tl-notify-{}", std::process::id());
         let manager = manager(&SocketAddr::from_abstract_name(&name).unwrap());
         says(format!("@{name}").as_bytes(), &manager);
     }
 
     #[test]
-    fn a_manager_that_does_not_read_or_is_gone_holds_up_nobody() {
+    fn a_manager_that_does_not_read_or_is_gone_never_blocks() {
         let name = format!("tl-notify-deaf-{}", std::process::id());
         let deaf = manager(&SocketAddr::from_abstract_name(&name).unwrap());
         let socket = connect(format!("@{name}").as_bytes()).unwrap();
@@ -172,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_watchdog_there_are_no_signs_of_life() {
+    fn without_a_watchdog_no_keep_alive_is_sent() {
         let name = format!("tl-notify-none-{}", std::process::id());
         let manager = manager(&SocketAddr::from_abstract_name(&name).unwrap());
         let mut notifier = Notifier::new(connect(format!("@{name}").as_bytes()).unwrap(), None);
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_no_sockets_are_refused() {
+    fn invalid_socket_names_are_refused() {
         assert!(connect(b"relative").is_err() && connect(b"/nonexistent/socket").is_err());
     }
 }

@@ -15,7 +15,7 @@ pub struct Pages {
 }
 
 impl Pages {
-    /// Maps those that can be mapped.
+    /// Maps the pages; the rest is left to [`open_all`](Self::open_all).
     pub fn new(instance: &Instance, graph: StageGraph) -> Self {
         let mut pages =
             Self { instance: instance.clone(), graph, pages: StageMap::of_defaults(graph) };
@@ -24,7 +24,7 @@ impl Pages {
         pages
     }
 
-    /// Maps those that could not be mapped before.
+    /// Maps the pages that are not mapped yet.
     pub fn open_all(&mut self) -> io::Result<()> {
         for stage in self.graph.stages() {
             if self.pages[stage].is_none() {
@@ -35,17 +35,18 @@ impl Pages {
         Ok(())
     }
 
-    /// How far a stage has come, as its processes say.
+    /// Newest output of a stage, as its processes recorded it.
     pub fn newest(&self, stage: StageId) -> Option<u64> {
         self.pages[stage].as_ref()?.newest()
     }
 
-    /// When the process of a stage that works last looked around; 0 when that is not known.
+    /// Last time at which a stage's active process checked in; 0 when unknown.
     pub fn checked_in_ns(&self, stage: StageId) -> u64 {
         self.pages[stage].as_ref().map_or(0, StagePage::checked_in_ns)
     }
 
-    /// Leaves a note for the next process of a stage. Without a page there is none to read it either.
+    /// Leaves a note for the next process of a stage. Without a page the process could not read one
+    /// either.
     pub fn leave_note(&self, stage: StageId, note: Handover) {
         if let Some(page) = &self.pages[stage] {
             page.leave_note(note);

@@ -1,8 +1,8 @@
 //! Repeats the first steps of a supervisor for as long as the system refuses them.
 //!
-//! A supervisor that takes over a living match may begin without a free descriptor or without memory. That
-//! passes, and until then the match has no other supervisor; so the steps before the match is taken over are
-//! tried again. Errors that waiting does not mend are returned at once.
+//! A supervisor that takes over a running match may start without free descriptors or memory. Such a
+//! shortage passes, and until then the match has no other supervisor; so the steps before the takeover are
+//! retried. Errors that waiting does not fix are returned at once.
 
 use super::SupervisorError;
 use super::reserve::raise_limit;
@@ -36,7 +36,7 @@ pub fn insist<T>(
     }
 }
 
-/// Whether the system lacked descriptors or memory for the moment.
+/// Whether the system lacked descriptors or memory at the moment.
 fn is_refusal(error: &SupervisorError) -> bool {
     const REFUSALS: [Errno; 4] = [Errno::MFILE, Errno::NFILE, Errno::NOMEM, Errno::AGAIN];
     let is_it = |error: &io::Error| {
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_passes_and_anything_else_is_an_error() {
+    fn refusals_are_retried_and_other_errors_are_returned() {
         let mut refusals = vec![Errno::MFILE, Errno::NOMEM, Errno::NFILE];
         let step = || refusals.pop().map_or(Ok("taken over"), |errno| Err(failed(errno)));
         assert_eq!(insist(step).unwrap(), "taken over");

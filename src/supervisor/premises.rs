@@ -1,6 +1,6 @@
-//! The runtime directory as it should be. A program that tidies up `/tmp`, or a hand that does, takes the
-//! lock, the socket or the whole directory from under a match; nothing of the match itself is in there,
-//! so it goes on, and what is missing is put back.
+//! Upkeep of the runtime directory. A program or a user that tidies up `/tmp` may remove the lock, the
+//! socket or the whole directory during a match. The match itself needs none of them, so it goes on, and
+//! missing files are restored.
 
 use super::control::Control;
 use super::sys::{self, Call};
@@ -13,25 +13,25 @@ use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
 use std::time::{Duration, Instant};
 
-/// Between two looks.
+/// Time between two looks.
 const ROUND: Duration = Duration::from_millis(250);
 
 /// The lock, the socket for requests and the snapshot of the configuration.
 pub struct Premises {
     instance: Instance,
-    /// The snapshot, put back as it was; `None` before there is one.
+    /// Content of the snapshot, for restoring it; `None` before there is one.
     config: Option<String>,
     lock: SupervisorLock,
     control: Option<Control>,
     /// Held open and locked: `systemd-tmpfiles` leaves a locked directory alone.
     directory: Option<File>,
     looked: Instant,
-    /// Put back so far, while something else could not be.
+    /// Files restored so far, while others could not be.
     restored: Vec<&'static str>,
 }
 
 impl Premises {
-    /// With the lock, which is held.
+    /// Takes ownership of the held lock.
     pub fn new(instance: &Instance, lock: SupervisorLock) -> Self {
         Self {
             instance: instance.clone(),
@@ -49,13 +49,13 @@ impl Premises {
         self.control.as_ref()
     }
 
-    /// Whether it is time to look around.
+    /// Whether a look is due.
     pub fn is_due(&self) -> bool {
         self.looked.elapsed() >= ROUND
     }
 
-    /// Opens the socket, and puts back what is missing; returns what that was when nothing is missing
-    /// any more.
+    /// Opens the socket and restores missing files. Returns their names once none is missing any
+    /// more.
     pub fn restore(&mut self) -> io::Result<Vec<&'static str>> {
         self.looked = Instant::now();
         if !self.directory.as_ref().is_some_and(|held| is_at(held, &self.instance)) {
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whatever_is_removed_comes_back() {
+    fn removed_files_are_restored() {
         let base = std::env::temp_dir().join(format!("tl-premises-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();

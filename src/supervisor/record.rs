@@ -1,8 +1,8 @@
-//! The supervisor's record of its group: what a successor needs to go on as if nothing had happened.
+//! The supervisor's record of its group, from which a later supervisor continues.
 //!
 //! It is written after every change and read only when a supervisor takes over from a dead one or
-//! from one of another version, so it may lag behind what is true by the moment in which the old
-//! supervisor died. What a process says itself, and whether it lives, therefore counts for more.
+//! from one of another version, so it may lack the changes just before the old supervisor died.
+//! Heartbeats, and whether a process is alive, therefore take precedence over it.
 
 use super::Launch;
 use super::sys::{self, Call};
@@ -15,19 +15,19 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Write};
 
-/// Everything about a group that is not in its configuration or in shared memory.
+/// State of a group that is neither in its configuration nor in shared memory.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Where the frames come from, as on the command line.
+    /// Source of the frames, as on the command line.
     pub source: String,
-    /// How many frames are to be captured.
+    /// Number of frames to capture.
     pub frames: Option<u64>,
-    /// When the group is to end, on the machine's monotonic clock.
+    /// Time at which the group is to end, on the machine's monotonic clock.
     #[serde(default)]
     pub ends_at_ns: Option<u64>,
     /// The processes.
     pub members: Vec<Member>,
-    /// How often each stage's processes were replaced.
+    /// Number of replaced processes, by stage.
     pub restarts: BTreeMap<String, u64>,
     /// The newest events.
     pub events: Vec<Event>,
@@ -38,14 +38,14 @@ pub struct Record {
 pub struct Member {
     /// Name of its stage.
     pub stage: String,
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
-    /// Whether it is, or was a moment ago, a spare.
+    /// Whether it was a spare at the time of writing.
     pub spare: bool,
 }
 
 impl Record {
-    /// That of a group without processes.
+    /// Record of a group without processes.
     pub fn new(launch: &Launch) -> Self {
         Self {
             source: launch.source.to_string(),
@@ -55,8 +55,8 @@ impl Record {
         }
     }
 
-    /// Whether a group of this record does what is asked for. When it is to end makes no difference: the
-    /// successor's time counts.
+    /// Whether the recorded group matches the requested launch. The end time may differ: the new
+    /// one counts.
     pub fn serves(&self, launch: &Launch) -> bool {
         self.source == launch.source.to_string() && self.frames == launch.frames
     }
@@ -68,7 +68,7 @@ impl Record {
         self.members.iter().find(it).map(|member| member.spare)
     }
 
-    /// Replaces the record as a whole: whoever reads it finds the old one or the new one.
+    /// Replaces the record atomically: a reader finds either the old one or the new one.
     pub fn write(&self, instance: &Instance) -> io::Result<()> {
         let path = instance.record_path();
         let new = path.with_extension("new");
@@ -77,7 +77,7 @@ impl Record {
         sys::ask(Call::ReplaceRecord, || fs::rename(&new, &path))
     }
 
-    /// The record an earlier supervisor has left; `None` if there is none that can be understood.
+    /// Record of an earlier supervisor; `None` if there is no readable one.
     pub fn read(instance: &Instance) -> Option<Self> {
         serde_json::from_slice(&fs::read(instance.record_path()).ok()?).ok()
     }
@@ -89,7 +89,7 @@ mod tests {
     use common::messages::{EventKind, ProcessKind};
 
     #[test]
-    fn what_was_written_is_read_and_rubbish_is_not() {
+    fn a_written_record_is_read_and_an_invalid_one_is_ignored() {
         let base = std::env::temp_dir().join(format!("tl-record-{}", std::process::id()));
         let instance = Instance::below(&base, "test").unwrap();
         instance.create_directory().unwrap();

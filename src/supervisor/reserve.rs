@@ -1,5 +1,5 @@
-//! Descriptors kept in reserve, for the moment in which there are none left: a stage has died and its
-//! successor is to be started.
+//! Reserve of descriptors, so that the successor of a dead stage can be started even when no others are
+//! left.
 
 use super::sys::{self, Call};
 use rustix::io::Errno;
@@ -7,19 +7,19 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::fs::File;
 use std::io;
 
-/// What it takes to start a process or to connect to the topics of one: its log, three standard
-/// descriptors, a pipe to hear of a failure, a hold on it, and its shared memory.
+/// Descriptors in reserve: enough to start a process, or to connect to its topics (its log, three
+/// standard descriptors, a pipe that reports a failure, its pidfd, and its shared memory).
 const KEPT: usize = 24;
 
-/// The descriptors.
+/// The reserve.
 #[derive(Debug, Default)]
 pub struct Reserve {
     files: Vec<File>,
 }
 
 impl Reserve {
-    /// Fills it as far as that is possible, and first allows this process as many descriptors as it may
-    /// allow itself: the usual limit of a shell is for programs that do not know better.
+    /// Raises this process's limit as far as permitted (the usual limit of a shell is for programs
+    /// that need few), and fills the reserve as far as possible.
     pub fn new() -> Self {
         raise_limit();
         let mut reserve = Self::default();
@@ -27,8 +27,7 @@ impl Reserve {
         reserve
     }
 
-    /// Does something that needs descriptors, and does it again with those in reserve when there were
-    /// none left.
+    /// Calls `act`, and calls it again with the reserve released if descriptors ran out.
     pub fn lend<T>(&mut self, mut act: impl FnMut() -> io::Result<T>) -> io::Result<T> {
         match act() {
             Err(error) if is_want_of_descriptors(&error) => {
@@ -42,7 +41,7 @@ impl Reserve {
         }
     }
 
-    /// Fills up what could not be filled up before.
+    /// Refills the reserve as far as possible.
     pub fn refill(&mut self) {
         while self.files.len() < KEPT {
             match sys::ask(Call::KeepReserve, || File::open("/dev/null")) {
@@ -59,16 +58,16 @@ fn is_want_of_descriptors(error: &io::Error) -> bool {
         .any(|errno| error.raw_os_error() == Some(errno.raw_os_error()))
 }
 
-/// A group with many readers needs some hundred; more than this would only cost programs that close all
-/// the descriptors they could have.
+/// Upper bound of the limit. A group with many readers needs some hundred; a higher limit only
+/// slows down programs that close every descriptor they could have.
 const AMPLE: u64 = 65_536;
 
-/// Allows this process again what somebody may have taken from it; returns whether it had less.
+/// Raises a lowered limit again; returns whether it was lower.
 pub fn raise_limit() -> bool {
     let limit = getrlimit(Resource::Nofile);
     let most = limit.maximum.map_or(AMPLE, |most| most.min(AMPLE));
     let is_low = limit.current.is_some_and(|current| current < most);
-    // Where that is not permitted, the limit stays.
+    // If that is not permitted, the limit stays.
     is_low && setrlimit(Resource::Nofile, Rlimit { current: Some(most), ..limit }).is_ok()
 }
 
@@ -77,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_fails_for_want_of_descriptors_is_done_again_with_those_in_reserve() {
+    fn a_call_that_lacks_descriptors_is_repeated_with_the_reserve() {
         let mut reserve = Reserve::default();
         reserve.refill();
         assert_eq!(reserve.files.len(), KEPT);

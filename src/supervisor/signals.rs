@@ -1,8 +1,8 @@
-//! Signals to the supervisor: what ends the group, and what does not.
+//! Signals to the supervisor.
 //!
-//! SIGINT and SIGTERM ask for the end. SIGHUP says that the terminal is gone, which is no reason to end
-//! a match; where it was ignored at the start (`nohup`) it stays so. SIGTTOU would stop a supervisor in
-//! the background for writing to its terminal.
+//! SIGINT and SIGTERM end the group. SIGHUP means that the terminal is gone, which is no reason to end a
+//! match; if it was ignored at the start (`nohup`), it stays ignored. SIGTTOU is ignored, since it would
+//! stop a supervisor in the background for writing to its terminal.
 
 use super::SupervisorError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -12,7 +12,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Requests made by signals.
+/// Receives signals as requests.
 pub struct Signals {
     wake_up: UnixStream,
     stop: Arc<AtomicBool>,
@@ -29,7 +29,7 @@ pub struct Asked {
 }
 
 impl Signals {
-    /// Listens from now on.
+    /// Starts to receive signals.
     pub fn listen() -> Result<Self, SupervisorError> {
         let system = |source| SupervisorError::System { action: "handle signals".into(), source };
         let (wake_up, sender) = UnixStream::pair().map_err(system)?;
@@ -53,7 +53,7 @@ impl Signals {
         self.wake_up.as_fd()
     }
 
-    /// What has been asked for since the last call; that the group is to end stays asked for.
+    /// Requests since the last call; a request to end the group stays set.
     pub fn take(&mut self) -> Asked {
         let mut bytes = [0; 64];
         while io::Read::read(&mut self.wake_up, &mut bytes).is_ok_and(|read| read > 0) {}
@@ -64,7 +64,7 @@ impl Signals {
     }
 }
 
-/// Whether this process ignores a signal, as one that was started by `nohup` does.
+/// Whether this process ignores a signal, as a process started by `nohup` does.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -74,7 +74,7 @@ fn is_ignored(signal: i32) -> bool {
 
 #[allow(unsafe_code)] // neither `std` nor rustix nor signal-hook ignores a signal
 fn ignore_writes_in_the_background() {
-    // SAFETY: ignoring a signal runs no code of ours, and nobody else handles this one.
+    // SAFETY: ignoring a signal runs no code of ours, and no other code handles this one.
     unsafe {
         libc::signal(libc::SIGTTOU, libc::SIG_IGN);
     }

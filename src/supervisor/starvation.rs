@@ -1,27 +1,27 @@
-//! How long a process has been ready to run without getting a processor.
+//! Starvation: time a process is ready to run without getting a processor.
 //!
-//! The system counts that (`/proc/PID/schedstat`), but adds a wait only when it is over. On a machine
-//! with ten busy processes to a processor a wait can be longer than the stall deadline, so a wait that
-//! goes on has to be noticed too: a process that is ready and has not run since the last look has
-//! waited. Stages have one thread.
+//! The system counts it (`/proc/PID/schedstat`), but adds a wait only when it is over. On a machine with
+//! ten busy processes per processor a wait can be longer than the stall deadline, so waits in progress
+//! count too: a process that is ready and has not run since the last look has waited. Stages have one
+//! thread.
 
 use super::sys::{self, Call};
 use std::fs;
 use std::io;
 
-/// What the system says of a process.
+/// Scheduling times of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SchedulerTimes {
     /// Time on a processor, nanoseconds.
     ran_ns: u64,
     /// Time spent waiting for one in waits that are over, nanoseconds.
     waited_ns: u64,
-    /// Runs or waits for a processor, rather than for something to happen.
+    /// Running or waiting for a processor, instead of sleeping.
     is_ready: bool,
 }
 
 impl SchedulerTimes {
-    /// Those of a living process.
+    /// Scheduling times of a living process.
     pub fn of(pid: u32) -> io::Result<Self> {
         let read = |file: &str| {
             let path = format!("/proc/{pid}/{file}");
@@ -43,19 +43,20 @@ impl SchedulerTimes {
     }
 }
 
-/// What was seen longer ago says nothing about the wait of now: it may have been over many times.
+/// Age from which the previous look says nothing about the current wait: several may have ended
+/// since.
 const FRESH_NS: u64 = 40_000_000;
 
-/// Follows one process, while that is of interest.
+/// Measures the waits of one process.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ProcessorWait {
     last: Option<(SchedulerTimes, u64)>,
-    /// Counted already of the wait that goes on.
+    /// Part of the wait in progress that is already counted.
     counted_ns: u64,
 }
 
 impl ProcessorWait {
-    /// Waiting time since the last call, given what the system says now; 0 when there was none lately.
+    /// Waiting time since the last call, according to `times`; 0 if the last call was too long ago.
     pub fn newly_waited_ns(&mut self, times: SchedulerTimes, now_ns: u64) -> u64 {
         let is_fresh = |&(_, last_ns): &(_, u64)| now_ns.saturating_sub(last_ns) <= FRESH_NS;
         let Some((last, last_ns)) = self.last.replace((times, now_ns)).filter(is_fresh) else {
@@ -87,7 +88,7 @@ mod tests {
         SchedulerTimes { ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, is_ready }
     }
 
-    /// Looks every 5 ms; returns what was found waited, in milliseconds.
+    /// Looks every 5 ms; returns the waiting times found, in milliseconds.
     fn waited(looks: &[SchedulerTimes]) -> Vec<u64> {
         let mut wait = ProcessorWait::default();
         let at = (0..).step_by(5).map(|ms| ms * MS);
@@ -100,13 +101,13 @@ mod tests {
     }
 
     #[test]
-    fn a_wait_that_goes_on_counts_at_once_and_not_again_when_it_is_over() {
+    fn a_wait_in_progress_counts_at_once_and_not_again_when_it_is_over() {
         let ready = times(7, 100, true);
         assert_eq!(waited(&[ready, ready, ready, times(8, 112, true)]), [0, 5, 5, 2]);
     }
 
     #[test]
-    fn waits_of_long_ago_excuse_nothing() {
+    fn old_waits_do_not_count() {
         let mut wait = ProcessorWait::default();
         assert_eq!(wait.newly_waited_ns(times(7, 100, false), 0), 0);
         assert_eq!(wait.newly_waited_ns(times(9, 900, true), 5000 * MS), 0);

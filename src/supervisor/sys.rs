@@ -1,9 +1,9 @@
 //! The supervisor's fallible system calls, and a way for tests to make each of them fail.
 //!
-//! Any of these calls can fail in a healthy match: descriptors, processes, memory or a disk run out,
-//! somebody removes a directory. Each goes through [`ask`] with its own [`Call`], so that a test can have
-//! every one of them fail once and see the match go on. Where [`FAULTS_VARIABLE`] is not set, all that
-//! costs is one look at an atomic number.
+//! Any of these calls can fail in a healthy match: descriptors, processes, memory or a disk run out, or a
+//! directory is removed. Each goes through [`ask`] with its own [`Call`], so that a test can make every one
+//! of them fail once and check that the match goes on. Without [`FAULTS_VARIABLE`] the cost is one atomic
+//! load.
 
 use rustix::io::Errno;
 use std::io;
@@ -21,16 +21,16 @@ macro_rules! calls {
         }
 
         impl Call {
-            /// All of them, in the order of their numbers.
+            /// All calls, in the order of their numbers.
             #[cfg(test)]
             pub const ALL: &[Self] = &[$(Self::$call,)+];
 
-            /// In words.
+            /// Description.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$call => $name,)+ }
             }
 
-            /// How it fails, when it fails.
+            /// Error of an injected failure.
             fn errno(self) -> Errno {
                 match self { $(Self::$call => Errno::$errno,)+ }
             }
@@ -65,17 +65,17 @@ calls! {
     KeepReserve = "keep descriptors in reserve", MFILE;
 }
 
-/// A bit for each call that is still to fail; 0 in every match that is none of a test's.
+/// One bit per call that is still to fail; 0 outside tests.
 static TO_FAIL: AtomicU64 = AtomicU64::new(0);
 
-/// From now on calls fail, if that was asked for. The group is complete.
+/// Enables the injected failures, if requested. Called when the group is complete.
 pub fn arm() {
     if std::env::var(FAULTS_VARIABLE).is_ok_and(|value| value == "once") {
         TO_FAIL.store(u64::MAX, Ordering::Relaxed);
     }
 }
 
-/// Asks the system for something.
+/// Makes a system call, or fails as injected.
 pub fn ask<T>(call: Call, request: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
     match fault(call) {
         Some(error) => Err(error),
@@ -83,7 +83,7 @@ pub fn ask<T>(call: Call, request: impl FnOnce() -> io::Result<T>) -> io::Result
     }
 }
 
-/// The error with which a call is to fail now. For calls that have errors of their own.
+/// Injected error of a call, if it is to fail now. For calls that have errors of their own.
 pub fn fault(call: Call) -> Option<io::Error> {
     if TO_FAIL.load(Ordering::Relaxed) == 0 {
         return None;
@@ -100,8 +100,7 @@ pub fn fault(call: Call) -> Option<io::Error> {
 mod tests {
     use super::*;
 
-    /// Calls of the system that are not asked for through this file are not tried by the test in
-    /// `tests/faults.rs`.
+    /// System calls that do not go through this file are not covered by `tests/faults.rs`.
     #[test]
     fn every_call_is_made_somewhere_and_has_a_bit() {
         assert!(Call::ALL.len() < 64);

@@ -1,12 +1,12 @@
-//! What does not work at the moment but will be tried again: said once, repeated seldom, and said to be
-//! over when it is.
+//! Failing operations that are retried: each is reported once, repeated seldom, and reported as over when
+//! it succeeds.
 
 use std::collections::BTreeMap;
 
 /// Interval at which a lasting failure is reported again.
 const REPEAT_NS: u64 = 60_000_000_000;
 
-/// The troubles of now, by what they concern.
+/// Current failures, by operation.
 #[derive(Debug, Default)]
 pub struct Troubles {
     current: BTreeMap<String, Trouble>,
@@ -20,7 +20,7 @@ struct Trouble {
 }
 
 impl Troubles {
-    /// Takes note of an attempt; returns what is to be said about it, if anything.
+    /// Records an attempt; returns a message if one is due.
     pub fn note(&mut self, what: &str, outcome: Result<(), String>, now_ns: u64) -> Option<String> {
         let Err(reason) = outcome else {
             let trouble = self.current.remove(what)?;
@@ -40,7 +40,7 @@ impl Troubles {
         Some(text)
     }
 
-    /// All of them, in a line each.
+    /// All current failures, one line each.
     pub fn list(&self) -> Vec<String> {
         let line = |(what, trouble): (&String, &Trouble)| {
             format!("{what}: {} ({})", trouble.reason, times(trouble.times))
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_trouble_is_said_when_it_begins_changes_lasts_and_ends() {
+    fn a_failure_is_reported_when_it_begins_changes_lasts_and_ends() {
         let mut troubles = Troubles::default();
         assert_eq!(troubles.note("log", Ok(()), 0), None);
         let full = || Err("No space left".to_string());

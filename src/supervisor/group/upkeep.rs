@@ -138,7 +138,7 @@ impl Group<'_> {
                     "the {stage} drops all its input: `touchline status` counts the reasons; look at the stage \
                      before it, and at the camera's settings"
                 ),
-                Lack::Peace(deaths) => format!(
+                Lack::Stability(deaths) => format!(
                     "the {stage} dies too often ({deaths} times in five seconds or more): it is started \
                      with pauses, {next}"
                 ),

@@ -28,7 +28,7 @@ pub enum Lack {
     /// No output: it drops all its input.
     Output,
     /// This many of its active processes have died in a short time, so the next start is delayed.
-    Peace(u32),
+    Stability(u32),
 }
 
 impl Policy {
@@ -46,7 +46,7 @@ impl Policy {
             } else if stage.escalation > 0
                 && (stage.intensity.count(now_ns) > 0 || now_ns < stage.spare_after_ns)
             {
-                (Lack::Peace(stage.intensity.count(now_ns)), stage.spare_after_ns)
+                (Lack::Stability(stage.intensity.count(now_ns)), stage.spare_after_ns)
             } else {
                 return None;
             };
