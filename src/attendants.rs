@@ -1,8 +1,8 @@
 //! The table of attendants: the processes that a group has besides its stages.
 //!
-//! A row says everything that the command line and the supervisor need to know of one. To add an attendant, write
-//! it in a folder of its own, give it a number and a name in [`common::messages::Attendant`], a row here and a section in
-//! the configuration.
+//! A row holds everything that the command line and the supervisor need to know about one. To add an
+//! attendant, write it in a folder of its own, and give it a number and a name in
+//! [`common::messages::Attendant`], a row here and a section in the configuration.
 
 use crate::gateway;
 use common::config::Config;
@@ -10,25 +10,25 @@ use common::instance::{Instance, InstanceError};
 use common::messages::Attendant;
 use std::error::Error;
 
-/// Whatever keeps an attendant from its work; its text is for the user.
+/// Reason for which an attendant cannot work; the text is for the user.
 pub type AttendantError = Box<dyn Error + Send + Sync>;
 
 /// An attendant.
 pub struct Row {
-    /// Its name and its number in messages. The name is its subcommand, too.
+    /// Its name and number in messages. The name is also its subcommand.
     pub attendant: Attendant,
     /// What it does, for `touchline --help`.
     pub about: &'static str,
-    /// Whether a group with this configuration has one. Makes what has to be there before it starts; what it would
-    /// fail at is an error here, before the match begins.
+    /// Whether a group with this configuration has it. Creates what it needs before it starts;
+    /// anything it would fail at is an error here, before the match begins.
     pub prepare: fn(&Instance, &Config) -> Result<bool, AttendantError>,
     /// The process: runs until it is told to end, or, `supervised`, until its group is gone.
     pub run: fn(&Instance, &Config, supervised: bool) -> Result<(), AttendantError>,
-    /// Removes what it has made outside the group's directories, when the group has ended.
+    /// Removes what it created outside the group's directories, when the group has ended.
     pub remove: fn(&Instance) -> Result<(), InstanceError>,
 }
 
-/// All of them.
+/// All attendants.
 pub const TABLE: [Row; 1] = [gateway::ROW];
 
 impl Row {

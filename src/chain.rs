@@ -1,8 +1,8 @@
-//! The stages' own cores, one after the other in one process: what is found here is found in a match.
+//! The stages' own code, chained in one process: results are the same as in a match.
 //!
 //! A frame goes through [`classify`](Chain::classify), [`track`](Chain::track) and [`filter`](Chain::filter), as it
-//! goes through three processes in a match; [`step`](Chain::step) is all three. A picture that stands
-//! alone is only [looked at](Chain::look_at): nothing is known of what was before.
+//! goes through three processes in a match; [`step`](Chain::step) is all three. A single picture, without
+//! predecessors, goes through [`look_at`](Chain::look_at).
 
 use bytemuck::Zeroable;
 use classifier::{Classifier, ClassifierError};
@@ -13,7 +13,7 @@ use common::messages::{
 use filter::{Filter, FilterError};
 use tracker::{Tracker, TrackerError};
 
-/// Why a configuration cannot be used.
+/// Reason for which a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)]
 pub enum ChainError {
@@ -35,7 +35,7 @@ pub struct Chain {
     runs: Vec<Run>,
     detections: Box<DetectionFrame>,
     world: Box<WorldFrame>,
-    /// Whether `world` is that of an earlier frame, rather than none.
+    /// Whether `world` holds the result of an earlier frame.
     has_world: bool,
 }
 
@@ -55,31 +55,33 @@ impl Chain {
         })
     }
 
-    /// A frame to runs.
+    /// Turns a frame into runs.
     pub fn classify(&mut self, header: &FrameHeader, pixels: &[u8]) -> Result<(), FrameFault> {
         self.classifier.step(header, pixels, &mut self.runs_header, &mut self.runs)
     }
 
-    /// The runs to detections, with the last `world` as a prediction. `pixels` are those of the same frame.
+    /// Turns the runs into detections, with the last `world` as a prediction. `pixels` are those of
+    /// the same frame.
     pub fn track(&mut self, pixels: &[u8]) {
         let prior = self.has_world.then_some(&*self.world);
         let runs = self.runs_header.valid(&self.runs);
         self.tracker.step(&self.runs_header, runs, Some(pixels), prior, &mut self.detections);
     }
 
-    /// The detections, sent at this time, to `world`. Its predictions are for a command that leaves then.
+    /// Turns the detections, sent at this time, into `world`. Its predictions are for a command
+    /// that leaves then.
     pub fn filter(&mut self, t_sent_ns: u64) {
         self.detections.t_sent_ns = t_sent_ns;
         self.filter.step(&self.detections, &mut self.world);
         self.has_world = true;
     }
 
-    /// Has the filter hear what robots are told.
+    /// Passes commands to the filter.
     pub fn command(&mut self, commands: &Commands) {
         self.filter.command(commands);
     }
 
-    /// A frame to `world`, as if no stage took any time.
+    /// Turns a frame into `world`, as if no stage took any time.
     pub fn step(&mut self, header: &FrameHeader, pixels: &[u8]) -> Result<&WorldFrame, FrameFault> {
         self.classify(header, pixels)?;
         self.track(pixels);
@@ -87,7 +89,7 @@ impl Chain {
         Ok(&self.world)
     }
 
-    /// Looks at a picture of the configured camera that stands alone.
+    /// Detects in a single picture of the configured camera.
     pub fn look_at(&mut self, pixels: &[u8]) -> Result<&DetectionFrame, FrameFault> {
         self.has_world = false;
         self.classify(&self.camera.frame_header(), pixels)?;

@@ -1,11 +1,11 @@
-//! The parts of the program `touchline` that are of use to others as well: to its tests, to tools, to a page.
+//! Parts of the program `touchline` that tests, tools and a web page use as well.
 //!
 //! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
 //! [`attendants`] lists the processes that serve people, of which [`gateway`] is one. [`recorder`] and [`replay`] write
 //! recordings and compute them again. The command line and the commands are the program's alone.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the readers of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod attendants;

@@ -3,7 +3,7 @@
 //! One program. `touchline run` (also without arguments) starts a group of processes, each of
 //! which is this program again with a stage's name as subcommand; see ARCHITECTURE.md.
 
-// A process outlives whoever reads what it says: see `common::tell`.
+// A process outlives the readers of its output: see `common::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod cli;
@@ -19,7 +19,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(error) => {
-            // A complaint about a configuration begins with file and line, as editors expect it.
+            // A configuration error begins with file and line, as editors expect it.
             let prefix = if error.is::<common::config::ConfigError>() { "" } else { "touchline: " };
             common::tell!("{prefix}{error}");
             common::tell::finish(std::time::Duration::from_secs(1));

@@ -10,9 +10,9 @@ pub type Color = [u8; 3];
 /// A point of the canvas in its pixels; whole numbers are pixel centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CanvasPoint {
-    /// To the right.
+    /// Distance to the right of the origin.
     pub x: f32,
-    /// Downwards.
+    /// Distance below the origin.
     pub y: f32,
 }
 
@@ -29,14 +29,14 @@ pub struct Area {
     pub bottom: i32,
 }
 
-/// The picture. Whatever lies outside is not drawn.
+/// The picture. Drawing is clipped to it.
 pub struct Canvas {
     pixels: RgbImage,
 }
 
 impl Canvas {
-    /// The picture in `rgb` (three bytes a pixel, rows without padding), each pixel `scale` times
-    /// as large, with an empty strip of `footer` rows below.
+    /// Copies the picture in `rgb` (three bytes a pixel, rows without padding), each pixel enlarged
+    /// `scale` times, above an empty strip of `footer` rows.
     pub fn enlarged(rgb: &[u8], width: u32, scale: u32, footer: u32) -> Self {
         let height = (rgb.len() / 3) as u32 / width.max(1);
         let pixel = |column: u32, row: u32| {
@@ -46,12 +46,12 @@ impl Canvas {
         Self { pixels: RgbImage::from_fn(width * scale, height * scale + footer, pixel) }
     }
 
-    /// What has been drawn.
+    /// The finished picture.
     pub fn into_image(self) -> RgbImage {
         self.pixels
     }
 
-    /// The whole of it.
+    /// The whole canvas.
     pub fn area(&self) -> Area {
         let (right, bottom) = (self.pixels.width() as i32, self.pixels.height() as i32);
         Area { left: 0, top: 0, right, bottom }
@@ -78,7 +78,7 @@ impl Canvas {
         });
     }
 
-    /// A line through all points, and back to the first.
+    /// A closed line through all points.
     pub fn polygon(&mut self, points: &[CanvasPoint], width: f32, color: Color) {
         for (index, &from) in points.iter().enumerate() {
             self.line(from, points[(index + 1) % points.len()], width, color);
@@ -128,7 +128,8 @@ impl Canvas {
         }
     }
 
-    /// Blends `color` over each pixel of `area` by how much of it lies where `distance` is negative.
+    /// Blends `color` over each pixel of `area` by its share of the region where `distance` is
+    /// negative.
     fn shape(&mut self, area: Area, color: Color, distance: impl Fn(f32, f32) -> f32) {
         let area = area.clipped_to(&self.area());
         for y in area.top..area.bottom {
@@ -150,14 +151,14 @@ pub fn text_size(scale: i32, text: &str) -> (i32, i32) {
 }
 
 impl Area {
-    /// Holds all points with `width` around them.
+    /// The smallest area around all points with a margin of `width`.
     pub fn around(points: &[CanvasPoint], width: f32) -> Self {
         let reach = width / 2.0 + 1.0;
         let least =
             |of: fn(&CanvasPoint) -> f32| points.iter().map(of).fold(f32::INFINITY, f32::min);
         let most =
             |of: fn(&CanvasPoint) -> f32| points.iter().map(of).fold(f32::NEG_INFINITY, f32::max);
-        // Conversion saturates: points far outside, or nowhere, are clipped away.
+        // Conversion saturates: points far outside, or not finite, are clipped away.
         Self {
             left: (least(|spot| spot.x) - reach).floor() as i32,
             top: (least(|spot| spot.y) - reach).floor() as i32,
@@ -166,7 +167,7 @@ impl Area {
         }
     }
 
-    /// What of it lies within `bounds`.
+    /// Its part within `bounds`.
     pub fn clipped_to(&self, bounds: &Self) -> Self {
         Self {
             left: self.left.max(bounds.left),
@@ -176,13 +177,13 @@ impl Area {
         }
     }
 
-    /// The same area so many pixels to the right and down.
+    /// The area moved to the right and down by these pixels.
     pub fn moved(&self, [x, y]: [i32; 2]) -> Self {
         let Self { left, top, right, bottom } = *self;
         Self { left: left + x, top: top + y, right: right + x, bottom: bottom + y }
     }
 
-    /// The same area with `by` more pixels on each side.
+    /// The area with `by` more pixels on each side.
     pub fn grown(&self, by: i32) -> Self {
         let Self { left, top, right, bottom } = *self;
         Self {
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_is_clipped() {
+    fn shapes_outside_the_canvas_are_clipped() {
         let mut canvas = canvas();
         let far = CanvasPoint { x: f32::INFINITY, y: -1e30 };
         let nowhere = CanvasPoint { x: f32::NAN, y: 3.0 };

@@ -7,8 +7,8 @@ pub const HEIGHT: i32 = 7;
 /// Pixels from one letter to the next.
 pub const ADVANCE: i32 = WIDTH + 1;
 
-/// The rows of a letter, top first; in each the highest of five bits is the leftmost pixel. There
-/// are no small letters, they look like capitals; what is not there at all looks like '?'.
+/// Rows of a letter, top first; the highest of the five bits is the leftmost pixel. Small letters
+/// are drawn as capitals, unknown ones as '?'.
 pub fn rows(letter: char) -> [u8; 7] {
     let letter = letter.to_ascii_uppercase();
     let find = |wanted: char| GLYPHS.iter().find(|(known, _)| *known == wanted);

@@ -1,11 +1,11 @@
-//! Scoring poses against the truth of a synthetic match.
+//! Scores poses against the truth of a synthetic match.
 
 use super::report::{Errors, StandingErrors};
 use common::geometry::wrap_angle;
 use common::messages::{TruthFrame, TruthRobot};
 use hdrhistogram::Histogram;
 
-/// A robot as some message reports it.
+/// A robot as reported by a message.
 #[derive(Debug, Clone, Copy)]
 pub struct ReportedRobot {
     /// Team number.
@@ -20,11 +20,12 @@ pub struct ReportedRobot {
     pub orientation: f64,
 }
 
-/// A report further from its robot than this is a report of something else.
+/// Largest distance at which a report still belongs to a robot.
 const SAME_ROBOT_MM: f64 = 40.0;
-/// The same for the ball.
+/// Largest distance at which a report still belongs to the ball.
 const SAME_BALL_MM: f64 = 40.0;
-/// Half a second at 80 frames a second: the filter has settled.
+/// Frames a robot must stand still before it counts as standing: half a second at 80 frames a
+/// second, after which the filter has settled.
 const STANDING_FRAMES: u32 = 40;
 
 /// Collects errors over a run.
@@ -125,11 +126,11 @@ impl PoseErrors {
     }
 }
 
-/// Of non-negative errors, in millimetres or degrees.
+/// Statistics of non-negative errors, in millimetres or degrees.
 #[derive(Debug)]
 pub(super) struct Distribution {
     sum_of_squares: f64,
-    /// In thousandths.
+    /// Errors in thousandths of a unit.
     histogram: Histogram<u64>,
 }
 
@@ -187,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_those_of_the_right_robot() {
+    fn errors_are_measured_against_the_right_robot() {
         let mut scorer = Scorer::default();
         scorer.score(&truth(), &[robot(0, 3.0), robot(1, 104.0)], Some([0.0, 2.0]));
         let errors = scorer.errors().unwrap();

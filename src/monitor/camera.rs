@@ -1,4 +1,4 @@
-//! How a real camera is: for the report, and as events when it changes.
+//! State of a real camera: for the report, and as events when it changes.
 
 use super::report::CameraDevice;
 use super::view::{Event, GroupView};
@@ -6,7 +6,7 @@ use common::bus::{Bus, BusError, Stranger, Subscriber};
 use common::messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
 use common::topics;
 
-/// Listens to what the grabber says about its camera.
+/// Reads the grabber's reports about its camera.
 pub struct CameraWatch {
     reports: Subscriber<CameraReport, ()>,
     device: Option<CameraDevice>,
@@ -18,7 +18,7 @@ impl CameraWatch {
         Ok(Self { reports: bus.subscriber(&topics::CAMERA)?, device: None })
     }
 
-    /// Takes in what is new; changes of state become events.
+    /// Reads new reports; changes of state become events.
     pub fn collect(&mut self, view: &GroupView) -> Result<(), BusError> {
         while let Some(received) = self.reports.receive()? {
             let Some(device) = received.message().and_then(describe) else { continue };
@@ -38,7 +38,7 @@ impl CameraWatch {
         Ok(())
     }
 
-    /// Programs that are no grabber of the group's and have said something of a camera since this was last asked.
+    /// Foreign programs that have published camera reports since the last call.
     pub fn take_strangers(&self) -> Vec<Stranger> {
         self.reports.take_strangers()
     }
@@ -49,7 +49,7 @@ impl CameraWatch {
     }
 }
 
-/// `None` for a message of a state that does not exist.
+/// `None` for a message with an invalid state.
 fn describe(report: &CameraReport) -> Option<CameraDevice> {
     Some(CameraDevice {
         state: CameraState::from_number(report.state)?.name().into(),
@@ -62,7 +62,7 @@ fn describe(report: &CameraReport) -> Option<CameraDevice> {
         starts: report.starts,
     })
 }
-/// JSON has no word for what is no number: one of these would make the whole report unreadable.
+/// Replaces non-finite numbers: JSON has none, and one would make the whole report unreadable.
 fn finite(number: f32) -> f64 {
     if number.is_finite() { number.into() } else { 0.0 }
 }

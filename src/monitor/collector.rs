@@ -1,4 +1,4 @@
-//! Emptying the topics and putting the report together.
+//! Reads all topics and builds the report.
 
 use super::Outlets;
 use super::accuracy::{ReportedRobot, Scorer};
@@ -26,19 +26,19 @@ use common::topics;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 
-/// Truth is kept for so many frames: longer than any result is under way.
+/// Frames of truth kept: more than any result is behind.
 const KEPT_TRUTH: usize = 512;
-/// Over which rates and processor shares are measured.
+/// Period over which rates and processor shares are measured.
 const RATE_PERIOD_NS: u64 = 1_000_000_000;
 
-/// Between two attempts to see a writer that could not be connected to.
+/// Time between two attempts to connect to a writer.
 const RECONNECT_NS: u64 = 1_000_000_000;
 
-/// How often memory is looked at, and when for the first time.
+/// Time between two memory measurements, and before the first.
 const MEMORY_PERIOD_NS: u64 = 30_000_000_000;
 const MEMORY_FIRST_NS: u64 = 1_500_000_000;
 
-/// The monitor's eyes and memory.
+/// The monitor's subscribers and counts.
 pub struct Collector {
     frames: Subscriber<u8, FrameHeader>,
     detections: Subscriber<DetectionFrame, ()>,
@@ -52,16 +52,16 @@ pub struct Collector {
     base: Report,
     started_ns: u64,
     flow: Flow,
-    /// How many of the newest frames wait for a reader that is away.
+    /// Capacity of the buffer of `frames`.
     kept_frames: usize,
     frame_bytes: usize,
-    /// The frames of one look. Reused allocation.
+    /// Frames read in one round. Reused allocation.
     new_frames: Vec<FrameHeader>,
-    /// Frames and results may have come that were not seen.
+    /// Frames may have been published that were not seen.
     frames_lost_from_sight: bool,
     world_lost_from_sight: bool,
     connect_after_ns: u64,
-    /// For tests: the frame at which it panics.
+    /// For tests: panics at this frame.
     fault: Option<u64>,
     last_frame: Option<FrameHeader>,
     last_world: Option<FrameHeader>,
@@ -75,7 +75,7 @@ pub struct Collector {
     processes: HashMap<u32, ProcessRecord>,
     gateway: Option<Heartbeat>,
     rate: RateMeter,
-    /// What this process had used when the run began.
+    /// Processor time of this process before the run.
     supervisor_cpu_before: f64,
     memory_bytes: u64,
     memory_due_ns: u64,
@@ -83,7 +83,7 @@ pub struct Collector {
     bus: Bus,
 }
 
-/// What is known of a process, also after its end.
+/// Latest state and counters of a process, kept after its end.
 #[derive(Default)]
 struct ProcessRecord {
     beat: Option<Heartbeat>,
@@ -101,7 +101,7 @@ struct RateMeter {
 }
 
 impl Collector {
-    /// Connects; also returns the ports on which the report and the events are to be published.
+    /// Connects. Also returns the ports for publishing the report and the events.
     pub fn new(
         instance: &Instance,
         source: String,
@@ -139,7 +139,7 @@ impl Collector {
             ..Report::default()
         };
         let collector = Self {
-            // Against the stream: no frame is seen whose results are not.
+            // From the last topic to the first: no frame is seen without its results.
             world: bus.subscriber(&topics::WORLD)?,
             detections: bus.subscriber(&topics::DETECTIONS)?,
             frames: bus.subscriber(&topics::frames(config.camera.frame_bytes()))?,
@@ -166,7 +166,7 @@ impl Collector {
             world_scorer: Scorer::default(),
             unknown_scorer: UnknownScorer::new(config),
             latency: LatencyMeter::default(),
-            // A geometry that is none is complained of where it is used.
+            // An invalid geometry is reported where it is used.
             tops: TopScale::new(config).ok(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
@@ -180,14 +180,14 @@ impl Collector {
         Ok((collector, outlets))
     }
 
-    /// Takes in everything published since the last call.
+    /// Reads everything published since the last call.
     pub fn collect(&mut self) -> Result<(), BusError> {
         self.see_again();
         let mut received_frames = 0;
         while let Some(frame) = self.frames.receive()? {
             received_frames += 1;
             let header = frame.header();
-            // Rubbish of other programs; the classifier counts it, with the reason.
+            // Invalid frames of foreign programs; the classifier counts them by reason.
             let Camera { width, height, .. } = self.base.camera;
             if header.check(width, height, frame.elements().len()).is_err()
                 || !header.follows(self.last_frame.as_ref(), monotonic_ns(), self.base.camera.fps)
@@ -197,7 +197,7 @@ impl Collector {
             self.last_frame = Some(*header);
             self.new_frames.push(*header);
         }
-        // A full buffer, or nearly, may have been full for a while, and its oldest overwritten.
+        // A nearly full buffer may have been full, and its oldest messages overwritten.
         let was_away = received_frames * 8 >= self.kept_frames * 7;
         self.world_lost_from_sight |= was_away;
         let is_broken = was_away || self.frames_lost_from_sight;
@@ -227,7 +227,7 @@ impl Collector {
                 if beat.process == Attendant::Gateway as u32 {
                     self.gateway = Some(*beat);
                 }
-                // Of processes of the group only: numbers of others would pile up.
+                // Only processes of the group: foreign pids would pile up.
                 let is_of_group = self.processes.contains_key(&beat.pid)
                     || self.view.processes().0.iter().any(|process| process.pid == beat.pid);
                 if is_of_group {
@@ -251,7 +251,7 @@ impl Collector {
         self.strangers.collect(&self.bus, &self.view, met)
     }
 
-    /// Whether it cannot see what some process publishes, for want of descriptors or memory.
+    /// Whether it misses a writer, for lack of descriptors or memory.
     fn is_blind(&self) -> bool {
         self.frames.misses_a_writer()
             || self.detections.misses_a_writer()
@@ -260,8 +260,8 @@ impl Collector {
             || self.health.misses_a_writer()
     }
 
-    /// Connects anew to topics of which it misses a writer. As long as that does not succeed, it goes
-    /// on with what it has.
+    /// Reconnects to topics of which it misses a writer. Until that succeeds, it keeps the old
+    /// connections.
     fn see_again(&mut self) {
         if !self.is_blind() {
             return;
@@ -282,18 +282,18 @@ impl Collector {
         connect_again(health, || bus.subscriber(&topics::HEALTH));
     }
 
-    /// Events that were not returned before.
+    /// Events not returned before.
     pub fn take_new_events(&self) -> Vec<Event> {
         self.view.take_new_events()
     }
 
-    /// The supervisor's sign of life, if it has given one itself just now.
+    /// The supervisor's heartbeat, if the supervisor is alive.
     pub fn heartbeat(&self) -> Option<Heartbeat> {
         let now_ns = monotonic_ns();
         self.view.is_watched(now_ns).then(|| self.view.heartbeat(now_ns))
     }
 
-    /// The gateway, as the supervisor and it itself see it.
+    /// State of the gateway, from the supervisor's view and its own heartbeats.
     fn gateway(&self, attendants: &BTreeMap<String, AttendantState>) -> Option<Gateway> {
         let known = attendants.get(Attendant::Gateway.name()).copied().unwrap_or_default();
         let own = self.gateway.filter(|beat| Some(beat.pid) == known.pid);
@@ -351,7 +351,7 @@ impl Collector {
     fn take_world(&mut self, world: &WorldFrame) -> Result<(), BusError> {
         let (frame, now_ns) = (world.frame, monotonic_ns());
         let is_repeated = self.last_world.is_some_and(|last| frame.seq <= last.seq);
-        // Rubbish of other programs, which must not pass for a result.
+        // Invalid results of foreign programs must not count.
         if !frame.is_present(now_ns)
             || !is_repeated
                 && !frame.follows(self.last_world.as_ref(), now_ns, self.base.camera.fps)
@@ -362,7 +362,7 @@ impl Collector {
             self.last_world = Some(frame);
         }
         let before = self.flow.frames(0, false).duplicates_in_world;
-        // Messages of a topic that were not seen came before the next one seen.
+        // Unseen messages of a topic precede the next one seen.
         let is_broken = std::mem::take(&mut self.world_lost_from_sight);
         let sight = if is_broken { Sight::Broken } else { Sight::Whole };
         self.flow.arrived(world.frame.seq, sight);
@@ -394,7 +394,7 @@ impl Collector {
         Ok(())
     }
 
-    /// The truth of a frame. It is published before the frame, so it has arrived by now.
+    /// Truth of a frame. It is published before the frame, so it has arrived by now.
     fn truth_of(&mut self, seq: u64) -> Result<Option<TruthFrame>, BusError> {
         while let Some(received) = self.truth.receive()? {
             if let Some(truth) = received.message() {
@@ -413,7 +413,7 @@ impl Collector {
         let (views, restarts) = self.view.processes();
         let pids: Vec<u32> = views.iter().map(|process| process.pid).collect();
         for process in &views {
-            // What has ended keeps its last figures.
+            // A process that has ended keeps its last figures.
             let record = self.processes.entry(process.pid).or_default();
             record.usage = usage_of(process.pid).unwrap_or(record.usage);
         }
@@ -516,7 +516,7 @@ impl Collector {
 }
 
 impl RateMeter {
-    /// Renews the rates once a period, and writes the processors' shares into the stages.
+    /// Measures the rates once a period, and writes the processor shares into the stages.
     fn measure(
         &mut self,
         now_ns: u64,

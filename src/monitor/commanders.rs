@@ -1,4 +1,4 @@
-//! Senders of commands, and the robots that obey them: of several senders, the one whose command was sent last.
+//! Senders of commands and the robots that obey them. Each robot obeys the command sent last.
 
 use super::report::Commander;
 use common::bus::{Bus, BusError, Subscriber, participants};
@@ -10,9 +10,9 @@ use common::roster::NodeKey;
 use common::topics;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// A stamp that lies further in the future is rubbish; the filter does not obey it either.
+/// Largest lead of a command's time stamp; the filter rejects later ones too.
 const MOST_AHEAD_NS: u64 = 1_000_000_000;
-/// Senders that are told apart; the one that was silent for longest is forgotten first.
+/// Most senders tracked; the one silent for longest is dropped first.
 const MOST_SENDERS: usize = 32;
 
 /// A sender: a process, or a user behind the gateway.
@@ -27,11 +27,11 @@ struct Known {
     messages: u64,
     heard_ns: u64,
     name: String,
-    /// When it last commanded each robot, by team and number.
+    /// Time of its last command to each robot, by team and number.
     robots: BTreeMap<(u32, u32), u64>,
 }
 
-/// Listens to `commands`.
+/// Reads `commands`.
 pub struct CommanderWatch {
     instance: Instance,
     commands: Subscriber<Commands, ()>,
@@ -54,7 +54,7 @@ impl CommanderWatch {
         })
     }
 
-    /// Takes in what is new.
+    /// Reads new commands.
     pub fn collect(&mut self) -> Result<(), BusError> {
         let now_ns = monotonic_ns();
         while let Some(received) = self.commands.receive()? {
@@ -92,7 +92,7 @@ impl CommanderWatch {
         }
     }
 
-    /// Those whose commands have not timed out.
+    /// Senders whose commands have not timed out.
     pub fn report(&self) -> Vec<Commander> {
         commanders(&self.senders, monotonic_ns(), self.timeout_ns)
     }
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_sent_last_acts_whoever_sent_it() {
+    fn the_command_sent_last_acts_from_any_sender() {
         let (yellow, blue) = (Team::Yellow as u32, Team::Blue as u32);
         let senders: HashMap<Sender, Known> = [
             (

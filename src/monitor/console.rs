@@ -12,19 +12,20 @@ use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// How the run is shown while it lasts.
+/// Console output during a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {
-    /// Redrawn in place.
+    /// A display redrawn in place.
     Display,
-    /// A line a second.
+    /// One line a second.
     Lines,
-    /// Not at all.
+    /// No output.
     Quiet,
 }
 
 impl Output {
-    /// What suits standard output: a terminal that can move its cursor is redrawn in place.
+    /// Output suitable for standard output: a terminal that can move its cursor is redrawn in
+    /// place.
     pub fn for_stdout() -> Self {
         let term = std::env::var_os("TERM");
         Self::suiting(std::io::stdout().is_terminal(), term.as_deref())
@@ -36,7 +37,7 @@ impl Output {
     }
 }
 
-/// Draws reports as they come.
+/// Draws reports.
 pub struct Display {
     output: Output,
     drawn_lines: usize,
@@ -49,7 +50,7 @@ impl Display {
         Self { output, drawn_lines: 0, last_line: Instant::now() }
     }
 
-    /// Writes what happened to standard error, evidence included.
+    /// Writes events with their evidence to standard error.
     pub fn events(&mut self, events: &[Event]) {
         for event in events {
             self.clear();
@@ -96,8 +97,8 @@ impl Display {
     }
 }
 
-/// A reader that has gone away (`| head`), or that has stopped reading, is no reason to end or to hold
-/// up a match.
+/// Writes to standard output. A reader that has gone (`| head`) or does not read must neither end
+/// nor block a match.
 fn print(text: &str) {
     common::tell::show(text.into());
 }
@@ -284,7 +285,7 @@ fn body(report: &Report) -> String {
     text
 }
 
-/// Robots of which only the team is known, if there are any.
+/// Number of robots of which only the team is known, if there are any.
 fn unknown(found: &Found) -> String {
     match found.unknown_robots {
         0 => String::new(),
@@ -292,7 +293,7 @@ fn unknown(found: &Found) -> String {
     }
 }
 
-/// Where the median frame's time goes; `→` is the way from one process to the next.
+/// Median latency of each step; `→` is the way between two processes.
 fn pieces(breakdown: &Breakdown) -> String {
     format!(
         "grabber {:.0} → {:.0} classifier {:.0} → {:.0} tracker {:.0} → {:.0} filter {:.0} µs, p50 each",
@@ -306,7 +307,7 @@ fn pieces(breakdown: &Breakdown) -> String {
     )
 }
 
-/// A real camera, and what is wrong with it.
+/// State and problem of a real camera.
 fn camera_lines(text: &mut String, device: &CameraDevice) {
     let CameraDevice { state, description, problem, .. } = device;
     let state = state.replace('_', " ");
@@ -321,7 +322,7 @@ fn camera_lines(text: &mut String, device: &CameraDevice) {
     }
 }
 
-/// How the light is corrected, and what is wrong with it.
+/// Light correction and its problem.
 fn light_words(light: &Light) -> String {
     if !light.followed {
         return "not followed: light.follow is off, or there is no light.pitch_rgb".into();
@@ -345,7 +346,7 @@ fn light_words(light: &Light) -> String {
     text
 }
 
-/// Who else may attach, where, and how that goes.
+/// State of the gateway: which users may attach, where, and its counters.
 fn gateway_line(text: &mut String, gateway: &Gateway) {
     let Gateway { group, socket, clients, given, lost, refused, not_permitted, restarts, .. } =
         gateway;
@@ -357,7 +358,7 @@ fn gateway_line(text: &mut String, gateway: &Gateway) {
     );
 }
 
-/// A sender of commands, and which robots obey it.
+/// A sender of commands and the robots that obey it.
 fn commander_line(text: &mut String, commander: &Commander) {
     let Commander { pid, name, robots, overruled, .. } = commander;
     let sender = match commander.user {
@@ -375,7 +376,7 @@ fn commander_line(text: &mut String, commander: &Commander) {
     text.push('\n');
 }
 
-/// A program that publishes where it is not believed.
+/// A foreign program that publishes on a protected topic.
 fn stranger_line(text: &mut String, stranger: &Stranger) {
     let Stranger { pid, topic, messages, .. } = stranger;
     let _ = writeln!(
@@ -453,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn the_display_never_scrolls_its_own_beginning_off_the_screen() {
+    fn the_display_never_exceeds_the_screen() {
         let text = "a line of 20 letters\n".repeat(20);
         for [columns, rows] in [[80, 24], [80, 17], [10, 5], [3, 1]] {
             let fitted = fit(&text, [columns, rows]);

@@ -1,10 +1,10 @@
-//! A fault in the thread that counts does not end the process that supervises.
+//! Containment: a fault in the monitor's thread does not end the supervisor's process.
 //!
 //! The monitor runs beside the supervisor in one process, and in release builds a panic anywhere ends the
-//! process, as does a SIGBUS (shared memory that the system cannot provide, a file that somebody
-//! truncates). Both are caught here before they do: if they come from the monitor's thread, that thread stops
-//! for good where it is, and the supervisor starts another one. What it holds, some places on topics and
-//! some memory, is lost until the supervisor ends, so this happens a few times at most
+//! process, as does a SIGBUS (shared memory that the system cannot provide, a truncated file). Both are
+//! caught here first: if the monitor's thread causes them, that thread stops for good where it is, and the
+//! supervisor starts another one. Its slots on topics and its memory are lost until the supervisor ends, so
+//! the number of restarts is limited
 //! ([`Monitor::has_fallen`](super::Monitor::has_fallen)).
 
 use std::io;
@@ -13,12 +13,12 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicI32, AtomicU32, Ordering};
 use std::time::Duration;
 
-/// The thread that is contained, by the system's number; 0 when there is none.
+/// System id of the contained thread; 0 if there is none.
 static CONTAINED: AtomicI32 = AtomicI32::new(0);
-/// Threads that have fallen.
+/// Number of stopped threads.
 static FALLEN: AtomicU32 = AtomicU32::new(0);
 
-/// From now on, faults of the calling thread are its own affair.
+/// Contains faults of the calling thread from now on.
 pub fn contain_this_thread() {
     static PREPARED: Once = Once::new();
     PREPARED.call_once(|| {
@@ -36,7 +36,7 @@ pub fn contain_this_thread() {
     CONTAINED.store(own_number(), Ordering::Release);
 }
 
-/// How many contained threads have fallen so far.
+/// Number of contained threads stopped so far.
 pub fn fallen() -> u32 {
     FALLEN.load(Ordering::Acquire)
 }
@@ -49,7 +49,7 @@ fn is_contained() -> bool {
     CONTAINED.load(Ordering::Acquire) == own_number()
 }
 
-/// Stops this thread. Does nothing that a handler of signals must not do.
+/// Stops this thread for good. Async-signal-safe.
 fn fall() -> ! {
     FALLEN.fetch_add(1, Ordering::Release);
     loop {
@@ -65,7 +65,7 @@ fn catch_bus_errors() -> io::Result<()> {
         }
         let _ = signal_hook::low_level::emulate_default_handler(signal_hook::consts::SIGBUS);
     };
-    // SAFETY: the handler reads and adds to atomic numbers, asks for the thread's number, sleeps, or does
-    // what would have been done without it. None of this takes a lock or memory.
+    // SAFETY: the handler reads and adds to atomic numbers, asks for the thread's id, sleeps, or performs
+    // the signal's default action. None of this takes a lock or memory.
     unsafe { signal_hook::low_level::register(signal_hook::consts::SIGBUS, handler) }.map(drop)
 }

@@ -1,4 +1,4 @@
-//! Counting frames end to end: which were captured, and which of them arrived.
+//! Counts frames end to end: captured, and arrived in `world`.
 
 use super::report::Frames;
 use std::collections::BTreeSet;
@@ -14,32 +14,32 @@ pub struct Flow {
     duplicates: u64,
     /// Captured and not yet in `world`.
     pending: BTreeSet<u64>,
-    /// In `world` before this monitor saw them captured: the two topics are read one after the
-    /// other. Or captured before its time, when it begins beside a running group: then they do not
+    /// In `world` but not yet seen as captured: the two topics are read one after the other. Frames
+    /// captured before a monitor that started beside a running group are here too; they do not
     /// count.
     early: BTreeSet<u64>,
     missing: u64,
-    /// Numbers that this monitor has not seen, having been away.
+    /// Numbers that this monitor missed while it was away.
     not_seen: u64,
-    /// Captured before `world`s that it has not seen.
+    /// Captured frames whose `world` it may have missed.
     not_seen_in_world: u64,
 }
 
-/// Whether messages before one may have been overwritten before the monitor came to read them.
+/// Whether earlier messages may have been overwritten before the monitor read them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sight {
-    /// It has seen everything there was.
+    /// It has seen every message.
     Whole,
-    /// It was away, or could not see: it knows nothing of what it has not seen.
+    /// It was away or not connected, and may have missed messages.
     Broken,
 }
 
-/// Frames in flight are not missing yet. More than the deepest buffer on the way.
+/// Most frames in flight, which are not missing yet: more than the deepest buffer on the way.
 const IN_FLIGHT: usize = 256;
 
 impl Flow {
-    /// A frame was captured. An old number is a frame that some other program has published again;
-    /// the stages drop it, and so does the count.
+    /// Counts a captured frame. An old number is a frame published again by a foreign program; the
+    /// stages drop it, and it is not counted.
     pub fn captured(&mut self, seq: u64, sight: Sight) {
         if self.last >= Some(seq) {
             return;
@@ -61,7 +61,7 @@ impl Flow {
         }
     }
 
-    /// A frame's world was published.
+    /// Counts a published `world`.
     pub fn arrived(&mut self, seq: u64, sight: Sight) {
         if self.last_world >= Some(seq) {
             self.duplicates += 1;
@@ -82,9 +82,9 @@ impl Flow {
         }
     }
 
-    /// The counts so far; `complete` when nothing can be in flight any more.
+    /// The counts so far; `complete` when no frame is in flight any more.
     pub fn frames(&self, dropped_by_grabber: u64, complete: bool) -> Frames {
-        // What came to `world` after a frame can only have overtaken it if that frame is lost.
+        // `world`s are in order, so a frame older than the last one is lost.
         let overtaken = self.pending.iter().filter(|&&seq| Some(seq) < self.last_world).count();
         let lost = if complete { self.pending.len() } else { overtaken };
         let span = match (self.first, self.last) {
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_captured_before_the_monitors_time_do_not_count() {
+    fn frames_captured_before_the_monitor_started_do_not_count() {
         let mut flow = Flow::default();
         for seq in [1, 2, 3, 4] {
             flow.arrived(seq, Sight::Whole);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_seen_is_not_said_to_be_lost() {
+    fn unseen_frames_do_not_count_as_lost() {
         let mut flow = Flow::default();
         for seq in 0..100 {
             flow.captured(seq, Sight::Whole);
@@ -167,7 +167,8 @@ mod tests {
         for seq in 0..97 {
             flow.arrived(seq, Sight::Whole);
         }
-        // Away for 200 frames; the last 64 of each topic are still there, of `world` one frame behind.
+        // Missed 200 frames; the last 64 of each topic are still there, of `world` one frame
+        // behind.
         for seq in 236..300 {
             flow.captured(seq, Sight::Broken);
         }
@@ -179,7 +180,7 @@ mod tests {
         assert_eq!((frames.never_captured, frames.missing_in_world), (0, 0));
         assert_eq!((frames.world, frames.not_seen_in_world), (97 + 63, 3));
         assert_eq!(frames.duplicates_in_world, 0);
-        // A grabber that dies in the sight of the monitor is another matter.
+        // A gap that the monitor has watched does count.
         flow.captured(310, Sight::Whole);
         assert_eq!(flow.frames(0, false).never_captured, 10);
         let frames = flow.frames(0, true);

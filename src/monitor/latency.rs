@@ -1,17 +1,17 @@
-//! Where the time from capture to `world` goes, read off the stamps that every `world` carries.
+//! Latency from capture to `world` and of each step, from the time stamps in every `world`.
 
 use super::report::{Breakdown, Latency, Percentiles};
 use common::messages::{FrameHeader, WorldFrame};
 use hdrhistogram::Histogram;
 
-/// Longest latency told apart from longer ones.
+/// Longest latency that is resolved.
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// Distributions of latencies, in nanoseconds.
 pub struct LatencyMeter {
-    /// To the frame, the runs, the detections and the world.
+    /// Latency to the frame, the runs, the detections and the world.
     since_capture: [Histogram<u64>; 4],
-    /// Between one stamp and the next.
+    /// Time between consecutive stamps.
     pieces: [Histogram<u64>; 7],
 }
 
@@ -27,7 +27,7 @@ impl Default for LatencyMeter {
 }
 
 impl LatencyMeter {
-    /// Takes in a frame.
+    /// Records a frame.
     pub fn frame(&mut self, frame: &FrameHeader) {
         if has_just_been_captured(frame) {
             let latency_ns = frame.t_sent_ns.saturating_sub(frame.t_capture_ns);
@@ -35,7 +35,7 @@ impl LatencyMeter {
         }
     }
 
-    /// Takes in a world.
+    /// Records a world.
     pub fn world(&mut self, world: &WorldFrame) {
         let frame = &world.frame;
         let sent_ns = [world.t_runs_ns, world.t_detections_ns, world.t_sent_ns];
@@ -61,7 +61,7 @@ impl LatencyMeter {
         }
     }
 
-    /// In microseconds.
+    /// Report in microseconds.
     pub fn report(&self) -> Latency {
         let [to_frame, to_runs, to_detections, to_world] =
             self.since_capture.each_ref().map(Percentiles::of_ns);
@@ -85,8 +85,8 @@ impl LatencyMeter {
     }
 }
 
-/// Not so with a recording that is played at another pace than its own: its frames lie in the past, and
-/// what became of them since tells nothing.
+/// Whether a frame is live. Frames of a recording played at another pace lie in the past, and their
+/// latencies mean nothing.
 fn has_just_been_captured(frame: &FrameHeader) -> bool {
     frame.t_sent_ns.saturating_sub(frame.t_capture_ns) < LONGEST_NS
 }
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(latency.capture_to_frame.p50.round(), 1.0);
         assert_eq!(latency.capture_to_world.p50.round(), 127.0);
 
-        // Of a recording.
+        // A frame of a recording.
         world.frame.t_capture_ns = 0;
         world.frame.t_sent_ns += LONGEST_NS;
         let mut meter = LatencyMeter::default();

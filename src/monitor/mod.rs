@@ -1,10 +1,9 @@
-//! The monitor: an independent consumer that counts, times and scores what the group does.
+//! The monitor: an independent consumer that counts frames, measures latency and scores results.
 //!
-//! It believes no stage's counters where it can see for itself: frames are counted on `frames`,
-//! results on `world`, errors against `truth`. It runs on a thread of the supervisor's process,
-//! polls without wake-ups (so it costs the writers next to nothing), publishes the report on
-//! `status`, the supervisor's events on `events` and its sign of life on `health`, and draws the
-//! console.
+//! It counts for itself where it can, instead of using the stages' counters: frames on `frames`, results
+//! on `world`, errors against `truth`. It runs on a thread of the supervisor's process, polls without
+//! wake-ups (so it costs the writers next to nothing), publishes the report on `status`, the supervisor's
+//! events on `events` and its heartbeat on `health`, and draws the console.
 
 pub mod accuracy;
 mod camera;
@@ -39,25 +38,26 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// The topics are emptied at least so often, for a display that moves …
+/// Longest time between two rounds of reading, so that the display moves …
 const LONGEST_POLL: Duration = Duration::from_millis(50);
-/// … and whenever this part of a buffer has filled, so that nothing is overwritten meanwhile.
+/// … and the number of rounds in which a buffer would fill, so that nothing is overwritten
+/// meanwhile.
 const POLLS_PER_BUFFER: f64 = 4.0;
-/// How often the status is published.
+/// Time between two regular reports.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 
-/// Between two answers to those who ask for the status, at least.
+/// Shortest time between two answers to status requests.
 const ANSWER_PAUSE: Duration = Duration::from_millis(10);
 
-/// Between two looks at whether the monitor has ended.
+/// Time between two checks whether the monitor has ended.
 const LAST_LOOK: Duration = Duration::from_millis(1);
 
-/// What the monitor publishes on.
+/// The monitor's publishers.
 struct Outlets {
     status: Publisher<u8, StatusHeader>,
     events: Publisher<GroupEvent, ()>,
     health: Publisher<Heartbeat, ()>,
-    /// Advances when somebody wants a status now; without it the next regular one has to do.
+    /// Advances on a status request; without it, clients wait for the next regular report.
     requests: Option<EventCount>,
 }
 
@@ -65,7 +65,7 @@ struct Outlets {
 pub struct Monitor {
     thread: JoinHandle<Report>,
     stop: Arc<AtomicBool>,
-    /// How many monitors had fallen before this one.
+    /// Number of monitors stopped by faults before this one.
     fallen_before: u32,
 }
 
@@ -83,7 +83,7 @@ impl Monitor {
         let (instance, config) = (instance.clone(), config.clone());
         let (connected, is_connected) = std::sync::mpsc::channel();
         let fallen_before = containment::fallen();
-        // Ports belong to the thread that made them, so they are made there.
+        // Ports belong to the thread that creates them.
         let count = move || {
             containment::contain_this_thread();
             match Collector::new(&instance, source, &config, view) {
@@ -107,7 +107,7 @@ impl Monitor {
                 }
             })?;
         let monitor = Self { thread, stop, fallen_before };
-        // One that falls gives no answer.
+        // A thread that is stopped by a fault gives no answer.
         loop {
             match is_connected.recv_timeout(LONGEST_POLL) {
                 Ok(outcome) => return outcome.map(|()| monitor),
@@ -117,12 +117,12 @@ impl Monitor {
         }
     }
 
-    /// Whether it has met a fault and will not go on; the group is no longer counted.
+    /// Whether a fault has stopped it; the group is no longer counted.
     pub fn has_fallen(&self) -> bool {
         containment::fallen() > self.fallen_before || self.thread.is_finished()
     }
 
-    /// Ends the monitor; the report is complete. That of one that has fallen is empty.
+    /// Ends the monitor and returns the final report; empty if a fault has stopped it.
     pub fn finish(self) -> Report {
         self.stop.store(true, Ordering::Relaxed);
         while !self.thread.is_finished() {
@@ -147,18 +147,18 @@ fn watch(
     let mut beat = Instant::now();
     let mut asked = Asked::default();
     loop {
-        // Looked at first: what was published before the request is still collected.
+        // Read first: messages published before the request are still collected.
         let last_round = stop.load(Ordering::Relaxed);
         if let Err(error) = collector.collect() {
             common::tell!("touchline: monitor: {error}");
         }
         let events = collector.take_new_events();
         for event in &events {
-            // Nobody may be listening, and the log has it.
+            // Ignore failures: the log has the event.
             let _ = outlets.events.publish(&event.message());
         }
         display.events(&events);
-        // After the events: whoever reads of one in a heartbeat finds it.
+        // After the events, so that an event announced in a heartbeat can be read.
         if beat.elapsed() >= HEARTBEAT || !events.is_empty() {
             beat = Instant::now();
             let _ = collector.heartbeat().map(|beat| outlets.health.publish(&beat));
@@ -171,7 +171,7 @@ fn watch(
                 display.clear();
                 return report;
             }
-            // What is asked for does not make the display flicker.
+            // Reports on request do not redraw the display.
             if is_due {
                 published = Instant::now();
                 display.draw(&report);
@@ -181,7 +181,7 @@ fn watch(
     }
 }
 
-/// What has become of those who ask for a status.
+/// State of status requests.
 #[derive(Default)]
 struct Asked {
     seen: u32,
@@ -190,8 +190,7 @@ struct Asked {
 }
 
 impl Asked {
-    /// Whether somebody is to be answered now. A program that asks all the time gets an answer now and
-    /// then.
+    /// Whether to answer a request now. Answers are limited in rate, whatever the rate of requests.
     fn is_to_answer(&mut self, requests: Option<&EventCount>) -> bool {
         let newest = requests.map_or(self.seen, EventCount::read);
         self.is_open |= newest != self.seen;
@@ -204,7 +203,7 @@ impl Asked {
         answers
     }
 
-    /// Sleeps for so long, or until somebody asks.
+    /// Sleeps for `poll`, or until a request arrives.
     fn sleep(&self, requests: Option<&EventCount>, poll: Duration) {
         match requests {
             Some(requests) if !self.is_open => requests.sleep(self.seen, poll),
@@ -214,7 +213,7 @@ impl Asked {
     }
 }
 
-/// How often the topics are emptied.
+/// Time between two rounds of reading.
 fn poll_period(camera: &CameraConfig) -> Duration {
     let buffer = topics::frames(camera.frame_bytes()).buffer as f64;
     Duration::from_secs_f64(buffer / POLLS_PER_BUFFER / camera.fps).min(LONGEST_POLL)
@@ -223,7 +222,7 @@ fn poll_period(camera: &CameraConfig) -> Duration {
 fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
     let Ok(mut text) = serde_json::to_vec(report) else { return };
     if text.len() > MAX_STATUS_BYTES {
-        // The events' evidence is the only part without a bound.
+        // Only the events' evidence is unbounded.
         let shorter = Report { events: Vec::new(), ..report.clone() };
         text = serde_json::to_vec(&shorter).unwrap_or_default();
     }
@@ -231,16 +230,16 @@ fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
     let (bytes, header) = message.parts();
     bytes[..text.len()].copy_from_slice(&text);
     *header = StatusHeader { t_sent_ns: monotonic_ns(), bytes: text.len() as u64 };
-    // Nobody may be listening; then nobody misses it.
+    // Ignore failures: without subscribers no report is needed.
     let _ = message.send();
 }
 
-/// Name of the count that advances when somebody asks for a status.
+/// Name of the event count that advances on a status request.
 const REQUESTS: &str = "status-requests";
-/// A monitor answers at once. After so long it is asked again: it may just have started.
+/// Time after which a request is repeated: a monitor answers at once, but may just have started.
 const ASK_AGAIN: Duration = Duration::from_millis(100);
 
-/// Has the monitor of a running group publish its status, and reads it.
+/// Requests a report from a running group's monitor, and reads it.
 pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Report>, BusError> {
     let bus = Bus::join(instance, "status")?;
     let subscriber = bus.subscriber(&topics::STATUS)?;
@@ -255,7 +254,7 @@ pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Rep
                 requests.advance();
             }
         }
-        // Whatever else is published there: what is no report is not the group's.
+        // Ignore messages that are not reports of the group.
         while let Some(message) = subscriber.receive()? {
             let length = (message.header().bytes as usize).min(message.elements().len());
             if let Ok(report) = serde_json::from_slice(&message.elements()[..length]) {
@@ -267,7 +266,7 @@ pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Rep
     Ok(None)
 }
 
-/// The count of those who have asked for a status; `None` where its page cannot be had.
+/// The event count of status requests; `None` if its page cannot be mapped.
 fn requests(bus: &Bus) -> Option<EventCount> {
     EventCount::open(&bus.namespace().event_count_path(REQUESTS)).ok()
 }
@@ -277,7 +276,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_asks_is_answered_at_once_and_who_asks_all_the_time_now_and_then() {
+    fn requests_are_answered_at_once_and_floods_of_them_at_a_limited_rate() {
         let path = std::env::temp_dir().join(format!("tl-asked-{}", std::process::id()));
         let requests = EventCount::open(&path).unwrap();
         let mut asked = Asked::default();

@@ -1,4 +1,4 @@
-//! The report: what a run was like, or is like so far. The same document is written by `--report`,
+//! The report about a run, finished or in progress. The same document is written by `--report`,
 //! printed by `touchline status --json` and drawn by the console.
 
 use super::view::Event;
@@ -8,7 +8,7 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// What a run was like. Counters cover the whole run.
+/// The report. Counters cover the whole run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Report {
@@ -16,18 +16,18 @@ pub struct Report {
     pub version: String,
     /// Name of the group.
     pub instance: String,
-    /// Where frames come from.
+    /// Source of the frames.
     pub source: String,
     /// Picture size and rate, as configured.
     pub camera: Camera,
-    /// How long the group has been running.
+    /// Time the group has been running.
     pub elapsed_s: f64,
-    /// Number of the supervisor's process.
+    /// Process id of the supervisor.
     pub supervisor_pid: u32,
     /// Whether every stage is working.
     pub complete: bool,
-    /// What the group does without at the moment, in a line each: stages that fail again and again, and
-    /// what the system refuses. It is tried again all the time.
+    /// What the group lacks at the moment, one line each: stages that fail again and again, and
+    /// calls that the system refuses. All are retried.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub degraded: Vec<String>,
     /// Frames, end to end.
@@ -36,40 +36,41 @@ pub struct Report {
     pub rate: Rate,
     /// From the middle of the exposure until a stage's output is published, in microseconds.
     pub latency_us: Latency,
-    /// What the whole group takes of the machine.
+    /// Resources that the whole group uses.
     pub resources: Resources,
-    /// Stage by stage.
+    /// The stages, by name.
     pub stages: BTreeMap<String, Stage>,
-    /// What was found in the newest frame.
+    /// Objects found in the newest frame.
     pub found: Found,
-    /// How the classifier corrects the light; absent before its first word.
+    /// Light correction by the classifier; absent before its first report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<Light>,
-    /// How large robots' tops are against the configured layout; absent until some have been measured.
+    /// Measured size of the robots' tops relative to the configured layout; absent until some have
+    /// been measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tops: Option<Tops>,
-    /// How often candidates were rejected, by reason.
+    /// Rejected candidates, by reason.
     pub rejected: BTreeMap<String, u64>,
-    /// Errors against the truth; absent where nobody knows it.
+    /// Errors against the truth; absent without a synthetic match.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<Accuracy>,
-    /// Processes that serve people and programs, by name: which of them the group has.
+    /// Attendants of the group, by name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub attendants: BTreeMap<String, AttendantState>,
-    /// The gateway; absent where nobody but the owner may attach.
+    /// The gateway; absent if only the owner may attach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gateway: Option<Gateway>,
     /// Senders of commands, with the robots that they command at the moment.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub commanders: Vec<Commander>,
-    /// Programs that have published on topics on which only processes of the group are believed.
+    /// Foreign programs that have published on protected topics.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub strangers: Vec<Stranger>,
-    /// What the supervisor noticed and did, oldest first; the last hundred.
+    /// The last hundred observations and actions of the supervisor, oldest first.
     pub events: Vec<Event>,
 }
 
-/// The camera as configured, and as it is.
+/// The camera as configured, and its state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Camera {
@@ -79,7 +80,7 @@ pub struct Camera {
     pub height: u32,
     /// Frames a second.
     pub fps: f64,
-    /// How it is; absent with sources that are always there.
+    /// State of a real camera; absent with other sources.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub device: Option<CameraDevice>,
 }
@@ -91,19 +92,19 @@ pub struct CameraDevice {
     /// `opening`, `streaming`, `slow`, or what keeps it from streaming: `missing`, `no_rights`,
     /// `busy`, `wrong_format`, `wrong_setting`, `hung`, `no_library`, `failed`.
     pub state: String,
-    /// Model, format and way of transfer.
+    /// Model, format and transfer method.
     pub description: String,
-    /// What is wrong, and what to do about it; empty when nothing is.
+    /// The problem and its remedy; empty if there is none.
     pub problem: String,
-    /// Frames a second as the camera or its driver promises; 0 when unknown.
+    /// Frames a second promised by the camera or its driver; 0 when unknown.
     pub promised_fps: f64,
-    /// Frames a second that have come; 0 when not measured yet.
+    /// Frames a second received; 0 when not measured yet.
     pub delivered_fps: f64,
     /// Frames dropped because parts of them were missing or damaged.
     pub incomplete: u64,
-    /// Frames that were captured, but of which nothing has come.
+    /// Frames that were captured but never received.
     pub lost: u64,
-    /// How often it was started; more than once means that it was away.
+    /// Number of starts; more than one means that it was away.
     pub starts: u64,
 }
 
@@ -115,17 +116,17 @@ pub struct Frames {
     pub captured: u64,
     /// Skipped by the grabber because it was late or had no memory.
     pub dropped_by_grabber: u64,
-    /// Numbers between the first and the last frame that nobody captured: while there was no
-    /// grabber, and those it dropped.
+    /// Frame numbers missing between the first and the last frame: while there was no grabber, and
+    /// those it dropped.
     pub never_captured: u64,
-    /// Numbers of which nothing is known, because the monitor itself was away: frozen, overtaken, or
-    /// without the means to connect to a new grabber.
+    /// Frame numbers missed while the monitor was away: frozen, overtaken, or unable to connect to
+    /// a new grabber.
     pub not_seen: u64,
     /// Arrived in `world`.
     pub world: u64,
     /// Captured, but not in `world`.
     pub missing_in_world: u64,
-    /// Captured, but whether they are in `world` is not known, because the monitor was away.
+    /// Captured, but possibly in a `world` missed while the monitor was away.
     pub not_seen_in_world: u64,
     /// In `world` more than once, or out of order.
     pub duplicates_in_world: u64,
@@ -149,13 +150,13 @@ pub struct Resources {
     pub supervisor_cpu_seconds: f64,
     /// Their share of one processor over the last second.
     pub supervisor_cpu_percent: f64,
-    /// Share of one processor over the last second, of all processes but the grabber.
+    /// Share of one processor over the last second, for all processes except the grabber.
     pub pipeline_cpu_percent: f64,
-    /// Memory of all processes together, shared memory counted once; looked at every ten seconds.
+    /// Memory of all processes together, shared memory counted once; measured every ten seconds.
     pub memory_bytes: u64,
 }
 
-/// From the middle of the exposure to a stage's output.
+/// Latency from the middle of the exposure to a stage's output.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Latency {
@@ -167,7 +168,7 @@ pub struct Latency {
     pub capture_to_detections: Percentiles,
     /// To the world.
     pub capture_to_world: Percentiles,
-    /// Where that time goes: each stage's share, along the way of a frame.
+    /// Time of each step, along the way of a frame.
     pub breakdown: Breakdown,
 }
 
@@ -195,18 +196,18 @@ pub struct Breakdown {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Percentiles {
-    /// Half of all values are below.
+    /// Median.
     pub p50: f64,
-    /// Nine of ten are below.
+    /// 90th percentile.
     pub p90: f64,
-    /// Ninety-nine of a hundred are below.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest.
     pub max: f64,
 }
 
 impl Percentiles {
-    /// Of a histogram in nanoseconds, in microseconds.
+    /// Percentiles in microseconds of a histogram in nanoseconds.
     pub fn of_ns(histogram: &Histogram<u64>) -> Self {
         let at = |quantile| histogram.value_at_quantile(quantile) as f64 / 1000.0;
         if histogram.is_empty() {
@@ -226,15 +227,15 @@ pub struct Stage {
     pub frames_out: u64,
     /// Numbers missing in its input.
     pub frames_missed: u64,
-    /// Inputs not worked on, by reason.
+    /// Inputs dropped, by reason.
     pub dropped: BTreeMap<String, u64>,
-    /// How often a process of the stage has ended and was replaced.
+    /// Number of its processes that have ended and were replaced.
     pub restarts: u64,
     /// Processor time used, by all its processes.
     pub cpu_seconds: f64,
     /// Share of one processor over the last second.
     pub cpu_percent: f64,
-    /// Memory in use now (at the end of a run: when last looked at), shared memory included.
+    /// Memory in use now (at the end of a run: at the last measurement), shared memory included.
     pub rss_bytes: u64,
     /// Its processes.
     pub processes: Vec<Process>,
@@ -244,55 +245,55 @@ pub struct Stage {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Process {
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
     /// `starting`, `spare`, `active`, `waiting` (for its camera) or `finished`.
     pub state: String,
 }
 
-/// A process that serves people or programs, and that no stage needs.
+/// An attendant: a process that serves people or programs, and that no stage needs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct AttendantState {
-    /// The system's number for its process; absent while there is none.
+    /// Its process id; absent while it does not run.
     pub pid: Option<u32>,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: u64,
 }
 
-/// What lets other users attach. Counters start with its process.
+/// The gateway, through which other users attach. Counters start with its process.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Gateway {
-    /// Whose users may attach.
+    /// Group of users that may attach.
     pub group: String,
-    /// Where.
+    /// Path of its socket.
     pub socket: String,
-    /// The system's number for its process; absent while there is none.
+    /// Its process id; absent while it does not run.
     pub pid: Option<u32>,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: u64,
     /// Programs that are attached.
     pub clients: u32,
-    /// Messages given to them.
+    /// Messages delivered to them.
     pub given: u64,
-    /// Messages that one of them lost because it was too slow.
+    /// Messages that a client lost because it was too slow.
     pub lost: u64,
-    /// Messages of theirs that were no commands, impossible ones, or not permitted.
+    /// Client messages that were invalid, impossible or not permitted.
     pub refused: u64,
-    /// Messages of theirs with commands for a team that their user may not command.
+    /// Client messages with commands for a team that the user may not command.
     pub not_permitted: u64,
 }
 
-/// A sender of commands. Of several for a robot, the one whose command was sent last is obeyed.
+/// A sender of commands. If several command a robot, it obeys the command sent last.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Commander {
-    /// The system's number for the process that has published them.
+    /// Process id of the publisher.
     pub pid: u32,
-    /// The name under which that has joined the group; `grabber` plays both teams of the synthetic match.
+    /// Its name in the group; `grabber` plays both teams of the synthetic match.
     pub name: String,
-    /// The system's number for the user that sent them through the gateway.
+    /// User id of the sender behind the gateway.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub user: Option<u32>,
     /// Robots that obey it: team and number.
@@ -304,24 +305,24 @@ pub struct Commander {
     pub messages: u64,
 }
 
-/// A program that is none of the group's, on a topic on which only those are believed.
+/// A foreign program that publishes on a protected topic.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Stranger {
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
-    /// The name under which it has joined the group; empty when that cannot be known any more.
+    /// Its name in the group; empty when unknown.
     pub name: String,
-    /// The program that the process runs, as the system calls it; empty when it is gone.
+    /// Name of its executable; empty when it is gone.
     pub program: String,
     /// The topic.
     pub topic: String,
-    /// Its messages, none of which was believed.
+    /// Its messages, all ignored.
     pub messages: u64,
 }
 
 impl Stranger {
-    /// What is known of its names, in parentheses.
+    /// Its known names, in parentheses.
     pub fn full_name(&self) -> String {
         match (self.name.as_str(), self.program.as_str()) {
             ("", "") => "(gone)".into(),
@@ -336,7 +337,7 @@ impl Stranger {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Found {
-    /// Robots in the newest detections of which it is known who they are.
+    /// Identified robots in the newest detections.
     pub robots: u32,
     /// Robots configured.
     pub robots_configured: u32,
@@ -348,15 +349,15 @@ pub struct Found {
     pub regions: u32,
 }
 
-/// How large robots' tops are.
+/// Measured size of the robots' tops.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Tops {
-    /// How many times as large as configured.
+    /// Measured size relative to the configured size.
     pub scale: f64,
-    /// Pairs of patches that say so, each in every frame.
+    /// Pairs of patches measured, each in every frame.
     pub votes: u64,
-    /// What is wrong and what to do; empty when the size is right.
+    /// The problem and its remedy; empty when the size is right.
     pub problem: String,
 }
 
@@ -368,29 +369,29 @@ impl From<Scale> for Tops {
     }
 }
 
-/// How the classifier corrects the light of the newest frame.
+/// Light correction in the newest frame.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Light {
-    /// Whether it does: `light.follow` is on, and there is a `light.pitch_rgb`.
+    /// Whether it is active: `light.follow` is on, and there is a `light.pitch_rgb`.
     pub followed: bool,
-    /// What red, green and blue are multiplied with; 1 is as the colours were set.
+    /// Gains of red, green and blue; 1 is as the colours were set.
     pub gains: [f64; 3],
-    /// What all three are multiplied with besides, where on the pitch that is least and where it is most.
+    /// Smallest and largest local gain on the pitch, common to all three.
     pub zones: [f64; 2],
-    /// Whether a gain is as far from 1 as it may be: more may be needed.
+    /// Whether a gain is at its limit: more may be needed.
     pub at_bound: bool,
-    /// Whether enough of the pitch is seen to tell the light; if not, nothing is corrected.
+    /// Whether enough of the pitch is seen to measure the light; otherwise nothing is corrected.
     pub pitch_seen: bool,
-    /// Whether glare is taken off.
+    /// Whether glare is removed.
     pub glare: bool,
-    /// How often the gains have changed since this classifier began.
+    /// Changes of the gains since this classifier started.
     pub changes: u64,
 }
 
 impl From<&LightCorrection> for Light {
     fn from(light: &LightCorrection) -> Self {
-        // JSON has no word for what is no number.
+        // JSON has no non-finite numbers.
         let number = |factor: f32| match factor.is_finite() {
             true => (f64::from(factor) * 1000.0).round() / 1000.0,
             false => 0.0,
@@ -411,11 +412,11 @@ impl From<&LightCorrection> for Light {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Accuracy {
-    /// Of the tracker's detections.
+    /// Errors of the tracker's detections.
     pub detections: Errors,
-    /// Of the filter's world, at capture time.
+    /// Errors of the filter's world, at capture time.
     pub world: Errors,
-    /// Of robots in it of which only the team is known; absent when there was none.
+    /// Errors in it of robots of which only the team is known; absent if there was none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown: Option<UnknownErrors>,
 }
@@ -424,15 +425,15 @@ pub struct Accuracy {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct UnknownErrors {
-    /// Share of those visible that were followed.
+    /// Share of the visible ones that were tracked.
     pub followed_ratio: f64,
-    /// Tracks where nobody is, counted in each frame.
+    /// Tracks without a robot, counted in each frame.
     pub ghosts: u64,
-    /// How often a robot was followed under another number than before.
+    /// Number of times a robot's track number changed.
     pub switches: u64,
-    /// Root of the mean squared distance of the team patch, of which the position is.
+    /// RMS distance of the team patch, which defines the position.
     pub patch_rms_mm: f64,
-    /// Ninety-nine of a hundred distances are below.
+    /// 99th percentile of the distance.
     pub patch_p99_mm: f64,
 }
 
@@ -442,21 +443,21 @@ pub struct UnknownErrors {
 pub struct Errors {
     /// Share of the visible robots that were found under their right identity.
     pub found_ratio: f64,
-    /// Robots reported where another one is, or none.
+    /// Robots reported in place of another one, or of none.
     pub wrong_identity: u64,
-    /// Root of the mean squared distance.
+    /// RMS distance.
     pub position_rms_mm: f64,
-    /// Ninety-nine of a hundred distances are below.
+    /// 99th percentile of the distance.
     pub position_p99_mm: f64,
-    /// Root of the mean squared difference in heading.
+    /// RMS difference in heading.
     pub heading_rms_deg: f64,
-    /// Ninety-nine of a hundred differences are below.
+    /// 99th percentile of the difference.
     pub heading_p99_deg: f64,
-    /// The same for robots that have been standing still for half a second.
+    /// Errors of robots that have been standing still for half a second.
     pub standing: StandingErrors,
     /// Share of the frames with a visible ball in which it was found.
     pub ball_found_ratio: f64,
-    /// Root of the mean squared distance.
+    /// RMS distance.
     pub ball_rms_mm: f64,
 }
 
@@ -464,17 +465,17 @@ pub struct Errors {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct StandingErrors {
-    /// How many poses this is about.
+    /// Number of poses.
     pub samples: u64,
-    /// Root of the mean squared distance.
+    /// RMS distance.
     pub position_rms_mm: f64,
-    /// Ninety-nine of a hundred distances are below.
+    /// 99th percentile of the distance.
     pub position_p99_mm: f64,
     /// Largest distance.
     pub position_max_mm: f64,
-    /// Root of the mean squared difference in heading.
+    /// RMS difference in heading.
     pub heading_rms_deg: f64,
-    /// Ninety-nine of a hundred differences are below.
+    /// 99th percentile of the difference.
     pub heading_p99_deg: f64,
     /// Largest difference in heading.
     pub heading_max_deg: f64,

@@ -1,5 +1,5 @@
-//! Programs that publish on topics on which only the group's own processes are believed: counted, named, and
-//! admitted where the configuration permits them.
+//! Strangers: foreign programs that publish on protected topics, where only messages of the group's own
+//! processes are accepted. They are counted, named, and admitted if the configuration permits them.
 
 use super::report::Stranger as Reported;
 use super::view::{Event, GroupView};
@@ -10,22 +10,22 @@ use common::messages::{Attendant, EventKind, Run, RunsHeader};
 use common::roster::NodeKey;
 use common::topics::{self, TopicName};
 
-/// From one event about a program to the next.
+/// Shortest time between two events about a program.
 const PAUSE_NS: u64 = 10_000_000_000;
-/// Programs kept for the report, each with a topic; the oldest goes first.
+/// Most programs kept for the report, each with a topic; the oldest is dropped first.
 const MOST_KEPT: usize = 32;
 
-/// Watches for strangers.
+/// Detects strangers.
 pub struct StrangerWatch {
     instance: Instance,
     /// Names of programs that may publish on any topic.
     permitted: Vec<String>,
-    /// Read for the strangers on it alone.
+    /// Read only to detect strangers on `runs`.
     runs: Subscriber<Run, RunsHeader>,
     known: Vec<Known>,
 }
 
-/// A program on a topic.
+/// A stranger on a topic.
 struct Known {
     sender: NodeKey,
     told_messages: u64,
@@ -44,7 +44,8 @@ impl StrangerWatch {
         })
     }
 
-    /// Takes in the strangers on `runs`, and those that others have met on a topic since the last call.
+    /// Records the strangers on `runs`, and those that other readers have met on a topic since the
+    /// last call.
     pub fn collect(
         &mut self,
         bus: &Bus,
@@ -76,7 +77,7 @@ impl StrangerWatch {
         let pid = stranger.sender.pid();
         let report = Reported {
             pid,
-            // Looked up when there is something to tell.
+            // Looked up when there is something to report.
             name: String::new(),
             program: program_name(pid),
             topic,
@@ -86,7 +87,7 @@ impl StrangerWatch {
         self.known.push(Known { sender, told_messages: 0, told_ns: None, report });
     }
 
-    /// Says what is new: the first message of a program at once, a flood now and then.
+    /// Logs news: the first message of a program at once, a flood at a limited rate.
     fn tell(&mut self, bus: &Bus, view: &GroupView) {
         let now_ns = monotonic_ns();
         for known in &mut self.known {
@@ -109,7 +110,7 @@ impl StrangerWatch {
         }
     }
 
-    /// All that is known of strangers, in the order in which they came.
+    /// All known strangers, in order of first appearance.
     pub fn report(&self) -> Vec<Reported> {
         self.known.iter().map(|known| known.report.clone()).collect()
     }
@@ -130,7 +131,7 @@ fn words(stranger: &Reported, goes_on: bool, is_permitted: bool) -> String {
     )
 }
 
-/// The program that a process runs, as the system knows it; empty when the process is gone.
+/// Name of a process's executable; empty when the process is gone.
 fn program_name(pid: u32) -> String {
     let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     comm.trim_end().into()

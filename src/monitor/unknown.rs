@@ -1,4 +1,4 @@
-//! Scoring robots of which only the team is known against the truth of a synthetic match.
+//! Scores robots of which only the team is known against the truth of a synthetic match.
 
 use super::accuracy::Distribution;
 use super::report::UnknownErrors;
@@ -8,22 +8,22 @@ use common::layout::Layout;
 use common::messages::{TruthFrame, TruthRobot, UnknownRobotState, WorldFrame};
 use std::collections::{HashMap, HashSet};
 
-/// A track further from a robot's team patch than this is a track of something else.
+/// Largest distance at which a track still belongs to a robot's team patch.
 const SAME_ROBOT_MM: f64 = 20.0;
 
 /// Collects errors over a run.
 #[derive(Debug)]
 pub struct UnknownScorer {
-    /// Team and number of the robots that are known by name.
+    /// Team and number of the identifiable robots.
     named: HashSet<(u32, u32)>,
-    /// Where the team patch is in a robot's frame: nothing else of them is seen.
+    /// Position of the team patch in a robot's frame: nothing else of these robots is seen.
     patch_mm: [f64; 2],
     expected: u64,
     followed: u64,
     ghosts: u64,
     switches: u64,
     position: Distribution,
-    /// The track of each robot when it was last followed.
+    /// Last track of each robot.
     tracks: HashMap<(u32, u32), u32>,
 }
 
@@ -45,7 +45,7 @@ impl UnknownScorer {
         }
     }
 
-    /// The truth about the robots that are known by name.
+    /// Truth restricted to the identifiable robots.
     pub fn named_only(&self, truth: &TruthFrame) -> TruthFrame {
         let mut named = *truth;
         named.robot_count = 0;
@@ -85,7 +85,7 @@ impl UnknownScorer {
         self.ghosts += tracks.len() as u64;
     }
 
-    /// The errors so far; `None` when there was nobody.
+    /// The errors so far; `None` when there was no such robot.
     pub fn errors(&self) -> Option<UnknownErrors> {
         (self.expected + self.ghosts > 0).then(|| UnknownErrors {
             followed_ratio: self.followed as f64 / self.expected.max(1) as f64,
@@ -131,7 +131,7 @@ mod tests {
             scorer.errors().unwrap()
         };
         assert_eq!(see(&[(1, 3.0), (2, 504.0)]).switches, 0);
-        // Exchanged, and a third where nobody is.
+        // Two tracks swapped, and a third without a robot.
         let errors = see(&[(2, 3.0), (1, 504.0), (3, -300.0)]);
         assert_eq!((errors.switches, errors.ghosts, errors.followed_ratio), (2, 1, 1.0));
         assert!((errors.patch_rms_mm - 12.5f64.sqrt()).abs() < 1e-9);

@@ -1,6 +1,6 @@
-//! Processor time and memory of processes, as the system accounts them.
+//! Processor time and memory of processes, from `/proc`.
 
-/// What a process has used.
+/// Resources used by a process.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Usage {
     /// Processor time since its start.
@@ -14,9 +14,9 @@ pub fn usage_of(pid: u32) -> Option<Usage> {
     parse_stat(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
 }
 
-/// Memory of a process, with what it shares divided among those who share it: the sum over all
-/// processes counts everything once. The system goes through the whole memory for this, which takes
-/// a millisecond; `None` when the process is gone.
+/// Proportional memory of a process: shared memory is divided among its users, so that the sum over
+/// all processes counts everything once. The system walks the whole memory for this, which takes a
+/// millisecond; `None` when the process is gone.
 pub fn proportional_bytes(pid: u32) -> Option<u64> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("Pss:"))?;
@@ -25,7 +25,8 @@ pub fn proportional_bytes(pid: u32) -> Option<u64> {
 }
 
 fn parse_stat(stat: &str) -> Option<Usage> {
-    // The second field is the name in parentheses, which may hold anything; count from behind it.
+    // The second field is the name in parentheses, which may contain anything; count from behind
+    // it.
     let (_, fields) = stat.rsplit_once(')')?;
     let fields: Vec<&str> = fields.split_whitespace().collect();
     let number = |index: usize| fields.get(index)?.parse::<u64>().ok();

@@ -1,4 +1,4 @@
-//! What the supervisor knows and the monitor shows: who runs, and what has happened.
+//! The group's processes and events: written by the supervisor, shown by the monitor.
 
 use bytemuck::Zeroable;
 use common::clock::monotonic_ns;
@@ -14,21 +14,22 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Events kept for the status; the log on standard error has all of them.
 const KEPT_EVENTS: usize = 100;
 
-/// A supervisor looks after its group a hundred times a second; who has not for so long is stuck.
+/// Silence after which the supervisor counts as stuck; it updates the view at least fifty times a
+/// second.
 const LATE_NS: u64 = 1_000_000_000;
 
-/// Something the supervisor noticed or did.
+/// An observation or action of the supervisor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// Seconds since 1970.
     pub time_s: f64,
-    /// Counts the events of this supervisor; 0 for those of an earlier one.
+    /// Number of the event; 0 for events of an earlier supervisor.
     #[serde(skip)]
     pub number: u64,
-    /// What kind of thing happened.
+    /// Kind of the event.
     #[serde(default)]
     pub kind: EventKind,
-    /// The stage concerned; or `gateway`.
+    /// The stage concerned, or `gateway`.
     pub stage: String,
     /// The process concerned.
     pub pid: u32,
@@ -40,7 +41,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// An event of this moment.
+    /// An event that happens now.
     pub fn new(kind: EventKind, stage: &str, pid: u32, what: &str, evidence: &str) -> Self {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self {
@@ -54,7 +55,7 @@ impl Event {
         }
     }
 
-    /// As a message. Of long evidence the end is kept, where the cause stands.
+    /// The event as a message. Long evidence is cut at its start, since the cause is at the end.
     pub fn message(&self) -> GroupEvent {
         let mut message = GroupEvent {
             t_wall_ns: (self.time_s * 1e9) as u64,
@@ -79,9 +80,9 @@ impl Event {
 pub struct ProcessView {
     /// Its stage.
     pub stage: StageId,
-    /// The system's number for it.
+    /// Its process id.
     pub pid: u32,
-    /// As it last said itself; `None` before its first word.
+    /// State in its last heartbeat; `None` before the first.
     pub state: Option<ProcessState>,
 }
 
@@ -90,15 +91,15 @@ pub struct ProcessView {
 pub struct AttendantView {
     /// Its name.
     pub name: &'static str,
-    /// The system's number for it; `None` while it does not run.
+    /// Its process id; `None` while it does not run.
     pub pid: Option<u32>,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: u64,
 }
 
 /// Shared between the supervisor, which writes, and the monitor, which reads.
 pub struct GroupView {
-    /// The supervisor's own number.
+    /// Process id of the supervisor.
     pub supervisor_pid: u32,
     inner: Mutex<Inner>,
 }
@@ -111,7 +112,7 @@ struct Inner {
     attendants: Vec<AttendantView>,
     updated_ns: Option<u64>,
     events: VecDeque<Event>,
-    /// Events of this supervisor.
+    /// Number of events of this supervisor.
     count: u64,
     newest: Option<Event>,
     unseen_events: Vec<Event>,
@@ -123,7 +124,7 @@ impl GroupView {
         Self { supervisor_pid, inner: Mutex::default() }
     }
 
-    /// Notes an event.
+    /// Logs an event.
     pub fn log(&self, event: Event) {
         let mut inner = self.lock();
         inner.count += 1;
@@ -136,12 +137,12 @@ impl GroupView {
         }
     }
 
-    /// Takes in events of an earlier supervisor. They have been shown.
+    /// Adds events of an earlier supervisor, which have been shown already.
     pub fn remember(&self, events: Vec<Event>) {
         self.lock().events.extend(events);
     }
 
-    /// Replaces what is known of the processes.
+    /// Replaces the list of processes.
     pub fn update(&self, processes: Vec<ProcessView>, restarts: BTreeMap<StageId, u64>) {
         let mut inner = self.lock();
         inner.processes = processes;
@@ -149,7 +150,7 @@ impl GroupView {
         inner.restarts = restarts;
     }
 
-    /// The processes, and how often each stage was started again.
+    /// The processes, and the restarts of each stage.
     pub fn processes(&self) -> (Vec<ProcessView>, BTreeMap<StageId, u64>) {
         let inner = self.lock();
         (inner.processes.clone(), inner.restarts.clone())
@@ -160,17 +161,17 @@ impl GroupView {
         self.lock().events.iter().cloned().collect()
     }
 
-    /// Replaces what the group does without at the moment.
+    /// Replaces what the group lacks at the moment.
     pub fn update_lacks(&self, lacks: Vec<String>) {
         self.lock().lacks = lacks;
     }
 
-    /// What the group does without at the moment, in a line each.
+    /// What the group lacks at the moment, one line each.
     pub fn lacks(&self) -> Vec<String> {
         self.lock().lacks.clone()
     }
 
-    /// Replaces what is known of the attendants.
+    /// Replaces the list of attendants.
     pub fn update_attendants(&self, attendants: Vec<AttendantView>) {
         self.lock().attendants = attendants;
     }
@@ -180,12 +181,12 @@ impl GroupView {
         self.lock().attendants.clone()
     }
 
-    /// Whether the supervisor has looked after its group just now.
+    /// Whether the supervisor has updated the view recently.
     pub fn is_watched(&self, now_ns: u64) -> bool {
         self.lock().updated_ns.is_some_and(|at_ns| now_ns.saturating_sub(at_ns) < LATE_NS)
     }
 
-    /// The supervisor's sign of life, with the newest event.
+    /// The supervisor's heartbeat, with the newest event.
     pub fn heartbeat(&self, now_ns: u64) -> Heartbeat {
         let inner = self.lock();
         let mut beat = Heartbeat {
@@ -208,7 +209,7 @@ impl GroupView {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // Every update leaves the data whole, so a panic elsewhere does not make it unusable.
+        // Every update leaves the data consistent, so a panic elsewhere does not make it unusable.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
