@@ -17,7 +17,7 @@ pub type AttendantError = Box<dyn Error + Send + Sync>;
 pub struct Row {
     /// Its name and number in messages. The name is also its subcommand.
     pub attendant: Attendant,
-    /// What it does, for `touchline --help`.
+    /// One line for `touchline --help`.
     pub about: &'static str,
     /// Whether a group with this configuration has it. Creates what it needs before it starts;
     /// anything it would fail at is an error here, before the match begins.

@@ -1,8 +1,8 @@
-//! Who is attached: each with what it has not read yet.
+//! Attached clients, each with its unsent messages.
 //!
-//! Two threads share this. One gives every `world` to everybody, straight out of shared memory into
-//! the sockets; the other lets clients in and out, listens to them, and hands on what did not fit into
-//! a socket at once.
+//! Two threads share this. One sends every `world` to all clients, straight out of shared memory into the
+//! sockets; the other admits and drops clients, receives their messages, and sends what did not fit into a
+//! socket at once.
 
 use super::intake::{Intake, Said};
 use super::ration::Rations;
@@ -15,13 +15,13 @@ use std::collections::{BTreeSet, VecDeque};
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Room for some messages in a socket; the system may give less.
+/// Send buffer of a socket, for some messages; the system may give less.
 const SOCKET_BYTES: usize = 1 << 20;
 
-/// Everybody who is attached.
+/// All attached clients.
 pub struct Clients {
     inner: Mutex<Inner>,
-    /// Readable when there is something to be handed on or somebody to be let go.
+    /// Becomes readable when there are unsent messages or clients to drop.
     pub wake: OwnedFd,
 }
 
@@ -31,20 +31,20 @@ struct Inner {
     rations: Rations,
 }
 
-/// What has happened so far.
+/// Counters so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Clients now.
+    /// Clients attached now.
     pub clients: u32,
-    /// Messages given to clients.
+    /// Messages sent to clients.
     pub given: u64,
     /// Messages that a client lost because it was too slow.
     pub lost: u64,
-    /// Messages of clients of a wrong size.
+    /// Client messages of a wrong size.
     pub wrong_size: u64,
-    /// Messages of clients with impossible content.
+    /// Client messages with impossible content.
     pub impossible: u64,
-    /// Messages of clients with commands for a team that their user may not command.
+    /// Client messages with commands for a team that their user may not command.
     pub not_permitted: u64,
 }
 
@@ -57,38 +57,38 @@ struct Client {
     is_gone: bool,
 }
 
-/// Somebody who wants to be let in.
+/// A client that asks to be admitted.
 pub struct Arrival {
-    /// What it is called here.
+    /// Its identifier.
     pub id: u64,
     /// Its user.
     pub uid: u32,
-    /// When it came.
+    /// Time of its arrival.
     pub at_ns: u64,
 }
 
-/// Something a client has said that makes sense.
+/// A valid message from a client.
 pub struct Heard {
     /// Its user.
     pub uid: u32,
-    /// What it has said.
+    /// The message.
     pub said: Said,
 }
 
-/// What to wait for.
+/// Events to wait for on a client's socket.
 pub struct Interest {
-    /// Which client.
+    /// The client.
     pub id: u64,
     /// Its socket.
     pub socket: Arc<OwnedFd>,
-    /// It may say something.
+    /// Wait until it has sent something: it may send now.
     pub reads: bool,
-    /// There is something to be handed on.
+    /// Wait until it can receive: it has unsent messages.
     pub writes: bool,
 }
 
 impl Clients {
-    /// No clients yet, in a group with a camera of this rate.
+    /// Creates an empty set of clients, in a group with a camera of this rate.
     pub fn new(fps: f64, now_ns: u64) -> Result<Self, Errno> {
         let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
         let rations = Rations::new(fps, now_ns);
@@ -96,8 +96,8 @@ impl Clients {
         Ok(Self { inner: Mutex::new(inner), wake })
     }
 
-    /// Lets a client in and greets it, if there is a [place](seat_for); returns the user, if one had to give
-    /// up one of its places.
+    /// Admits and greets a client, if there is a [seat](seat_for). Returns the user whose youngest
+    /// client lost its seat, if one did.
     pub fn admit(
         &self,
         who: Arrival,
@@ -120,9 +120,9 @@ impl Clients {
                 Some(other)
             }
         };
-        // Fewer bytes than asked for, where the system is set up so, only mean that we keep more.
+        // If the system gives fewer bytes, more is kept here.
         let _ = sockopt::set_socket_send_buffer_size(&socket, SOCKET_BYTES);
-        // Under the lock: nothing comes before the greeting.
+        // Under the lock, so that no message precedes the greeting.
         let is_gone = !matches!(offer(&socket, greeting), Offered::Taken);
         inner.clients.push(Client {
             id,
@@ -136,14 +136,14 @@ impl Clients {
         Ok(gives_up)
     }
 
-    /// Gives a message to everybody. Waits for nobody.
+    /// Sends a message to all clients. Never blocks.
     pub fn give(&self, message: &[u8]) {
         let mut inner = self.lock();
         let Inner { clients, counters, .. } = &mut *inner;
         let mut kept: Option<Arc<[u8]>> = None;
         let mut has_work = false;
         for client in clients.iter_mut().filter(|client| !client.is_gone) {
-            // In order: what is kept goes first.
+            // Keep the order: unsent messages go first.
             if client.unsent.is_empty() {
                 match offer(&client.socket, message) {
                     Offered::Taken => {
@@ -166,12 +166,12 @@ impl Clients {
         }
         drop(inner);
         if has_work {
-            // It is there as long as this is, and cannot be full.
+            // The descriptor lives as long as this, and the counter cannot be full.
             let _ = rustix::io::write(&self.wake, &1u64.to_ne_bytes());
         }
     }
 
-    /// Hands on to a client what was kept for it, as far as it fits.
+    /// Sends a client's unsent messages, as far as they fit.
     pub fn hand_on(&self, id: u64) {
         let mut inner = self.lock();
         let Inner { clients, counters, .. } = &mut *inner;
@@ -191,8 +191,9 @@ impl Clients {
         }
     }
 
-    /// Takes the next message of the clients in `speakers`, in the order of the [rations](super::ration). A client
-    /// whose socket is empty is taken out of `speakers`. `None` when no client may say anything now.
+    /// Receives the next message of the clients in `speakers`, in the order of the
+    /// [rations](super::ration). A client whose socket is empty is removed from `speakers`. `None`
+    /// when no client may send now.
     pub fn hear(&self, speakers: &mut BTreeSet<u64>, now_ns: u64) -> Option<Heard> {
         let mut inner = self.lock();
         let Inner { clients, counters, rations } = &mut *inner;
@@ -212,7 +213,7 @@ impl Clients {
                     speakers.remove(&id);
                     continue;
                 }
-                // An empty message looks like the end, and is as good.
+                // An empty message looks like the end of the connection, and is treated as such.
                 Ok((0, _)) | Err(_) => {
                     client.is_gone = true;
                     continue;
@@ -239,7 +240,7 @@ impl Clients {
         self.lock().counters.not_permitted += 1;
     }
 
-    /// A client's socket has been closed at the other end.
+    /// Records that a client has closed its socket.
     pub fn hung_up(&self, id: u64) {
         let mut inner = self.lock();
         if let Some(client) = inner.clients.iter_mut().find(|client| client.id == id) {
@@ -247,7 +248,7 @@ impl Clients {
         }
     }
 
-    /// Lets go of those who have gone, and says what to wait for.
+    /// Drops clients that have gone, and returns the events to wait for.
     pub fn interests(&self, now_ns: u64) -> Vec<Interest> {
         let mut inner = self.lock();
         let Inner { clients, rations, .. } = &mut *inner;
@@ -266,14 +267,14 @@ impl Clients {
         clients.iter_mut().map(interest).collect()
     }
 
-    /// What has happened so far.
+    /// The counters so far.
     pub fn counters(&self) -> Counters {
         let inner = self.lock();
         Counters { clients: inner.clients.len() as u32, ..inner.counters }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // A panic ends the process.
+        // The lock is never poisoned: a panic ends the process.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,29 +1,29 @@
-//! What a client says: pure, for it is the only thing in a group that other users decide.
+//! Parser of client messages: pure, since they are the only input of a group that other users control.
 
 use common::gateway::{CommandsFault, MAX_BYTES, commands_type_name, parse_commands};
 use common::messages::Commands;
 
-/// Takes in what one client says.
+/// Parser of one client's messages.
 #[derive(Debug, Default)]
 pub struct Intake {
     drives: bool,
 }
 
-/// What a client has said.
+/// A parsed client message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Said {
-    /// It wants to drive robots.
+    /// The client announces that it will send commands.
     WillDrive,
     /// Commands.
     Drive(Box<Commands>),
-    /// Rubbish, to be counted.
+    /// An invalid message, to be counted.
     Rubbish(CommandsFault),
-    /// Something that shows that it is of another version, or no client at all: it is cut off.
+    /// A message of another version, or not from a client at all: the connection is closed.
     Nonsense,
 }
 
 impl Intake {
-    /// Takes in a message, of which `bytes` is the beginning and `length` the whole length.
+    /// Parses a message of this length; `bytes` is its beginning.
     pub fn take(&mut self, bytes: &[u8], length: usize) -> Said {
         if !self.drives {
             self.drives = bytes == commands_type_name().as_bytes() && length == bytes.len();
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn only_who_says_what_it_will_send_is_listened_to() {
+    fn commands_are_accepted_only_after_an_announcement() {
         let mut intake = Intake::default();
         assert_eq!(say(&mut intake, bytes_of(&commands())), Said::Nonsense);
         assert_eq!(say(&mut intake, b"touchline/Commands/0"), Said::Nonsense);
@@ -61,14 +61,14 @@ mod tests {
         let Said::Drive(taken) = say(&mut intake, bytes_of(&commands())) else { panic!("refused") };
         assert_eq!(*taken, commands());
         assert_eq!(say(&mut intake, b"stop"), Said::Rubbish(CommandsFault::Size(4)));
-        // Longer than the buffer it was received in.
+        // A message longer than the receive buffer.
         let long = intake.take(bytes_of(&commands()), 5000);
         assert_eq!(long, Said::Rubbish(CommandsFault::Size(5000)));
         assert!(matches!(say(&mut intake, bytes_of(&commands())), Said::Drive(_)));
     }
 
     #[test]
-    fn rubbish_of_every_length_is_counted_and_nothing_worse() {
+    fn invalid_messages_of_every_length_are_only_counted() {
         let mut intake = Intake::default();
         say(&mut intake, commands_type_name().as_bytes());
         let mut state = 1u64;

@@ -1,15 +1,14 @@
 //! The gateway: lets users of a configured group read `world` and send `commands`, over a socket.
 //!
-//! Shared memory cannot do that: who reads it can also write it, and whoever attaches makes
-//! memory of its own that the writers must be able to open. So this process attaches, as any consumer
-//! of the owner does, and speaks with everybody else; what is said is in [`common::gateway`].
-//! It is a process of its own because the other ends are not trusted: what they can bring down is
-//! this, and the supervisor starts it again.
+//! Shared memory cannot do that: a reader can also write it, and an attached program creates memory of its
+//! own that the writers must be able to open. So this process attaches like any consumer of the owner, and
+//! serves all other users; the protocol is in [`common::gateway`]. It is a process of its own because its
+//! clients are not trusted: they can bring down only this process, and the supervisor restarts it.
 //!
-//! [`users`] asks the system for users and groups, [`place`] makes the directory and the socket, [`seats`] shares
-//! out the places, [`intake`] judges what clients say, [`ration`] how often they may, [`permissions`] which team they
-//! may command, [`clients`] holds what they have not read, and this file is the process: a thread that sleeps on
-//! `world`, and one that sleeps on the sockets.
+//! [`users`] looks up users and groups, [`place`] creates the directory and the socket, [`seats`] assigns
+//! the seats, [`intake`] parses client messages, [`ration`] limits their rate, [`permissions`] decides which
+//! team a user may command, and [`clients`] keeps unsent messages. This file is the process: a thread that
+//! sleeps on `world`, and one that sleeps on the sockets.
 
 mod clients;
 mod intake;
@@ -43,50 +42,51 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// New clients are let in at most so many at a time.
+/// Most clients admitted in one round.
 const ADMITTED_AT_A_TIME: usize = 4;
-/// When there is something to be said that may not be said yet.
+/// Wait while a client's message is held back by its ration.
 const SHORT_WAIT: Duration = Duration::from_millis(5);
-/// What clients say is taken so many messages at a time, so that the rest is done meanwhile.
+/// Most client messages received in one round, so that other work is not delayed.
 const HEARD_AT_A_TIME: usize = 64;
-/// The thread that gives `world` looks around at least twenty times a second.
+/// Longest round of the thread that sends `world`, which then counts as stuck; it normally makes at
+/// least twenty rounds a second.
 const LONGEST_ROUND_NS: u64 = 2_000_000_000;
-/// Clients that come and go all the time do not fill a disk.
+/// Most lines in the log, so that clients that come and go all the time do not fill a disk.
 const MOST_LINES: u32 = 200;
 
-/// Why it cannot go on.
+/// Reason for which the gateway cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum GatewayError {
-    /// Nobody is to be let in.
+    /// No other user may attach.
     #[error("access.group is empty: nobody but the owner may attach")]
     NotConfigured,
-    /// Where it listens.
+    /// The directory or the socket failed.
     #[error(transparent)]
     Place(#[from] PlaceError),
-    /// Shared memory.
+    /// Shared memory failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Its process.
+    /// Its process failed.
     #[error(transparent)]
     Process(#[from] ProcessError),
-    /// Signals or waiting.
+    /// Setting up signals, or waiting, failed.
     #[error("{0}: {1}")]
     System(&'static str, std::io::Error),
-    /// The other thread has ended, or does not get on.
+    /// The other thread has ended, or is stuck.
     #[error("the thread that gives `world` to the clients {0}")]
     Stuck(&'static str),
 }
 
-/// What the thread that gives `world` tells.
+/// State shared by the thread that sends `world`.
 #[derive(Default)]
 struct Given {
-    /// When it last looked around.
+    /// Time of its last round.
     round_ns: AtomicU64,
     frames: AtomicU64,
     newest: AtomicU64,
 }
 
-/// Its row in the table of attendants.
+/// The gateway's row in the table of attendants.
 pub const ROW: Row = Row {
     attendant: Attendant::Gateway,
     about: "The gateway alone: `world` and `commands` for users of the group `access.group`",
@@ -95,10 +95,10 @@ pub const ROW: Row = Row {
     remove: Instance::remove_gateway_directory,
 };
 
-/// Prepares the way for the configured group of users; `false` when there is none.
+/// Prepares the directory for the configured group of users; `false` when there is none.
 fn prepare(instance: &Instance, config: &Config) -> Result<bool, PlaceError> {
     let Some(group) = config.access.group() else {
-        // Left by an earlier group with another configuration.
+        // An earlier group with another configuration may have left it.
         instance.remove_gateway_directory()?;
         return Ok(false);
     };
@@ -127,7 +127,7 @@ fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), Gat
     given.round_ns.store(monotonic_ns(), Ordering::Relaxed);
     let outcome = listener.tend(process, &given, || thread.is_finished());
     stop.store(true, Ordering::Relaxed);
-    // One that is stuck cannot be waited for, and ends with the process.
+    // A stuck thread cannot be joined, and ends with the process.
     match outcome {
         Err(GatewayError::Stuck("does not get on")) => outcome,
         outcome => match thread.join() {
@@ -137,7 +137,7 @@ fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), Gat
     }
 }
 
-/// Gives every `world` to everybody who is attached.
+/// Sends every `world` to all clients.
 fn give_world(
     instance: &Instance,
     fps: f64,
@@ -152,7 +152,7 @@ fn give_world(
     while !stop.load(Ordering::Relaxed) {
         while let Some(received) = worlds.receive()? {
             let Some(world) = received.message() else { continue };
-            // Repeated by a stage that has been handed over, or impossible.
+            // Skip a `world` that is repeated after a hand-over, or impossible.
             if world.frame.follows(last.as_ref(), monotonic_ns(), fps) {
                 last = Some(world.frame);
                 clients.give(bytemuck::bytes_of(world));
@@ -166,14 +166,14 @@ fn give_world(
     Ok(())
 }
 
-/// The socket, and what is said there.
+/// The listening socket and its clients.
 struct Listener {
     instance: Instance,
     socket: OwnedFd,
     clients: Arc<Clients>,
     most_clients: usize,
     permissions: Permissions,
-    /// Users that were told in the log that they command what they may not.
+    /// Users for which the log already says that they send commands without permission.
     told: BTreeSet<u32>,
     greeting: Vec<u8>,
     commands: Publisher<Commands, ()>,
@@ -205,7 +205,7 @@ impl Listener {
         })
     }
 
-    /// Lets clients in and listens to them.
+    /// Admits clients and serves them.
     fn tend(
         mut self,
         mut process: AttendantProcess,
@@ -226,7 +226,7 @@ impl Listener {
         Ok(())
     }
 
-    /// Waits for something to happen, and does what there is to do.
+    /// Waits for events, and handles them.
     fn round(&mut self) -> Result<(), GatewayError> {
         let mut interests = self.clients.interests(monotonic_ns());
         let clients = Arc::clone(&self.clients);
@@ -274,7 +274,7 @@ impl Listener {
         Ok(())
     }
 
-    /// Hands on the commands of a user, as far as it may give them.
+    /// Publishes the permitted part of a user's commands.
     fn obey(&mut self, Heard { uid, said }: Heard) -> Result<(), GatewayError> {
         let Said::Drive(mut commands) = said else { return Ok(()) };
         if self.permissions.restrict(uid, &mut commands) > 0 {
@@ -295,9 +295,9 @@ impl Listener {
     fn admit(&mut self) {
         for _ in 0..ADMITTED_AT_A_TIME {
             let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-            // Nobody more; or no more files, which some client will give back.
+            // No more clients, or no more descriptors, which some client will free.
             let Ok(socket) = accept_with(&self.socket, flags) else { return };
-            // Whoever got as far as this has the right to; the system says who it is.
+            // A client that could connect has the right to; the system names its user.
             let Ok(who) = sockopt::socket_peercred(&socket) else { continue };
             let uid = who.uid.as_raw();
             self.next_id += 1;
@@ -329,7 +329,7 @@ impl Listener {
         }
     }
 
-    /// Enters in a heartbeat what clients have been given and what they have sent.
+    /// Writes the counters into a heartbeat.
     fn count(&self, given: &Given, beat: &mut Heartbeat) {
         let counters = self.clients.counters();
         beat.clients = counters.clients;

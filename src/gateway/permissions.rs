@@ -1,4 +1,4 @@
-//! Which users may command which team.
+//! Permissions: which users may command which team.
 
 use super::place::PlaceError;
 use super::users;
@@ -7,15 +7,15 @@ use common::config::AccessConfig;
 use common::messages::{Commands, Team, WheelCommand};
 use std::collections::BTreeSet;
 
-/// The users of each team, by the system's numbers.
+/// The users of each team, by user id.
 #[derive(Debug, Clone, Default)]
 pub struct Permissions {
-    /// `None` where every user that may attach may command the team.
+    /// Users per team; `None` if every user that may attach may command the team.
     teams: [Option<BTreeSet<u32>>; Team::ALL.len()],
 }
 
 impl Permissions {
-    /// Those of a configuration.
+    /// Permissions of a configuration.
     pub fn of(access: &AccessConfig) -> Result<Self, PlaceError> {
         let mut permissions = Self::default();
         for team in Team::ALL {
@@ -34,7 +34,7 @@ impl Permissions {
         self.teams[team as usize].as_ref().is_none_or(|uids| uids.contains(&uid))
     }
 
-    /// Removes from a user's commands those for robots of teams that it may not command; returns how many.
+    /// Removes a user's commands for robots of teams that it may not command; returns how many.
     pub fn restrict(&self, uid: u32, commands: &mut Commands) -> usize {
         let may = |wheels: &&WheelCommand| {
             Team::from_number(wheels.team).is_some_and(|team| self.may_command(uid, team))
@@ -48,7 +48,7 @@ impl Permissions {
     }
 }
 
-/// The system's number for a user, which may be given as such.
+/// Id of a user given by name or by id.
 fn user_number(team: Team, name: &str) -> Result<u32, PlaceError> {
     if let Ok(uid) = name.parse() {
         return Ok(uid);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_user_may_not_command_is_taken_out_and_the_rest_stays() {
+    fn forbidden_commands_are_removed_and_the_rest_stays() {
         let robots = [(Team::Blue, 4), (Team::Yellow, 0), (Team::Blue, 5), (Team::Yellow, 3)];
         let divided = permissions(&["1001"], &[]).unwrap();
         let mut message = commands(&robots);

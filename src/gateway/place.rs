@@ -1,4 +1,4 @@
-//! Where the gateway listens, and who can get there.
+//! The gateway's directory and socket, and access to them.
 
 use super::users;
 use common::instance::{Instance, InstanceError};
@@ -11,19 +11,19 @@ use std::os::fd::OwnedFd;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 
-/// Clients that are about to be let in.
+/// Most connections waiting to be accepted.
 const BACKLOG: i32 = 16;
 
-/// Why nobody else can be let in.
+/// Reason for which other users cannot be admitted.
 #[derive(Debug, thiserror::Error)]
 pub enum PlaceError {
-    /// The configured group is not there.
+    /// The configured group does not exist.
     #[error(
         "access.group: there is no group {0:?} on this computer; make it with `sudo groupadd {0}`, or \
          leave the key empty"
     )]
     Unknown(String),
-    /// A user that may command a team is not there.
+    /// A user that may command a team does not exist.
     #[error(
         "access.teams.{team}: there is no user {name:?} on this computer; give a name that `getent passwd` \
          knows, or the user's number"
@@ -34,32 +34,32 @@ pub enum PlaceError {
         /// The user.
         name: String,
     },
-    /// It is not ours to let in.
+    /// This user may not give files to the group.
     #[error(
         "access.group: this user is not in the group {0:?} and cannot give it anything; `sudo usermod \
          -aG {0} $(id -un)` and log in again, or run the group as a service with \
          SupplementaryGroups={0}"
     )]
     NotMember(String),
-    /// The directories.
+    /// The directories are unusable.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// There is a gateway already.
+    /// Another gateway is running.
     #[error("{0}: another gateway is listening there")]
     Taken(PathBuf),
-    /// The operating system.
+    /// The operating system refused something.
     #[error("{path}: {action}: {source}")]
     System {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
-        /// What it said.
+        /// The system's answer.
         source: std::io::Error,
     },
 }
 
-/// The system's number for the configured group of users, if this user can let it in.
+/// Id of the configured group of users, if this user may give files to it.
 pub fn group_number(name: &str) -> Result<u32, PlaceError> {
     let group = users::group_number(name).map_err(|source| PlaceError::System {
         path: name.into(),
@@ -73,16 +73,16 @@ pub fn group_number(name: &str) -> Result<u32, PlaceError> {
     Ok(group)
 }
 
-/// Makes the directory in which the gateway will listen. Returns the first directory on the way
-/// to it that is closed to the group, if one is.
+/// Creates the directory in which the gateway will listen. Returns the outermost directory on the
+/// path that is closed to the group, if there is one.
 pub fn prepare(instance: &Instance, name: &str) -> Result<Option<PathBuf>, PlaceError> {
     let group = group_number(name)?;
     instance.create_gateway_directory(group)?;
     Ok(closed(&instance.gateway_directory(), group))
 }
 
-/// The first directory, as seen from the root, that members of a group cannot pass through. Access
-/// control lists, which may say otherwise, are not looked at.
+/// The outermost directory of a path that members of a group cannot pass through. Access control
+/// lists, which may permit it, are not checked.
 pub fn closed(path: &Path, group: u32) -> Option<PathBuf> {
     let ways: Vec<&Path> = path.ancestors().collect();
     let is_closed = |path: &&&Path| {
@@ -94,7 +94,7 @@ pub fn closed(path: &Path, group: u32) -> Option<PathBuf> {
     ways.iter().rev().find(is_closed).map(|path| path.to_path_buf())
 }
 
-/// Says that a directory is closed, and what to do about it.
+/// Message about a closed directory, with the remedy.
 pub fn advice(closed: &Path, name: &str) -> String {
     format!(
         "access.group: users of the group {name:?} cannot pass through {}; set {} to a place where \
@@ -104,7 +104,7 @@ pub fn advice(closed: &Path, name: &str) -> String {
     )
 }
 
-/// Opens the socket, in the place of one that a dead gateway has left.
+/// Opens the socket, replacing one that a dead gateway left.
 pub fn open(instance: &Instance, group: u32) -> Result<OwnedFd, PlaceError> {
     let path = instance.gateway_path();
     let system = |action| {
@@ -117,7 +117,7 @@ pub fn open(instance: &Instance, group: u32) -> Result<OwnedFd, PlaceError> {
             .map_err(system("make a socket"))
     };
     let address = SocketAddrUnix::new(&path).map_err(system("name the socket"))?;
-    // One that nobody listens to refuses; a full one asks to try again.
+    // A dead gateway's socket refuses; a full one asks to try again.
     if matches!(connect(&socket()?, &address), Ok(()) | Err(Errno::AGAIN)) {
         return Err(PlaceError::Taken(path));
     }
@@ -133,7 +133,7 @@ pub fn open(instance: &Instance, group: u32) -> Result<OwnedFd, PlaceError> {
     }
     let socket = socket()?;
     bind(&socket, &address).map_err(system("bind"))?;
-    // Nobody can connect before the socket listens.
+    // No client can connect before the socket listens.
     chown(&path, None, Some(group)).map_err(io("give to the group"))?;
     fs::set_permissions(&path, fs::Permissions::from_mode(0o660)).map_err(io("set the mode"))?;
     listen(&socket, BACKLOG).map_err(system("listen"))?;
@@ -145,7 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn groups_that_cannot_be_let_in_are_refused_with_advice() {
+    fn groups_that_cannot_be_admitted_are_refused_with_advice() {
         let unknown = group_number("no-such-group").unwrap_err().to_string();
         assert!(unknown.contains("access.group") && unknown.contains("groupadd"), "{unknown}");
         let not_member = PlaceError::NotMember("strategies".into()).to_string();

@@ -1,29 +1,30 @@
-//! Which client is listened to next, and how often: pure, with users and times given.
+//! Rate limit and fair scheduling of client messages: pure, with users and times given.
 //!
-//! What is taken is limited at three levels, with a token bucket each: everything together, a user's programs
-//! together, and a connection. Turns go round the users, and a user's turns round its connections, one message a
-//! turn. So when more is said than can be taken, every user gets the same share, however many connections each
-//! has, and a user that says less than its share does not wait for the others.
+//! Token buckets limit three levels: all messages, the messages of a user, and those of a connection.
+//! Round-robin goes over the users, and within a user over its connections, one message a turn. So under
+//! overload every user gets the same share, however many connections each has, and a user that sends less
+//! than its share does not wait for the others.
 
 use common::messages::MAX_USED_COMMANDS;
 use std::collections::BTreeMap;
 
-/// More than a strategy needs that sends commands for all robots together …
+/// Messages per second of a connection: more than a strategy needs that sends commands for all
+/// robots together …
 const PER_CLIENT_PER_S: f64 = 500.0;
-/// … or, after a pause, all that have piled up.
+/// … and its burst after a pause.
 const PER_CLIENT_AT_ONCE: f64 = 64.0;
-/// A user's programs together have what one program may have.
+/// Messages per second of a user: as many as for one connection.
 const PER_USER_PER_S: f64 = PER_CLIENT_PER_S;
 const PER_USER_AT_ONCE: f64 = PER_CLIENT_AT_ONCE;
-/// All users together, where the camera is fast enough.
+/// Messages per second of all users, if the camera is fast enough.
 const ALL_PER_S: f64 = 1500.0;
-/// The filter notes so many messages a frame; this part of them is for other users, the rest for programs of
-/// the owner.
+/// Share of the messages the filter accepts per frame that is for other users; the rest is for
+/// programs of the owner.
 const PART_OF_FILTER: f64 = 0.6;
-/// All messages at once, in frames of the filter.
+/// Burst of all users, in frames of the filter.
 const ALL_AT_ONCE_FRAMES: f64 = 2.0;
 
-/// So many messages a second, and a few more after a pause.
+/// A token bucket.
 #[derive(Debug, Clone)]
 pub struct Allowance {
     per_s: f64,
@@ -33,12 +34,12 @@ pub struct Allowance {
 }
 
 impl Allowance {
-    /// Begins full.
+    /// A full bucket.
     pub fn new(per_s: f64, most: f64, now_ns: u64) -> Self {
         Self { per_s, most, left: most, at_ns: now_ns }
     }
 
-    /// How many messages may be taken now.
+    /// Number of messages that may be taken now.
     pub fn left(&mut self, now_ns: u64) -> usize {
         let seconds = now_ns.saturating_sub(self.at_ns) as f64 / 1e9;
         self.left = (self.left + seconds * self.per_s).min(self.most);
@@ -46,7 +47,7 @@ impl Allowance {
         self.left as usize
     }
 
-    /// One has been taken.
+    /// Removes a token.
     pub fn take(&mut self) {
         self.left = (self.left - 1.0).max(0.0);
     }
@@ -57,28 +58,28 @@ impl Allowance {
     }
 }
 
-/// A user's programs.
+/// A user's connections.
 #[derive(Debug)]
 struct User {
     allowance: Allowance,
-    /// By connection.
+    /// Buckets by connection.
     clients: BTreeMap<u64, Allowance>,
     /// The connection that had the last turn.
     last_client: u64,
 }
 
-/// The token buckets of all users and connections, and whose turn it is.
+/// Token buckets of all users and connections, and the order of turns.
 #[derive(Debug)]
 pub struct Rations {
     all: Allowance,
-    /// By the system's number for the user.
+    /// Users by id.
     users: BTreeMap<u32, User>,
     /// The user that had the last turn.
     last_user: u32,
 }
 
 impl Rations {
-    /// Rations for a group with a camera of this rate. There are no users yet.
+    /// Rations for a group with a camera of this rate, without users.
     pub fn new(fps: f64, now_ns: u64) -> Self {
         let per_frame = MAX_USED_COMMANDS as f64 * PART_OF_FILTER;
         let per_s = (per_frame * fps).clamp(1.0, ALL_PER_S);
@@ -86,7 +87,7 @@ impl Rations {
         Self { all: Allowance::new(per_s, at_once, now_ns), users: BTreeMap::new(), last_user: 0 }
     }
 
-    /// A connection of a user has come.
+    /// Adds a user's connection.
     pub fn enter(&mut self, uid: u32, id: u64, now_ns: u64) {
         let user = self.users.entry(uid).or_insert_with(|| User {
             allowance: Allowance::new(PER_USER_PER_S, PER_USER_AT_ONCE, now_ns),
@@ -96,7 +97,7 @@ impl Rations {
         user.clients.insert(id, Allowance::new(PER_CLIENT_PER_S, PER_CLIENT_AT_ONCE, now_ns));
     }
 
-    /// A connection has gone. What its user has used up stays used up: coming again does not renew it.
+    /// Removes a connection. Its user's bucket stays as it is: reconnecting does not refill it.
     pub fn leave(&mut self, uid: u32, id: u64, now_ns: u64) {
         if let Some(user) = self.users.get_mut(&uid) {
             user.clients.remove(&id);
@@ -104,7 +105,7 @@ impl Rations {
         self.users.retain(|_, user| !user.clients.is_empty() || !user.allowance.is_full(now_ns));
     }
 
-    /// Whether a connection may say something now.
+    /// Whether a connection may send now.
     pub fn may_speak(&mut self, uid: u32, id: u64, now_ns: u64) -> bool {
         self.all.left(now_ns) > 0
             && self.users.get_mut(&uid).is_some_and(|user| {
@@ -113,12 +114,12 @@ impl Rations {
             })
     }
 
-    /// The connection whose turn it is, among those that have something to say and may say it.
+    /// The connection whose turn it is, among those that have a message and may send it.
     pub fn next(&mut self, has_something: impl Fn(u64) -> bool, now_ns: u64) -> Option<u64> {
         if self.all.left(now_ns) == 0 {
             return None;
         }
-        // From the user after the last one, round to that one.
+        // From the user after the last one, round to the last one.
         let (before, after) = (..=self.last_user, self.last_user.checked_add(1));
         let mut uids: Vec<u32> = after
             .map_or_else(Vec::new, |after| self.users.range(after..).map(|it| *it.0).collect());
@@ -133,7 +134,7 @@ impl Rations {
         None
     }
 
-    /// A connection has said something.
+    /// Removes a token for a message of a connection.
     pub fn take(&mut self, uid: u32, id: u64) {
         self.all.take();
         if let Some(user) = self.users.get_mut(&uid) {
@@ -177,7 +178,7 @@ mod tests {
         uid: u32,
         per_s: f64,
         said: u64,
-        /// When those were said that are not taken yet.
+        /// Send times of the messages not taken yet.
         waiting: std::collections::VecDeque<u64>,
         taken: u64,
         longest_ns: u64,
@@ -211,7 +212,7 @@ mod tests {
                 for client in &mut self.clients {
                     while (client.said as f64) < client.per_s * elapsed_s {
                         client.said += 1;
-                        // A socket has room for so many; then the sender waits.
+                        // A socket has room for 200 messages; then the sender waits.
                         if client.waiting.len() < 200 {
                             client.waiting.push_back(now_ns);
                         }
@@ -250,7 +251,7 @@ mod tests {
             let play = Play::new(fps, &[(1000, 16, 60.0), (1001, 1, 450.0)]).run(10);
             let alone = Play::new(fps, &[(1001, 1, 450.0)]).run(10);
             let (beside, alone) = (play.taken_by(1001), alone.taken_by(1001));
-            // Where the filter takes less than both ask for, each has half of it.
+            // If the filter takes less than both ask for, each gets half.
             let share = alone.min((MAX_USED_COMMANDS as f64 * PART_OF_FILTER * fps * 5.0) as u64);
             assert!(beside + 100 >= share, "{beside} of {share} at {fps} fps");
             if fps >= 80.0 {
@@ -271,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn connections_of_a_user_share_alike_and_coming_again_renews_nothing() {
+    fn connections_of_a_user_share_equally_and_reconnecting_refills_nothing() {
         let play = Play::new(80.0, &[(1, 4, 2000.0)]).run(10);
         let taken: Vec<u64> = play.clients.iter().map(|client| client.taken).collect();
         assert!((4900..5100).contains(&play.taken_by(1)), "{taken:?}");
@@ -294,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn who_talks_too_much_has_to_wait() {
+    fn a_sender_above_its_rate_has_to_wait() {
         let mut allowance = Allowance::new(100.0, 10.0, S);
         let mut taken = 0;
         for step in 0..1000 {
@@ -310,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn users_of_any_number_have_their_turn() {
+    fn users_of_any_id_have_their_turn() {
         let mut rations = Rations::new(80.0, S);
         for (id, uid) in [(1, 0), (2, 7), (3, u32::MAX)] {
             rations.enter(uid, id, S);

@@ -1,20 +1,21 @@
-//! Places for connections when there are fewer than connections: pure, with users given by their numbers.
+//! Assignment of the limited seats for connections: pure, with users given by id.
 
 use std::collections::BTreeMap;
 
-/// What becomes of a newcomer.
+/// Outcome for a new connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Seat {
-    /// There is a place.
+    /// A seat is free.
     Free,
-    /// It gets the place of the youngest connection of this user, which has more than its share.
+    /// It gets the seat of the youngest connection of this user, which has more than its share.
     InsteadOf(u32),
-    /// There is none, for this reason.
+    /// No seat, for this reason.
     Refused(String),
 }
 
-/// Finds a place for a newcomer of a user among `most`. One user has at most half of them. When all are taken,
-/// a user that has at least two more than the newcomer's gives one up: the place goes to where there are fewer.
+/// Finds a seat among `most` for a new connection of a user. One user has at most half of them.
+/// When all are taken, a user with at least two more than the newcomer's gives one up, so that
+/// shares become equal.
 pub fn seat_for(uid: u32, taken: impl IntoIterator<Item = u32>, most: usize) -> Seat {
     let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
     for uid in taken {
@@ -38,7 +39,7 @@ pub fn seat_for(uid: u32, taken: impl IntoIterator<Item = u32>, most: usize) -> 
 mod tests {
     use super::*;
 
-    /// Has a user connect `count` times; returns how many it has then.
+    /// Connects a user `count` times; returns its number of seats afterwards.
     fn connect(seats: &mut Vec<u32>, uid: u32, count: usize, most: usize) -> usize {
         for _ in 0..count {
             match seat_for(uid, seats.iter().copied(), most) {
@@ -56,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_shared_alike_by_those_who_want_more_than_there_are() {
+    fn seats_are_shared_equally_when_there_are_too_few() {
         let mut seats = Vec::new();
         assert_eq!(connect(&mut seats, 1, 40, 32), 16, "half is the most");
         assert_eq!(connect(&mut seats, 2, 40, 32), 16);
@@ -71,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn the_modest_keep_their_place() {
+    fn users_with_few_seats_keep_them() {
         let mut seats = Vec::new();
         connect(&mut seats, 1, 1, 4);
         connect(&mut seats, 2, 2, 4);

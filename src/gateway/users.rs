@@ -5,22 +5,22 @@ use std::io;
 use std::mem::MaybeUninit;
 use std::ptr;
 
-/// No group has so many members, and no user so long a name, that its entry would not fit.
+/// Largest buffer for an entry; no group or user has a larger one.
 const MOST_BYTES: usize = 1 << 24;
 
-/// The system's number for a group of users; `None` when there is none of that name. Asks whatever the
-/// system is set up to ask: `/etc/group`, or a directory service.
+/// Id of a group of users; `None` if it does not exist. Asks the configured name services:
+/// `/etc/group`, or a directory service.
 pub fn group_number(name: &str) -> io::Result<Option<u32>> {
     look_up(name, libc::getgrnam_r, |entry: &libc::group| entry.gr_gid)
 }
 
-/// The system's number for a user; `None` when there is none of that name.
+/// Id of a user; `None` if it does not exist.
 pub fn user_number(name: &str) -> io::Result<Option<u32>> {
     look_up(name, libc::getpwnam_r, |entry: &libc::passwd| entry.pw_uid)
 }
 
-/// A function of the system that fills in the entry of a name, whose texts lie in a buffer of the caller's. A
-/// null pointer instead of the entry says that there is none.
+/// A system function that fills in the entry of a name, with its texts in the caller's buffer. It
+/// returns a null pointer instead of the entry if there is none.
 type LookUp<Entry> = unsafe extern "C" fn(
     name: *const c_char,
     entry: *mut Entry,
@@ -47,10 +47,10 @@ fn look_up<Entry>(
         };
         match status {
             0 if found.is_null() => return Ok(None),
-            // SAFETY: where something was found the entry was filled in. Its number is a plain field.
+            // SAFETY: the entry was found, so it is filled in. Its id is a plain field.
             0 => return Ok(Some(number(unsafe { entry.assume_init_ref() }))),
             libc::ERANGE if texts.len() < MOST_BYTES => texts.resize(texts.len() * 4, 0),
-            // What name services say of a name that they do not have.
+            // Errors of name services for an unknown name.
             libc::ENOENT | libc::ESRCH | libc::EBADF | libc::EPERM => return Ok(None),
             error => return Err(io::Error::from_raw_os_error(error)),
         }

@@ -26,7 +26,7 @@ pub struct Report {
     pub supervisor_pid: u32,
     /// Whether every stage is working.
     pub complete: bool,
-    /// What the group lacks at the moment, one line each: stages that fail again and again, and
+    /// Parts that the group lacks at the moment, one line each: stages that fail again and again, and
     /// calls that the system refuses. All are retried.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub degraded: Vec<String>,
@@ -142,7 +142,7 @@ pub struct Rate {
     pub world: f64,
 }
 
-/// What the whole group takes of the machine.
+/// Resources that the whole group uses.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Resources {
@@ -152,7 +152,7 @@ pub struct Resources {
     pub supervisor_cpu_percent: f64,
     /// Share of one processor over the last second, for all processes except the grabber.
     pub pipeline_cpu_percent: f64,
-    /// Memory of all processes together, shared memory counted once; measured every ten seconds.
+    /// Memory of all processes together, shared memory counted once; measured every thirty seconds.
     pub memory_bytes: u64,
 }
 
@@ -333,7 +333,7 @@ impl Stranger {
     }
 }
 
-/// What was found in the newest frame.
+/// Objects found in the newest frame.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Found {

@@ -33,7 +33,7 @@ pub struct Event {
     pub stage: String,
     /// The process concerned.
     pub pid: u32,
-    /// What happened.
+    /// Description.
     pub what: String,
     /// The last lines the process wrote, if it ended.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -161,12 +161,12 @@ impl GroupView {
         self.lock().events.iter().cloned().collect()
     }
 
-    /// Replaces what the group lacks at the moment.
+    /// Replaces the list of parts that the group lacks.
     pub fn update_lacks(&self, lacks: Vec<String>) {
         self.lock().lacks = lacks;
     }
 
-    /// What the group lacks at the moment, one line each.
+    /// Parts that the group lacks at the moment, one line each.
     pub fn lacks(&self) -> Vec<String> {
         self.lock().lacks.clone()
     }

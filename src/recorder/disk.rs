@@ -1,9 +1,9 @@
-//! The writing thread: compresses and writes, and never lets more than a fraction of a tenth of a
-//! second wait in memory. A third thread brings what was written to the disk once a second.
+//! The writing thread: compresses and writes, and keeps less than a tenth of a second in memory. A third
+//! thread syncs the file to the disk once a second.
 
 use super::RecorderError;
 use super::files::Names;
-use super::queue::{Entrance, Exit, Job, Recorded, Totals, queue};
+use super::queue::{Job, QueueReceiver, QueueSender, Recorded, Totals, queue};
 use super::room::{free_bytes, index_bytes};
 use common::config::Config;
 use common::messages::WorldFrame;
@@ -17,43 +17,43 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A message waits no longer than this before its chunk is written: with the time of reading and
-/// compressing, less than 100 ms are lost when the recorder is killed.
+/// Longest time before a chunk is written: with the time of reading and compressing, less than 100
+/// ms are lost when the recorder is killed.
 const CHUNK_TIME: Duration = Duration::from_millis(40);
-/// How often the system is asked to bring the file to the disk: so much is lost with the power.
+/// Time between two syncs of the file: at most this much is lost in a power failure.
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
-/// After so many bytes it is looked whether the disk has room for more.
+/// Bytes written between two checks of the free space.
 const LOOK_BYTES: u64 = 1 << 20;
-/// Compressing has time; the group's processes do not.
+/// Niceness of the writing thread: compression can wait, the group's processes cannot.
 const NICENESS: i32 = 5;
 
-/// When a file is full.
+/// Limits of files and disk.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     /// Bytes in one file.
     pub file_bytes: Option<u64>,
-    /// Files to keep, the newest.
+    /// Number of files to keep, the newest.
     pub keep_files: Option<usize>,
-    /// What is to stay free on the disk.
+    /// Bytes to leave free on the disk.
     pub keep_free_bytes: u64,
 }
 
-/// What became of a recording.
+/// Outcome of a recording.
 pub struct Written {
-    /// For the files to come.
+    /// Names for further files.
     pub names: Names,
-    /// It ended because more would not have fit onto the disk.
+    /// It ended because the disk is nearly full.
     pub is_disk_full: bool,
 }
 
-/// The reading thread's side of the writing thread.
+/// The reading thread's handle of the writing thread.
 pub struct Disk {
-    entrance: Entrance,
+    sender: QueueSender,
     thread: JoinHandle<Result<Written, RecorderError>>,
 }
 
 impl Disk {
-    /// Begins a file and starts to wait for messages.
+    /// Opens a file and starts the thread.
     pub fn start(
         names: Names,
         channels: Vec<Channel>,
@@ -61,7 +61,7 @@ impl Disk {
         setup: (Setup, Config),
         totals: Arc<Totals>,
     ) -> Result<Self, RecordingError> {
-        let (entrance, exit) = queue(Arc::clone(&totals));
+        let (sender, receiver) = queue(Arc::clone(&totals));
         let (to_sync, sync_jobs) = channel();
         std::thread::spawn(move || sync(&sync_jobs));
         let mut writing = Writing {
@@ -74,36 +74,36 @@ impl Disk {
             writer: None,
             unseen_bytes: 0,
         };
-        // In this thread, so that whoever started the recording learns at once if it is impossible.
+        // In this thread, so that the caller learns at once if it fails.
         writing.next_file()?;
-        let thread = std::thread::spawn(move || writing.run(exit));
-        Ok(Self { entrance, thread })
+        let thread = std::thread::spawn(move || writing.run(receiver));
+        Ok(Self { sender, thread })
     }
 
-    /// Hands a message over.
+    /// Queues a message.
     pub fn put(&mut self, message: Recorded<'_>) {
-        self.entrance.put(message);
+        self.sender.put(message);
     }
 
-    /// The group's configuration has changed.
+    /// Queues a changed configuration of the group.
     pub fn put_setup(&mut self, setup: (Setup, Config)) {
-        self.entrance.put_job(Job::Setup(Box::new(setup)));
+        self.sender.put_job(Job::Setup(Box::new(setup)));
     }
 
-    /// What follows belongs into another file.
+    /// Starts another file for all further messages.
     pub fn next_file(&mut self, setup: (Setup, Config)) {
-        self.entrance.put_job(Job::NextFile(Box::new(setup)));
+        self.sender.put_job(Job::NextFile(Box::new(setup)));
     }
 
-    /// Whether writing has ended, because of an error or of the end of the disk, which
-    /// [`finish`](Self::finish) tells.
+    /// Whether writing has ended, because of an error or a nearly full disk;
+    /// [`finish`](Self::finish) says which.
     pub fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Writes what is waiting and completes the file.
+    /// Writes the queued messages and completes the file.
     pub fn finish(self) -> Result<Written, RecorderError> {
-        drop(self.entrance);
+        drop(self.sender);
         // A panic of the other thread ends the process.
         self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
@@ -117,13 +117,13 @@ struct Writing {
     totals: Arc<Totals>,
     to_sync: Sender<File>,
     writer: Option<Writer>,
-    /// Written since it was last looked how much room there is.
+    /// Bytes written since the free space was last checked.
     unseen_bytes: u64,
 }
 
 impl Writing {
-    fn run(mut self, mut exit: Exit) -> Result<Written, RecorderError> {
-        // Without the right to be nice it is written all the same.
+    fn run(mut self, mut receiver: QueueReceiver) -> Result<Written, RecorderError> {
+        // Ignore failures: niceness is optional.
         let _ = rustix::process::nice(NICENESS);
         let mut begun = Instant::now();
         loop {
@@ -137,13 +137,13 @@ impl Writing {
                 self.flush()?;
                 continue;
             }
-            match exit.take(if is_pending { left } else { CHUNK_TIME }) {
+            match receiver.take(if is_pending { left } else { CHUNK_TIME }) {
                 Ok(job) => {
                     if !is_pending {
                         begun = Instant::now();
                     }
                     if let Some(buffer) = self.carry_out(job)? {
-                        exit.give_back(buffer);
+                        receiver.give_back(buffer);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -155,7 +155,7 @@ impl Writing {
         }
     }
 
-    /// Whether what waits in memory and the index still leave free what is to stay free.
+    /// Whether the queued messages and the index still fit above the bytes to leave free.
     fn has_room(&self) -> Result<bool, RecorderError> {
         let Some(writer) = &self.writer else { return Ok(true) };
         let wanted = self.limits.keep_free_bytes.saturating_add(self.unseen_bytes);
@@ -219,7 +219,7 @@ impl Writing {
         }
         self.writer = Some(writer);
         for surplus in self.totals.add_file(path, self.limits.keep_files) {
-            // Whoever has removed it before us has spared us the work.
+            // Ignore failures: it may have been removed already.
             let _ = std::fs::remove_file(surplus);
         }
         self.write_setup()
@@ -235,7 +235,7 @@ impl Writing {
     }
 }
 
-/// Adds what viewers draw.
+/// Adds the drawings for viewers.
 fn draw(
     writer: &mut Writer,
     channels: &[Channel],
@@ -257,7 +257,7 @@ fn draw(
     Ok(())
 }
 
-/// Brings the newest file to the disk again and again, until there are no more files to come.
+/// Syncs the newest file to the disk again and again, until there are no more files.
 fn sync(files: &Receiver<File>) {
     let mut newest: Option<File> = None;
     loop {
@@ -265,7 +265,7 @@ fn sync(files: &Receiver<File>) {
             Ok(file) => newest = Some(file),
             Err(RecvTimeoutError::Timeout) => {
                 if let Some(file) = &newest {
-                    // The writing thread meets the same disk, and says what is wrong with it.
+                    // The writing thread meets the same error, and reports it.
                     let _ = file.sync_data();
                 }
             }

@@ -1,11 +1,11 @@
-//! The names of a recording's files: FILE.mcap, FILE-2.mcap, FILE-3.mcap, … Nothing that exists is
-//! ever written to.
+//! Names of a recording's files: FILE.mcap, FILE-2.mcap, FILE-3.mcap, … Existing files are never
+//! overwritten.
 
 use recording::RecordingError;
 use recording::recover::{Recovery, is_finished, recover};
 use std::path::{Path, PathBuf};
 
-/// Gives the names one after the other.
+/// Generator of file names.
 #[derive(Debug, Clone)]
 pub struct Names {
     first: PathBuf,
@@ -13,7 +13,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// Names like this one.
+    /// Names derived from this one.
     pub fn new(first: &Path) -> Self {
         Self { first: first.into(), next: 1 }
     }
@@ -43,8 +43,8 @@ fn numbered(first: &Path, number: u32) -> PathBuf {
     first.with_file_name(name)
 }
 
-/// Recovers what an earlier recording of this name may have left unfinished. Returns what was done
-/// or could not be done, in words.
+/// Recovers unfinished files of an earlier recording of this name. Returns a message for each that
+/// was recovered or could not be.
 pub fn recover_family(first: &Path) -> Vec<String> {
     let mut said = Vec::new();
     for number in 1.. {
@@ -52,7 +52,7 @@ pub fn recover_family(first: &Path) -> Vec<String> {
         if !path.exists() {
             break;
         }
-        // One that has an end is left alone: to look through it would take long.
+        // A finished file is left alone: scanning it would take long.
         let recovery = match is_finished(&path) {
             Ok(true) => Ok(Recovery::NotNeeded),
             Ok(false) => recover(&path, &mut |_, _| ()),

@@ -1,6 +1,6 @@
-//! The recorder: a consumer that writes what goes over a group's topics to a file.
+//! The recorder: a consumer that writes the messages of a group's topics to a file.
 //!
-//! [`ports`] copies messages out of shared memory without waking or holding up anybody; a bounded
+//! [`ports`] copies messages out of shared memory without wake-ups and without blocking; a bounded
 //! [`queue`] hands them to the thread of [`disk`], which compresses and writes. When the disk is too
 //! slow the queue fills up, and messages are dropped and counted here; the group never notices.
 
@@ -28,75 +28,75 @@ use std::time::{Duration, Instant};
 
 pub use files::recover_family;
 
-/// How often topics are emptied: their buffers hold 64 messages.
+/// Time between two rounds of reading: the topics' buffers hold 64 messages.
 const POLL: Duration = Duration::from_millis(2);
-/// How often free space and the group's configuration are looked at, and progress is told.
+/// Time between two checks of free space and configuration, and between two progress reports.
 const LOOK: Duration = Duration::from_millis(500);
-/// After so much silence it is looked whether the group is still there.
+/// Silence after which the recorder checks whether the group is still there.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// What to record, and how much of it.
+/// Options of a recording.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// The group.
     pub instance: Instance,
-    /// The first file; further ones have a number added.
+    /// The first file; further files have a number added.
     pub path: PathBuf,
-    /// What to record.
+    /// Channels to record.
     pub channels: Vec<Channel>,
-    /// End after so long.
+    /// Duration of the recording.
     pub duration: Option<Duration>,
-    /// Begin a new file when one has so many bytes.
+    /// Size at which a new file is started.
     pub file_bytes: Option<u64>,
-    /// Keep only so many of the files, the newest.
+    /// Number of files to keep, the newest.
     pub keep_files: Option<usize>,
     /// Stop when less than this is free on the disk.
     pub keep_free_bytes: u64,
 }
 
-/// Why nothing (more) can be recorded.
+/// Reason for which a recording fails.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
-    /// Shared memory.
+    /// Shared memory failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The file.
+    /// The file failed.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// Files would be begun all the time.
+    /// The size limit holds less than a second, so that files would be started all the time.
     #[error(
         "--max-size {} kB is too small: a second of this group's recording may take {} kB, and no file is \
          begun more often",
         file_bytes.div_ceil(1000), second_bytes.div_ceil(1000)
     )]
     SmallFiles {
-        /// What was asked for.
+        /// The requested size.
         file_bytes: u64,
-        /// What a second takes.
+        /// Bytes per second of recording.
         second_bytes: u64,
     },
-    /// The system.
+    /// The system refused something.
     #[error("{action}: {source}")]
     System {
-        /// What was tried.
+        /// The attempted action.
         action: String,
-        /// What the system said.
+        /// The system's answer.
         source: std::io::Error,
     },
 }
 
-/// Why a recording has ended.
+/// Reason for which a recording has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// Somebody has asked for it.
+    /// It was stopped.
     Stopped,
-    /// The time is over.
+    /// Its duration is over.
     TimeIsOver,
     /// The disk is nearly full.
     DiskNearlyFull,
 }
 
-/// How far a recording has come, or what has become of it.
+/// Progress or outcome of a recording.
 #[derive(Debug, Clone)]
 pub struct Progress {
     /// The newest file.
@@ -109,13 +109,13 @@ pub struct Progress {
     pub bytes: u64,
     /// Messages written, by channel.
     pub written: BTreeMap<Channel, u64>,
-    /// Messages that the disk was too slow for, by channel.
+    /// Messages dropped because the disk was too slow, by channel.
     pub dropped: BTreeMap<Channel, u64>,
-    /// Frame numbers that never came by, by channel.
+    /// Frame numbers never received, by channel.
     pub missed: BTreeMap<Channel, u64>,
     /// Bytes free on the disk.
     pub free_bytes: u64,
-    /// The group is not there (yet).
+    /// The group does not run (yet).
     pub is_waiting: bool,
 }
 
@@ -159,8 +159,8 @@ struct Recorder<'a> {
     names: Names,
     totals: Arc<Totals>,
     missed: BTreeMap<Channel, u64>,
-    /// Looked at once for each group, so that a clock that is set in the middle of a match does not
-    /// turn the order of its messages upside down.
+    /// Read once per group, so that a clock change during a match does not disturb the order of its
+    /// messages.
     wall_minus_monotonic_ns: i64,
     began: Option<Instant>,
     is_waiting: bool,
@@ -209,7 +209,7 @@ impl Recorder<'_> {
         let end = loop {
             let taken = ports.take(|message| disk.put(message))?;
             if taken.is_anew {
-                // Numbers have begun anew: another group, another file.
+                // Frame numbers have restarted: a new group, so a new file.
                 config = read_config(&self.options.instance);
                 self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
                 self.check_file_bytes(&config)?;
@@ -218,7 +218,7 @@ impl Recorder<'_> {
             if taken.messages > 0 {
                 heard = Instant::now();
             }
-            // Why is told by `finish`.
+            // `finish` says why.
             if disk.has_ended() {
                 break None;
             }
@@ -250,7 +250,7 @@ impl Recorder<'_> {
         Ok(if written.is_disk_full { Some(End::DiskNearlyFull) } else { end })
     }
 
-    /// Refuses sizes of files that less than a second goes into.
+    /// Refuses a file size that holds less than a second.
     fn check_file_bytes(&self, config_toml: &Option<String>) -> Result<(), RecorderError> {
         let Some(file_bytes) = self.options.file_bytes else { return Ok(()) };
         let (_, config) = self.setup(config_toml);
@@ -263,7 +263,7 @@ impl Recorder<'_> {
 
     fn setup(&self, config_toml: &Option<String>) -> (recording::Setup, Config) {
         let text = config_toml.clone().unwrap_or_default();
-        // The group has checked it; only the looks of the scene depend on it here.
+        // The group has validated it; only the drawings depend on it here.
         let config = Config::parse(&text, "the group's configuration").unwrap_or_default();
         let setup = recording::Setup {
             touchline_version: env!("CARGO_PKG_VERSION").into(),

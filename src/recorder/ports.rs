@@ -11,16 +11,15 @@ use common::topics::{self, Topic};
 use recording::{Channel, encode_frame, encode_list, encode_message};
 use std::collections::BTreeMap;
 
-/// A sender's stamp is believed if it is not older than this, and not of the future; else the time of
-/// reading counts.
+/// Oldest valid time stamp of a sender; for an older or future one the time of reading counts.
 const OLDEST_NS: u64 = 300_000_000;
 
-/// What was taken from the topics.
+/// Result of one round of reading.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct Taken {
     /// Messages.
     pub messages: u64,
-    /// Numbers have begun anew.
+    /// Frame numbers have restarted.
     pub is_anew: bool,
 }
 
@@ -37,7 +36,8 @@ impl Ports {
         let bus = Bus::join(instance, "recorder")?;
         let derived = channels.iter().any(|channel| channel.is_derived());
         let mut lanes: Vec<Box<dyn Lane>> = Vec::new();
-        // Along the way of a frame, so that the frames of all results are there …
+        // Connect from the first topic to the last, so that the frames of all results are received
+        // …
         for channel in Channel::ALL {
             let is_wanted = channels.contains(&channel) || (channel == Channel::World && derived);
             if is_wanted && let Some(lane) = lane(&bus, channel)? {
@@ -47,17 +47,17 @@ impl Ports {
         Ok(Self { lanes, _bus: bus })
     }
 
-    /// Takes everything there is. `put` gets each message and a buffer to fill with it.
+    /// Reads all messages. `put` gets each message and a buffer to fill with it.
     pub fn take(&mut self, mut put: impl FnMut(Recorded<'_>)) -> Result<Taken, BusError> {
         let mut taken = Taken::default();
-        // … and read against it, for the same at the end.
+        // … and read from the last to the first, for the same reason.
         for lane in self.lanes.iter_mut().rev() {
             lane.take(&mut put, &mut taken)?;
         }
         Ok(taken)
     }
 
-    /// Numbers that never came by, by channel.
+    /// Frame numbers never received, by channel.
     pub fn missed(&self) -> BTreeMap<Channel, u64> {
         let missed = self.lanes.iter().map(|lane| lane.missed());
         missed.filter(|(_, count)| *count > 0).collect()
@@ -117,7 +117,7 @@ fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> 
     })
 }
 
-/// Copies a message, forgets what is behind its lists, and writes it to `out`.
+/// Copies a message, clears stale entries behind its lists, and writes it to `out`.
 fn take_message<T: Message + ClearStale>(
     received: &Received<T, ()>,
     copy: &mut T,
@@ -129,13 +129,13 @@ fn take_message<T: Message + ClearStale>(
     Some(())
 }
 
-/// The time at which a message was sent, as far as its sender can be believed: rubbish must not turn
-/// the order of a recording upside down.
+/// Time at which a message was sent; an implausible stamp is replaced, so that invalid messages do
+/// not disturb the order of a recording.
 fn stamp(t_ns: u64, now_ns: u64) -> u64 {
     if (now_ns.saturating_sub(OLDEST_NS)..=now_ns).contains(&t_ns) { t_ns } else { now_ns }
 }
 
-/// One topic, whatever its type.
+/// One topic of any type.
 trait Lane {
     fn take(
         &mut self,
@@ -188,7 +188,7 @@ where
         taken: &mut Taken,
     ) -> Result<(), BusError> {
         let Self { channel, topic, subscriber, order, missed, encode } = self;
-        // Not more than a buffer at a time, so that no topic can keep the others waiting.
+        // At most one buffer at a time, so that no topic delays the others.
         for _ in 0..topic.buffer {
             let Some(received) = subscriber.receive()? else { break };
             let seq = (topic.seq)(received.elements(), received.header());
@@ -197,7 +197,7 @@ where
                 Position::Next => {}
                 Position::After { missed: count } => *missed += count,
                 Position::Restarted => taken.is_anew = true,
-                // The stages have not worked on it either.
+                // The stages have dropped it too.
                 Position::Repeated => continue,
             }
             taken.messages += 1;

@@ -1,4 +1,4 @@
-//! From the reading to the writing thread: bounded in bytes, with buffers that are used again.
+//! Queue from the reading to the writing thread: bounded in bytes, with reused buffers.
 
 use common::config::Config;
 use recording::{Channel, Setup};
@@ -9,48 +9,49 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, s
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// So much may wait to be written: four seconds of raw frames from a camera of 640×480 pixels and 80
+/// Most bytes in the queue: four seconds of raw frames from a camera of 640×480 pixels and 80
 /// frames a second.
 const MAX_BYTES: usize = 128 << 20;
-/// Of that, frames leave a quarter to what was made of them: poses are worth more, and small.
+/// Most bytes at which frames are still accepted; the last quarter is for results, which are small
+/// and worth more.
 const MAX_BYTES_WITH_FRAMES: usize = MAX_BYTES / 4 * 3;
-/// Buffers kept for further use, at most.
+/// Most buffers kept for reuse.
 const MAX_SPARE: usize = 32;
 
-/// Writes a message to a buffer and tells when it was sent and what time it is about, both on the
-/// monotonic clock; `None` if there is nothing in it.
+/// Writes a message to a buffer. Returns the time it was sent and the time it is about, both on the
+/// monotonic clock; `None` if it is empty.
 pub type Encode<'a> = dyn FnMut(&mut Vec<u8>) -> Option<(u64, u64)> + 'a;
 
-/// A message that is to be recorded, still in shared memory.
+/// A message to record, still in shared memory.
 pub struct Recorded<'a> {
-    /// Where it goes.
+    /// Its channel.
     pub channel: Channel,
-    /// About how many bytes it takes.
+    /// Approximate size in bytes.
     pub size_hint: usize,
     /// Its content.
     pub encode: &'a mut Encode<'a>,
 }
 
-/// What the writing thread is to do.
+/// A job for the writing thread.
 pub enum Job {
     /// Write a message.
     Message {
-        /// Where.
+        /// Its channel.
         channel: Channel,
-        /// When it was sent, monotonic clock.
+        /// Time it was sent, monotonic clock.
         t_sent_ns: u64,
-        /// What time it is about, monotonic clock.
+        /// Time it is about, monotonic clock.
         t_about_ns: u64,
-        /// As recorded.
+        /// Its recorded bytes.
         data: Vec<u8>,
     },
-    /// The group's configuration has changed.
+    /// Write a changed configuration.
     Setup(Box<(Setup, Config)>),
-    /// Go on in another file.
+    /// Start another file.
     NextFile(Box<(Setup, Config)>),
 }
 
-/// Counts of both threads.
+/// Counts shared by both threads.
 #[derive(Debug, Default)]
 pub struct Totals {
     counts: Mutex<Counts>,
@@ -65,7 +66,7 @@ struct Counts {
 
 impl Totals {
     fn counts(&self) -> MutexGuard<'_, Counts> {
-        // Every update leaves the counts whole.
+        // Every update leaves the counts consistent.
         self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -78,7 +79,7 @@ impl Totals {
         *self.counts().dropped.entry(channel).or_default() += 1;
     }
 
-    /// Notes a file that was begun; if there are more than `keep` now, returns those to remove.
+    /// Adds a new file; if there are more than `keep` now, returns those to remove.
     pub fn add_file(&self, path: PathBuf, keep: Option<usize>) -> Vec<PathBuf> {
         let files = &mut self.counts().files;
         files.push(path);
@@ -102,37 +103,37 @@ impl Totals {
     }
 }
 
-/// The reading end of the recorder puts in here.
-pub struct Entrance {
+/// Sending end, for the reading thread.
+pub struct QueueSender {
     jobs: Sender<Job>,
     spare: Receiver<Vec<u8>>,
     waiting_bytes: Arc<AtomicUsize>,
     totals: Arc<Totals>,
 }
 
-/// The writing end takes out here.
-pub struct Exit {
+/// Receiving end, for the writing thread.
+pub struct QueueReceiver {
     jobs: Receiver<Job>,
     spare: SyncSender<Vec<u8>>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
-/// A queue.
-pub fn queue(totals: Arc<Totals>) -> (Entrance, Exit) {
+/// Creates a queue.
+pub fn queue(totals: Arc<Totals>) -> (QueueSender, QueueReceiver) {
     let (job_sender, job_receiver) = channel();
     let (spare_sender, spare_receiver) = sync_channel(MAX_SPARE);
     let waiting_bytes = Arc::new(AtomicUsize::new(0));
-    let entrance = Entrance {
+    let sender = QueueSender {
         jobs: job_sender,
         spare: spare_receiver,
         waiting_bytes: Arc::clone(&waiting_bytes),
         totals,
     };
-    (entrance, Exit { jobs: job_receiver, spare: spare_sender, waiting_bytes })
+    (sender, QueueReceiver { jobs: job_receiver, spare: spare_sender, waiting_bytes })
 }
 
-impl Entrance {
-    /// Puts a message in; drops and counts it when too much is waiting already.
+impl QueueSender {
+    /// Queues a message; drops and counts it if the queue is full.
     pub fn put(&mut self, message: Recorded<'_>) {
         let waiting = self.waiting_bytes.load(Ordering::Relaxed);
         let is_frame = message.channel == Channel::Frames;
@@ -145,18 +146,18 @@ impl Entrance {
         let Some((t_sent_ns, t_about_ns)) = (message.encode)(&mut data) else { return };
         self.waiting_bytes.fetch_add(data.len(), Ordering::Relaxed);
         let channel = message.channel;
-        // That the other end has gone after an error is seen elsewhere.
+        // Ignore failures: the caller checks whether the other thread has ended.
         let _ = self.jobs.send(Job::Message { channel, t_sent_ns, t_about_ns, data });
     }
 
-    /// Puts in what is not a message; never dropped.
+    /// Queues a job that is not a message; never dropped.
     pub fn put_job(&mut self, job: Job) {
         let _ = self.jobs.send(job);
     }
 }
 
-impl Exit {
-    /// The next thing to do; waits for it, but not longer than `timeout`.
+impl QueueReceiver {
+    /// The next job; waits at most `timeout`.
     pub fn take(&mut self, timeout: Duration) -> Result<Job, RecvTimeoutError> {
         let job = self.jobs.recv_timeout(timeout)?;
         if let Job::Message { data, .. } = &job {
@@ -165,9 +166,9 @@ impl Exit {
         Ok(job)
     }
 
-    /// Gives a buffer back.
+    /// Returns a buffer for reuse.
     pub fn give_back(&mut self, data: Vec<u8>) {
-        // When there are enough of them already, it goes.
+        // If enough are kept already, it is freed.
         let _ = self.spare.try_send(data);
     }
 }
@@ -177,12 +178,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_fit_is_dropped_and_counted() {
+    fn messages_that_do_not_fit_are_dropped_and_counted() {
         let totals = Arc::new(Totals::default());
-        let (mut entrance, mut exit) = queue(Arc::clone(&totals));
+        let (mut sender, mut receiver) = queue(Arc::clone(&totals));
         let size = MAX_BYTES / 4 + 1;
-        let put = |entrance: &mut Entrance, channel| {
-            entrance.put(Recorded {
+        let put = |sender: &mut QueueSender, channel| {
+            sender.put(Recorded {
                 channel,
                 size_hint: size,
                 encode: &mut |out| {
@@ -192,15 +193,15 @@ mod tests {
             });
         };
         for _ in 0..3 {
-            put(&mut entrance, Channel::Frames);
+            put(&mut sender, Channel::Frames);
         }
         assert_eq!(totals.dropped().get(&Channel::Frames), Some(&1));
-        put(&mut entrance, Channel::World);
+        put(&mut sender, Channel::World);
         assert_eq!(totals.dropped().get(&Channel::World), None, "there is room left for results");
-        put(&mut entrance, Channel::World);
+        put(&mut sender, Channel::World);
         assert_eq!(totals.dropped().get(&Channel::World), Some(&1));
-        assert!(matches!(exit.take(Duration::ZERO), Ok(Job::Message { t_sent_ns: 1, .. })));
-        put(&mut entrance, Channel::World);
+        assert!(matches!(receiver.take(Duration::ZERO), Ok(Job::Message { t_sent_ns: 1, .. })));
+        put(&mut sender, Channel::World);
         assert_eq!(totals.dropped().get(&Channel::World), Some(&1), "there was room again");
     }
 

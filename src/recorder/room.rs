@@ -1,4 +1,4 @@
-//! How much room a recording takes, and how much there is.
+//! Disk space that a recording takes, and that is free.
 
 use super::RecorderError;
 use common::config::Config;
@@ -6,14 +6,13 @@ use recording::Channel;
 use rustix::fs::statvfs;
 use std::path::Path;
 
-/// What is recorded of a frame besides its pixels, at most, after compression: detections, `world` and
-/// what is drawn of it.
+/// Largest compressed size of a frame's detections, `world` and drawings.
 const RESULTS_BYTES: u64 = 16 << 10;
-/// What the index at the end of a file takes, for each megabyte of the file and at least.
+/// Index at the end of a file: bytes per megabyte of the file, and minimum.
 const INDEX_BYTES_PER_MB: u64 = 1000;
 const LEAST_INDEX_BYTES: u64 = 64 << 10;
 
-/// The most that a second of recording takes.
+/// Most bytes that a second of recording takes.
 pub fn bytes_per_second(config: &Config, channels: &[Channel]) -> u64 {
     let pixels = match channels.contains(&Channel::Frames) {
         true => config.camera.frame_bytes() as u64,
@@ -22,7 +21,7 @@ pub fn bytes_per_second(config: &Config, channels: &[Channel]) -> u64 {
     ((pixels + RESULTS_BYTES) as f64 * config.camera.fps) as u64
 }
 
-/// What it takes to complete a file of so many bytes.
+/// Bytes needed to complete a file of this size.
 pub fn index_bytes(file_bytes: u64) -> u64 {
     LEAST_INDEX_BYTES + file_bytes / 1_000_000 * INDEX_BYTES_PER_MB
 }

@@ -1,4 +1,4 @@
-//! What was recorded lately, by the names under which outputs refer to it.
+//! Recently recorded inputs, by the names under which outputs refer to them.
 
 use common::messages::{Commands, CommandsName, DetectionFrame, FrameHeader, WorldFrame};
 use recording::Frame;
@@ -10,11 +10,11 @@ const KEPT_FRAMES: usize = 256;
 /// Commands kept: some seconds of several strategies.
 const KEPT_COMMANDS: usize = 8192;
 
-/// A frame.
+/// A recorded frame.
 pub struct KeptFrame {
-    /// As published.
+    /// Header as published.
     pub header: FrameHeader,
-    /// As published.
+    /// Pixels as published.
     pub pixels: Vec<u8>,
 }
 
@@ -57,22 +57,22 @@ impl Inputs {
         }
     }
 
-    /// The frame of that number.
+    /// The frame with this number.
     pub fn frame(&self, seq: u64) -> Option<&KeptFrame> {
         self.frames.get(&seq)
     }
 
-    /// The detections of that frame.
+    /// The detections of this frame.
     pub fn detections(&self, seq: u64) -> Option<&DetectionFrame> {
         self.detections.get(&seq).map(|detections| &**detections)
     }
 
-    /// The world of that frame.
+    /// The world of this frame.
     pub fn world(&self, seq: u64) -> Option<&WorldFrame> {
         self.worlds.get(&seq).map(|world| &**world)
     }
 
-    /// The commands of that name.
+    /// The commands with this name.
     pub fn commands(&self, name: &CommandsName) -> Option<&Commands> {
         self.commands.get(&(name.t_sent_ns, name.seq)).map(|commands| &**commands)
     }

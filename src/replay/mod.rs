@@ -1,4 +1,4 @@
-//! Working on a recording what the group worked on live, with the same code.
+//! Processes a recording with the same code that the group ran live.
 
 mod inputs;
 mod verify;

@@ -1,10 +1,9 @@
-//! Computes everything in a recording again and compares it, bit for bit, with what was recorded.
+//! Recomputes every output in a recording and compares it, bit for bit, with the recorded one.
 //!
 //! Every output names the inputs it was made from: runs their frame, detections their runs and the
 //! `world` they took as a prediction, a `world` its detections, the `world` before it and the commands
-//! used in between. A stage's whole state is in its last output. So each output can be checked by
-//! itself, from recorded inputs, whatever has happened to the stages meanwhile: a spare that took
-//! over shows in nothing but the times.
+//! used in between. A stage's whole state is in its last output. So each output can be checked by itself,
+//! from recorded inputs, even after faults of the stages: a take-over by a spare affects only the times.
 
 use super::inputs::Inputs;
 use classifier::Classifier;
@@ -16,34 +15,34 @@ use recording::{Channel, Entry, Setup, decode_frame, decode_list, decode_message
 use std::collections::{BTreeMap, VecDeque};
 use tracker::Tracker;
 
-/// An output is checked when everything sent within this time after it was read: rubbish stamps put
-/// inputs a little behind the outputs made from them.
+/// Delay in recorded time before an output is checked: with invalid time stamps, inputs may be
+/// recorded a little after the outputs made from them.
 const PATIENCE_NS: u64 = 300_000_000;
-/// So many differences are described.
+/// Most differences described.
 const MAX_DESCRIBED: usize = 10;
 
-/// What was found.
+/// Findings of a check.
 #[derive(Debug, Default)]
 pub struct Findings {
-    /// By stage: the channel of its output.
+    /// Tallies by the channel of a stage's output.
     pub outputs: BTreeMap<Channel, Tally>,
-    /// The first differences, in words.
+    /// Descriptions of the first differences.
     pub differences: Vec<String>,
-    /// Filters that began from nothing: at the start of the match, and where filter and spare died
-    /// together.
+    /// Filters that started without a state: at the start of the match, and where filter and spare
+    /// died together.
     pub filter_starts: u64,
-    /// Messages of the recording that make no sense.
+    /// Invalid messages in the recording.
     pub rubbish: u64,
 }
 
-/// Outputs of one kind.
+/// Tally of one kind of output.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Tally {
-    /// Computed again, with the same result to the last bit.
+    /// Recomputed with a bit-identical result.
     pub equal: u64,
-    /// Computed again, with another result.
+    /// Recomputed with a different result.
     pub different: u64,
-    /// Not computed, because an input is not in the recording, by what is missing.
+    /// Not recomputed because an input is not in the recording, by missing input.
     pub without: BTreeMap<&'static str, u64>,
 }
 
@@ -72,20 +71,21 @@ struct Stages {
     world_structures: Vec<Structure>,
 }
 
-/// Why a recording cannot be checked at all.
+/// Reason for which a recording cannot be checked.
 #[derive(Debug, thiserror::Error)]
 #[error("the recorded configuration: {0}")]
 pub struct ConfigurationError(String);
 
 impl Verifier {
-    /// Takes in the next message.
+    /// Processes the next message.
     pub fn take(&mut self, entry: &Entry) -> Result<(), ConfigurationError> {
         if self.stages.is_some() {
             self.work_off(Some(entry.t_sent_ns));
         }
         if entry.channel == Channel::Setup {
-            // Everything up to here was made with the configuration before, if there was one: what was
-            // under way when the recording began was sent a moment before its first message.
+            // All outputs up to here were made with the previous configuration, if there was one:
+            // messages in flight when the recording began were sent a moment before its first
+            // message.
             if self.stages.is_some() {
                 self.work_off(None);
             }
@@ -102,13 +102,13 @@ impl Verifier {
         Ok(())
     }
 
-    /// Everything was taken in.
+    /// Completes the check.
     pub fn finish(mut self) -> Findings {
         self.work_off(None);
         self.findings
     }
 
-    /// Keeps inputs, and puts outputs on the list of what is to be checked.
+    /// Keeps inputs, and queues outputs to be checked.
     fn note(&mut self, entry: &Entry) -> Option<()> {
         let Self { inputs, waiting, .. } = self;
         let output = match entry.channel {
@@ -142,7 +142,7 @@ impl Verifier {
         Some(())
     }
 
-    /// Checks what was sent long enough before `now_ns`, or everything.
+    /// Checks outputs sent long enough before `now_ns`, or all.
     fn work_off(&mut self, now_ns: Option<u64>) {
         while let Some((t_ns, _)) = self.waiting.front()
             && now_ns.is_none_or(|now_ns| now_ns.saturating_sub(*t_ns) > PATIENCE_NS)
@@ -181,7 +181,7 @@ impl Verifier {
     }
 }
 
-/// Why an output is not equal.
+/// Reason for which an output is not equal.
 enum Verdict {
     Without(&'static str),
     Different(String),
@@ -191,7 +191,7 @@ impl Stages {
     fn new(config_toml: &str) -> Result<Self, ConfigurationError> {
         let error = |error: &dyn std::fmt::Display| ConfigurationError(error.to_string());
         let config = Config::parse(config_toml, "recorded").map_err(|e| error(&e))?;
-        // Whether there can be a filter is found out now, so that it need not be asked later.
+        // Validate the filter's configuration now, so that it need not be checked later.
         Filter::new(&config).map_err(|e| error(&e))?;
         Ok(Self {
             classifier: Classifier::new(&config).map_err(|e| error(&e))?,
@@ -204,7 +204,7 @@ impl Stages {
         })
     }
 
-    /// What the classifier makes of a recorded frame.
+    /// The classifier's output for a recorded frame.
     fn classify(&mut self, inputs: &Inputs, seq: u64) -> Result<(RunsHeader, Vec<Run>), Verdict> {
         let frame = inputs.frame(seq).ok_or(Verdict::Without("its frame"))?;
         let mut header = RunsHeader::default();
@@ -246,7 +246,7 @@ impl Stages {
             DetectionFrame::NO_WORLD => None,
             prior => Some(inputs.world(prior).ok_or(Verdict::Without("the world it used"))?),
         };
-        // The tracker had the frame at hand, or had not.
+        // The tracker either had the frame or did not.
         let frame = (recorded.flags & DetectionFrame::FRAME_USED != 0).then(|| inputs.frame(seq));
         let pixels = frame.flatten().map(|frame| &frame.pixels[..]);
         self.tracker.step(&header, &runs, pixels, prior, &mut self.detections);

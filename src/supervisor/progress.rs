@@ -85,7 +85,7 @@ pub enum Beat {
     Stage(Sign),
     /// From an attendant.
     Attendant {
-        /// Who sent it.
+        /// Its process id.
         pid: u32,
     },
 }
@@ -93,7 +93,7 @@ pub enum Beat {
 /// Content of a stage's heartbeat.
 #[derive(Debug, Clone, Copy)]
 pub struct Sign {
-    /// Who sent it.
+    /// Its process id.
     pub pid: u32,
     /// Its stage.
     pub stage: StageId,
