@@ -106,8 +106,11 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
 
 /// Removes the garbage of dead processes; if no process is alive, removes everything.
 fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
+    // Listed first: a program that joins from now on, such as `touchline status`, keeps its files. Without them it would
+    // remove those of the new group, which have the same names, when it leaves.
+    let leftovers = instance.leftovers()?;
     if others(instance)?.is_empty() {
-        let foreign = instance.wipe()?;
+        let foreign = leftovers.remove()?;
         if let Some(first) = foreign.first() {
             let others = match foreign.len() - 1 {
                 0 => String::new(),

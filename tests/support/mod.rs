@@ -226,7 +226,8 @@ impl Group {
             }
             std::thread::sleep(Duration::from_millis(50));
         }
-        panic!("{what} did not happen; last status {last:#?}\n{}", self.stderr());
+        let output = output_of(&self.scratch, &["status", "--instance", "test"]);
+        panic!("{what} did not happen; last status {last:#?}\n{}\n{output:?}", self.stderr());
     }
 
     /// Waits until every stage works and publishes results.

@@ -21,6 +21,7 @@ use crate::stages::{MAX_LANES, StageGraph, StageId};
 use iceoryx2::prelude::{Config as IpcConfig, FileName, Path as IpcPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
+use std::ffi::OsStr;
 use std::fs::{self, DirBuilder, File};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -170,25 +171,16 @@ impl Namespace {
         Ok(())
     }
 
-    /// Removes everything an earlier group left behind, except the lock and the namespace itself;
-    /// returns files of other users, which stay.
-    fn wipe(&self) -> Result<Vec<ForeignFile>, InstanceError> {
+    /// Everything in the namespace, except the lock and the namespace itself.
+    fn leftovers(&self) -> Result<Leftovers, InstanceError> {
         let (segments, foreign) = self.segments().map_err(io_error(Path::new(SHARED_MEMORY)))?;
-        for path in segments.iter().filter(|path| !seed::is_seed(path)) {
-            remove(fs::remove_file(path), path)?;
-        }
+        let mut paths: Vec<PathBuf> =
+            segments.into_iter().filter(|path| !seed::is_seed(path)).collect();
         let kept = [NOTE, super::lock::NAME];
-        for entry in fs::read_dir(&self.directory).map_err(io_error(&self.directory))?.flatten() {
-            let path = entry.path();
-            if kept.iter().any(|name| entry.file_name() == *name) {
-                continue;
-            }
-            let is_directory = entry.file_type().is_ok_and(|kind| kind.is_dir());
-            let removed =
-                if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-            remove(removed, &path)?;
-        }
-        Ok(foreign)
+        let entries = fs::read_dir(&self.directory).map_err(io_error(&self.directory))?.flatten();
+        let is_left = |name: &OsStr| kept.iter().all(|kept| name != *kept);
+        paths.extend(entries.filter(|it| is_left(&it.file_name())).map(|entry| entry.path()));
+        Ok(Leftovers { paths, foreign })
     }
 
     /// Removes the namespace and everything in it.
@@ -273,6 +265,28 @@ impl Namespace {
     }
 }
 
+/// Files in a group's namespace that may be garbage.
+#[derive(Debug, Default)]
+pub struct Leftovers {
+    paths: Vec<PathBuf>,
+    foreign: Vec<ForeignFile>,
+}
+
+impl Leftovers {
+    /// Removes them; returns files of other users with the group's names, which stay. Only for the holder of the
+    /// lock, and only when no process of the group was alive after they were listed: removing half of iceoryx2's
+    /// files, or removing them under a living process, is worse than leaving them.
+    pub fn remove(self) -> Result<Vec<ForeignFile>, InstanceError> {
+        for path in &self.paths {
+            let is_directory = fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
+            let removed =
+                if is_directory { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+            remove(removed, path)?;
+        }
+        Ok(self.foreign)
+    }
+}
+
 impl Instance {
     /// The group's names in shared memory; `None` if it has none.
     pub fn namespace(&self) -> Result<Option<Namespace>, InstanceError> {
@@ -327,12 +341,14 @@ impl Instance {
         Ok(restored)
     }
 
-    /// Removes everything a group left behind in shared memory, except the lock; returns files of other
-    /// users with its names, which stay. Only for the holder of the lock, and only when no process of
-    /// the group is alive: removing half of iceoryx2's files, or removing them under a living process,
-    /// is worse than leaving them.
+    /// Lists everything in shared memory with the group's names, except the lock.
+    pub fn leftovers(&self) -> Result<Leftovers, InstanceError> {
+        self.namespace()?.map_or(Ok(Leftovers::default()), |namespace| namespace.leftovers())
+    }
+
+    /// Removes everything a group left behind in shared memory, except the lock; see [`Leftovers::remove`].
     pub fn wipe(&self) -> Result<Vec<ForeignFile>, InstanceError> {
-        self.namespace()?.map_or(Ok(Vec::new()), |namespace| namespace.wipe())
+        self.leftovers()?.remove()
     }
 
     /// Removes the stage pages of an earlier group, so that the stages of a new one start from the

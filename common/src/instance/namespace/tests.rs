@@ -1,6 +1,8 @@
 use super::*;
 use crate::bus::Bus;
+use crate::messages::WorldFrame;
 use crate::topics;
+use bytemuck::Zeroable;
 use std::os::unix::fs::PermissionsExt;
 
 /// An instance whose directories are removed at the end of the test.
@@ -105,6 +107,24 @@ fn nothing_that_others_can_see_can_be_opened_by_them() {
     let (segments, _) = namespace.segments().unwrap();
     assert_eq!(segments.len(), 1, "for the next group: {segments:?}");
     Bus::join(&scratch.instance, "next").unwrap();
+}
+
+#[test]
+fn a_program_that_joins_while_leftovers_are_removed_does_no_harm_when_it_leaves() {
+    let scratch = Scratch::new("namespace-joiner");
+    scratch.instance.create_namespace().unwrap();
+    let leftovers = scratch.instance.leftovers().unwrap();
+    let early = Bus::join(&scratch.instance, "early").unwrap();
+    let reader = early.subscriber(&topics::WORLD).unwrap();
+    leftovers.remove().unwrap();
+    let group = Bus::join(&scratch.instance, "group").unwrap();
+    group.enter_roster();
+    let mut writer = group.publisher(&topics::WORLD, 1).unwrap();
+    drop((reader, early));
+    let late = Bus::join(&scratch.instance, "late").unwrap();
+    let reader = late.subscriber(&topics::WORLD).unwrap();
+    writer.publish(&WorldFrame::zeroed()).unwrap();
+    assert!(reader.receive().unwrap().is_some(), "the writer's topic is another one");
 }
 
 #[test]
