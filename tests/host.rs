@@ -174,7 +174,7 @@ fn a_group_is_taken_over_when_not_a_byte_of_shared_memory_is_left() {
     assert!(!said.contains("SIGBUS") && said.contains("the match goes on"), "{said}");
 }
 
-/// As in a container that was started with a read-only root.
+/// A container started with a read-only root has such a `/dev/shm`.
 #[test]
 #[ignore = "needs root, for a /dev/shm of its own"]
 fn a_shared_memory_that_is_read_only_is_named_at_once_by_whoever_needs_it() {

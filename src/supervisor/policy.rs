@@ -218,6 +218,10 @@ impl Policy {
         outdated: bool,
         now_ns: u64,
     ) -> Option<MemberId> {
+        // Started by hand, with `--lane`.
+        if !self.settings.graph.has(stage) {
+            return None;
+        }
         let stage = &mut self.stages[stage];
         let slot = if spare { &mut stage.spare } else { &mut stage.active };
         if slot.is_some() {

@@ -251,7 +251,7 @@ impl CandidateFinder {
 
     /// Fills `places` from the candidates for team patches.
     fn guess_places(&mut self, pattern: &Pattern, camera: &CameraModel) {
-        // So far only kinds of team patches have ranges.
+        // Only kinds of team patches have ranges at this point.
         for range in self.ranges.iter().zip(&pattern.kinds) {
             let (range, kind) = range;
             let top = pattern.top_of_kind(kind);

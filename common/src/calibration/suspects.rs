@@ -156,7 +156,7 @@ pub(super) fn suspicion(task: &Task, fitted: Option<&Fitted>, within_px: f64) ->
     // A lens that is free to bend can hide one wrong point behind another.
     let straight = Task { max_distortion: 0, ..*task };
     let off_straight = || judge.off(&straight, &straight.best_fit().ok()?);
-    // So can a wide lens, which bends even more.
+    // A wide lens, which bends even more, can do the same.
     let ordinary = Task { max_distortion: fit::POLYNOMIAL.min(task.max_distortion), ..*task };
     let off_ordinary = || judge.off(&ordinary, &ordinary.best_fit().ok()?);
     let off_any = || judge.off(task, fitted);

@@ -44,7 +44,7 @@ fn the_runtime_directory_is_for_nobody_else() {
     let instance = Instance::below(&base, "match").unwrap();
     instance.create_directory().unwrap();
     assert_eq!((mode(&base), mode(instance.directory())), (0o700, 0o700));
-    // As a service manager might have made it: readable by everybody.
+    // A service manager may create it readable by all users.
     fs::set_permissions(instance.directory(), fs::Permissions::from_mode(0o755)).unwrap();
     instance.create_directory().unwrap();
     assert_eq!(mode(instance.directory()), 0o700);

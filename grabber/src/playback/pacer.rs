@@ -21,7 +21,7 @@ const WORLD_TIMEOUT_NS: u64 = 1_000_000_000;
 const MAX_BYTES: usize = 20;
 
 /// Decides when the next frame of a recording may be shown: when the `world` of the previous one has arrived.
-/// So every stage processes the same sequence of messages as in the match, at any speed.
+/// Every stage thus processes the same sequence of messages as in the match, at any speed.
 pub struct Pacer {
     world: Subscriber<WorldFrame, ()>,
     wake_up: WakeUp,

@@ -97,7 +97,13 @@ impl Group<'_> {
                 self.processes.insert(id, process);
             }
             None => {
-                self.log(EventKind::Killed, stage, pid, "killed: there is another one", "");
+                self.log(
+                    EventKind::Killed,
+                    stage,
+                    pid,
+                    "killed: there is another one, or the group has no such stage",
+                    "",
+                );
                 // Best effort: if the signal fails, the extra process does no harm.
                 let _ = process.signal(Signal::KILL);
             }

@@ -182,3 +182,12 @@ fn a_renewal_goes_through_all_lanes_and_reaches_the_cameras_last() {
     assert_eq!(BTreeSet::from_iter(retired.clone()), LANES.stages().collect());
     assert!(retired[5..].iter().all(|stage| stage.is_grabber()), "{retired:?}");
 }
+
+#[test]
+fn a_stage_of_a_lane_that_the_group_lacks_is_not_adopted() {
+    let mut policy = Policy::new(settings(GRAPH, &[]));
+    for stage in LANES.stages().filter(|stage| !GRAPH.has(*stage)) {
+        assert_eq!(policy.adopt(stage, false, false, MS), None, "{stage}");
+    }
+    assert!(policy.adopt(FILTER, false, false, MS).is_some());
+}
