@@ -8,20 +8,25 @@
 //! * A region merged with the smaller ones near it is a whole ball if its area and roundness are those of a
 //!   disc; its place is the centroid.
 //! * A region of 12 to 85 % of the ball's area may be its visible part; its place is that of the circle in
-//!   its outline ([`silhouette`](crate::silhouette)), if enough of the rim is visible.
+//!   its outline ([`silhouette`](silhouette)), if enough of the rim is visible.
 
+pub(crate) mod ball_fit;
+pub(crate) mod silhouette;
+pub(crate) mod sphere;
+pub(crate) mod tinge;
+
+use crate::edges::local_map::mm_per_px;
 use crate::error::TrackerError;
-use crate::local_map::mm_per_px;
-use crate::measure::{Measure, Moments};
 use crate::pattern::{Limits, Pattern, class_of, positive};
 use crate::pitch::Pitch;
 use crate::pose::robot_from_field;
 use crate::reasons::Rejections;
-use crate::silhouette::{BY_CLASS, Silhouette};
-use crate::sphere::Sphere;
+use crate::regions::measure::{Measure, Moments};
 use common::config::Config;
 use common::geometry::{CameraModel, FieldPoint, Pose};
 use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
+use silhouette::{BY_CLASS, Silhouette};
+use sphere::Sphere;
 use std::f64::consts::PI;
 
 /// Least [`roundness`] of a ball. Half a disc has 0.66, a strip of eleven pixels by two 0.18, a ring a tenth

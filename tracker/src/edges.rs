@@ -4,6 +4,10 @@
 //! other edge and no corner so near that the point spread function mixes them. Edges are joined into
 //! *stretches*, along which each side has one colour.
 
+pub(crate) mod edge_fit;
+pub(crate) mod edge_pixels;
+pub(crate) mod local_map;
+
 use common::config::Pair;
 
 /// Half the width of an edge's band: the levels on both sides must be visible.

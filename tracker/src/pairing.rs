@@ -15,18 +15,25 @@
 //! picture at once, each team patch gets its own identification patch, as Fig. 7 demands, even where another
 //! robot's lies nearer.
 
-use crate::assignment::{Choice, Solver};
+pub(crate) mod agreement;
+pub(crate) mod assignment;
+mod grown_together;
+pub(crate) mod hypotheses;
+pub(crate) mod prior;
+pub(crate) mod second_opinion;
+
 use crate::candidates::{Candidate, CandidateFinder};
-use crate::class_index::ClassIndex;
-use crate::hypotheses::{Hypothesis, HypothesisMaker, NO_CANDIDATE, Outcome, SearchResult, fit};
-use crate::measure::{Measure, MomentSums, distance_mm};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
 use crate::pose::{image_pose, robot_from_field};
-use crate::prior::Prior;
-use crate::second_opinion::{AMBIGUITY, Opinion, SecondOpinion, WORK_PER_FRAME};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
+use crate::regions::class_index::ClassIndex;
+use crate::regions::measure::{MomentSums, distance_mm};
+use assignment::{Choice, Solver};
+use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+use hypotheses::{Hypothesis, HypothesisMaker, NO_CANDIDATE, Outcome, SearchResult};
+use prior::Prior;
+use second_opinion::{AMBIGUITY, Opinion, SecondOpinion, WORK_PER_FRAME};
 use std::ops::Range;
 
 /// Most hypotheses of a frame; beyond it the costliest of each team patch are dropped. A match has one or two
@@ -341,101 +348,6 @@ impl Pairing {
             }
         }
         count
-    }
-
-    /// Where believed robots share a region that was taken apart, their poses now tell better
-    /// whose pixels are whose than the distance from two centroids: each pixel goes to the robot
-    /// on whose body it lies deepest. Places and poses are measured again from that.
-    fn separate_grown_together(&mut self, scene: &Scene, frame: &DetectionFrame) {
-        const ROUNDS: usize = 2;
-        let pattern = scene.pattern;
-        for index in 0..self.believed.len() {
-            let identity = self.hypotheses[self.believed[index]].identity;
-            for patch in 0..pattern.top_of(identity).patches.len() {
-                let robot = &self.hypotheses[self.believed[index]];
-                let Some(candidate) = self.candidate(pattern, robot, patch) else { continue };
-                let seed = candidate.seed();
-                // Each region once, with its first piece, and only if all pieces have owners.
-                if seed.pieces < 2 || seed.piece != 0 {
-                    continue;
-                }
-                let mut owners = std::mem::take(&mut self.owners);
-                self.find_owners(pattern, seed.region, &mut owners);
-                if owners.len() == usize::from(seed.pieces) {
-                    for _ in 0..ROUNDS {
-                        self.measure_again(scene, frame, seed.region, &owners);
-                    }
-                }
-                self.owners = owners;
-            }
-        }
-    }
-
-    /// The believed hypotheses, and their patches, that pieces of a region belong to.
-    fn find_owners(&self, pattern: &Pattern, region: u32, owners: &mut Vec<(usize, usize)>) {
-        owners.clear();
-        for &index in &self.believed {
-            let robot = &self.hypotheses[index];
-            for patch in 0..pattern.top_of(robot.identity).patches.len() {
-                let candidate = self.candidate(pattern, robot, patch);
-                if candidate.is_some_and(|candidate| candidate.uses_region(region)) {
-                    owners.push((index, patch));
-                }
-            }
-        }
-    }
-
-    fn measure_again(
-        &mut self,
-        scene: &Scene,
-        frame: &DetectionFrame,
-        region: u32,
-        owners: &[(usize, usize)],
-    ) {
-        let Some(region) = frame.regions().get(region as usize) else { return };
-        let origin = (f64::from(region.x_px), f64::from(region.y_px));
-        let mut all_sums = std::mem::take(&mut self.sums);
-        all_sums.clear();
-        all_sums.resize(owners.len(), MomentSums::around(origin));
-        for run in frame.runs_of(region) {
-            for column in run.begin..run.end {
-                let (x_px, y_px) = (f64::from(column), f64::from(run.row));
-                let point = ImagePoint::new(x_px, y_px);
-                let remoteness = |&(index, patch): &(usize, usize)| {
-                    let robot = &self.hypotheses[index];
-                    let top = scene.pattern.top_of(robot.identity);
-                    let place = scene.camera.field_from_image(point, top.height_mm);
-                    let [x, y] = robot_from_field(&robot.pose, place);
-                    let [px, py] = top.patches[patch].centroid_mm;
-                    // Two patches of one robot are equally deep on its body.
-                    (-top.body.depth_mm([x, y]), (x - px).hypot(y - py))
-                };
-                let nearest = (0..owners.len()).min_by(|&a, &b| {
-                    let (a, b) = (remoteness(&owners[a]), remoteness(&owners[b]));
-                    a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
-                });
-                if let Some(nearest) = nearest {
-                    all_sums[nearest].add_pixel(x_px, y_px);
-                }
-            }
-        }
-        for (&(index, patch), sums) in owners.iter().zip(&all_sums) {
-            let moments = sums.moments();
-            let hypothesis = &mut self.hypotheses[index];
-            let top = scene.pattern.top_of(hypothesis.identity);
-            let measure = Measure::new(&moments, scene.camera, top.height_mm);
-            // Poses so wrong that nothing is left of a patch make a worse guess, not a better one.
-            let Some(measure) = measure else { continue };
-            let patch_area = top.patches[patch].area_mm2;
-            if measure.area_mm2 < scene.pattern.limits.min_area_ratio * patch_area {
-                continue;
-            }
-            hypothesis.places[patch] = measure.position;
-            if let Some(pose) = fit(top, &hypothesis.places) {
-                hypothesis.pose = pose;
-            }
-        }
-        self.sums = all_sums;
     }
 
     fn write(&mut self, scene: &Scene, frame: &mut DetectionFrame) {

@@ -5,6 +5,9 @@
 //! of a top in a colour. An *identity* ([`Identity`]) is a robot of a team and number, with a kind for each
 //! patch of its top.
 
+pub(crate) mod cell_grid;
+pub(crate) mod footprint;
+pub(crate) mod shares;
 mod top;
 
 use crate::error::TrackerError;

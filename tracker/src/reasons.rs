@@ -2,11 +2,11 @@
 
 use crate::candidates::Candidate;
 use crate::faint::FaintRobots;
-use crate::hypotheses::{Outcome, SearchResult};
-use crate::measure::distance_mm;
-use crate::measured_regions::MeasuredRegion;
+use crate::pairing::hypotheses::{Outcome, SearchResult};
 use crate::pairing::{Pairing, TEAM_PATCH_DISTANCE};
 use crate::pattern::{Kind, Pattern, Top};
+use crate::regions::measure::distance_mm;
+use crate::regions::measured_regions::MeasuredRegion;
 use crate::unknown::UnknownRobots;
 use common::geometry::ImagePoint;
 use common::messages::{DetectionFrame, MAX_REGIONS, RejectReason, Rejected, Team};

@@ -1,20 +1,20 @@
 //! Refinement: robots and balls measured in the raw picture, with a covariance.
 //!
-//! Robots are fitted by their edges ([`edge_fit`](crate::edge_fit)), balls by their rim
-//! ([`ball_fit`](crate::ball_fit)). Where a fit fails, pose or place stay those of the regions, with a
+//! Robots are fitted by their edges ([`edge_fit`](crate::edges::edge_fit)), balls by their rim
+//! ([`ball_fit`](crate::ball::ball_fit)). Where a fit fails, pose or place stay those of the regions, with a
 //! covariance that follows from how they were found.
 
 use crate::ball::Visible;
-use crate::ball_fit::{BallFitter, Start};
-use crate::edge_fit::{Deviations, EdgeFitter, Fitted};
+use crate::ball::ball_fit::{BallFitter, Start};
+use crate::ball::silhouette::{BY_TINGE, Silhouette};
+use crate::ball::sphere::Sphere;
+use crate::ball::tinge::Tinge;
 use crate::edges::EdgeMap;
-use crate::local_map::mm_per_px;
+use crate::edges::edge_fit::{Deviations, EdgeFitter, Fitted};
+use crate::edges::local_map::mm_per_px;
 use crate::pattern::{Pattern, Top};
 use crate::pose::image_pose;
 use crate::raw::RawFrame;
-use crate::silhouette::{BY_TINGE, Silhouette};
-use crate::sphere::Sphere;
-use crate::tinge::Tinge;
 use common::config::{Config, Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use common::layout::topmost_patch;

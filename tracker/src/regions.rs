@@ -21,6 +21,10 @@
 //! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing is
 //! relabelled here, so the direction does not matter for the result.
 
+pub(crate) mod class_index;
+pub(crate) mod measure;
+pub(crate) mod measured_regions;
+
 use bytemuck::{Zeroable, zeroed_box};
 use common::messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
 use std::cmp::Reverse;

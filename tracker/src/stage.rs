@@ -2,10 +2,10 @@
 
 use crate::ball::BallFinder;
 use crate::faint::FaintRobots;
+use crate::pairing::prior::Prior;
 use crate::pairing::{Pairing, Scene};
 use crate::pattern::Pattern;
 use crate::pitch::Pitch;
-use crate::prior::Prior;
 use crate::raw::RawFrame;
 use crate::reasons::{Rejections, explain};
 use crate::refine::Refiner;

@@ -6,9 +6,9 @@
 
 use crate::candidates::Candidate;
 use crate::faint::FaintRobots;
-use crate::measure::distance_mm;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
 use crate::pattern::Top;
+use crate::regions::measure::distance_mm;
 use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, RobotId, Team};
 use std::f64::consts::PI;
 

@@ -1,9 +1,9 @@
 //! The tops of robots: patches, their visible parts, and the tables made of them.
 
 use super::Kind;
+use super::footprint::Footprints;
+use super::shares::Shares;
 use crate::error::TrackerError;
-use crate::footprint::Footprints;
-use crate::shares::Shares;
 use common::body::Body;
 use common::config::{self, Config, Pair, PatchConfig, PatchRole};
 use common::layout::{Layout, topmost_patch};

@@ -11,11 +11,11 @@
 //! from right. The search is depth-first over the patches; identities that wear the same kinds so far share
 //! it, and every identity has the same share of [`MAX_CHECKS`].
 
+use super::Scene;
 use crate::candidates::{Candidate, CandidateFinder};
-use crate::measure::distance_mm;
-use crate::pairing::Scene;
 use crate::pattern::{Pattern, Top};
 use crate::pose::fit_pose;
+use crate::regions::measure::distance_mm;
 use common::geometry::{FieldPoint, Pose};
 use common::messages::MAX_PATCHES;
 use std::cmp::Ordering;
@@ -46,7 +46,7 @@ pub(crate) struct Hypothesis {
     /// Index into the pattern's identities.
     pub identity: usize,
     /// For each patch, index among the candidates of its kind, or [`NO_CANDIDATE`] where the pose comes from
-    /// pixels ([`second_opinion`](crate::second_opinion)).
+    /// pixels ([`second_opinion`](crate::pairing::second_opinion)).
     pub candidates: [usize; MAX_PATCHES],
     /// Measured place of each patch.
     pub places: [FieldPoint; MAX_PATCHES],

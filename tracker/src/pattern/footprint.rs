@@ -5,9 +5,9 @@
 //! within the predicted patch, widened by [`MARGIN_MM`], are a candidate for it, even where their region
 //! extends far beyond: grown together with a shadow, a floor in coloured light, or the rim of something else.
 
-use crate::measure::{Measure, MomentSums};
-use crate::measured_regions::Bounds;
-use crate::pattern::{ExpectedPatch, Top};
+use super::{ExpectedPatch, Top};
+use crate::regions::measure::{Measure, MomentSums};
+use crate::regions::measured_regions::Bounds;
 use common::config::{Pair, PatchConfig};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::layout::{reach_mm, topmost_patch};

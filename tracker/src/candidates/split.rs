@@ -4,7 +4,7 @@
 //! Such a region has the area of several patches; k-means over its pixels (Lloyd's algorithm) gives the place
 //! of each. Whether the pieces are patches is decided later, among all explanations of the picture.
 
-use crate::measure::{MomentSums, Moments};
+use crate::regions::measure::{MomentSums, Moments};
 use common::messages::{Region, Run};
 
 /// Most pieces of a region.

@@ -1,7 +1,7 @@
 //! The regions of a frame in colours of patches, measured on the plane of the tops.
 
-use crate::class_index::{CLASSES, ClassIndex};
-use crate::measure::{Measure, Moments};
+use super::class_index::{CLASSES, ClassIndex};
+use super::measure::{Measure, Moments};
 use crate::pitch::Pitch;
 use common::geometry::CameraModel;
 use common::messages::{DetectionFrame, Region};

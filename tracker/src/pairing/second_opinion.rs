@@ -9,16 +9,16 @@
 //!     robots = those that agree within AMBIGUITY of the best, unless another colour contradicts them
 //! ```
 //!
-//! [`agreement`](crate::agreement) has the measure. No whole region of any colour is needed, so robots whose
+//! [`agreement`](crate::pairing::agreement) has the measure. No whole region of any colour is needed, so robots whose
 //! patches are half dark, cut in pieces or grown together are identified too. Among robots that agree about
 //! equally well the assignment chooses; all others are ruled out, since a wrong name is worse than none.
 
-use crate::agreement::{Accepted, Coverage, NearbyPixels};
-use crate::class_index::ClassIndex;
-use crate::footprint;
-use crate::measure::Measure;
-use crate::pairing::Scene;
+use super::Scene;
+use super::agreement::{Accepted, Coverage, NearbyPixels};
+use crate::pattern::footprint;
 use crate::pattern::{Pattern, Top};
+use crate::regions::class_index::ClassIndex;
+use crate::regions::measure::Measure;
 use common::geometry::Pose;
 use common::messages::{DetectionFrame, MAX_PATCHES};
 

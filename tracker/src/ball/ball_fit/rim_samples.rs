@@ -5,10 +5,10 @@
 //! are all that the fit needs, so each pixel is read once in a pass.
 
 use super::{HIDDEN, Pass, SECTORS};
-use crate::edge_pixels::{SPLINE_DEVIATIONS, spread};
-use crate::local_map::LocalMap;
+use crate::ball::sphere::Outline;
+use crate::edges::edge_pixels::{SPLINE_DEVIATIONS, spread};
+use crate::edges::local_map::LocalMap;
 use crate::raw::{CHANNELS, RawFrame};
-use crate::sphere::Outline;
 use std::f64::consts::TAU;
 
 /// Terms of a sample: shares of the background and of the four shades, derivatives by the rim's offset and by

@@ -37,10 +37,10 @@
 //! The covariance of the result is the inverse of the normal matrix, enlarged where stretches disagree more
 //! than they do in a good picture (Birge's ratio).
 
-use crate::edge_pixels::{EdgePixels, Sums};
-use crate::edges::{EdgeMap, MAX_STRETCHES};
+use super::edge_pixels::{EdgePixels, Sums};
+use super::local_map::LocalMap;
+use super::{EdgeMap, MAX_STRETCHES};
 use crate::linear::{UPPER, inverse, times};
-use crate::local_map::LocalMap;
 use crate::raw::{CHANNELS, RawFrame};
 use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
 

@@ -1,6 +1,6 @@
 //! Shares: the layout as a table of each patch's share at every point of a robot's top, faded at the rims.
 
-use crate::cell_grid::CellGrid;
+use super::cell_grid::CellGrid;
 use crate::linear::UPPER;
 use common::config::PatchConfig;
 use common::layout::{reach_mm, topmost_patch};

@@ -2,8 +2,8 @@
 //! blur, made by box filters from the sharp top.
 
 use super::{BODY, FLOOR, PARTS, Parts};
-use crate::cell_grid::CellGrid;
 use crate::pattern::Top;
+use crate::pattern::cell_grid::CellGrid;
 use common::config::PatchConfig;
 use common::layout::{reach_mm, topmost_patch};
 

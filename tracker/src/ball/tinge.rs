@@ -11,8 +11,8 @@
 //! robots' bodies have s ≈ 0 at any brightness; other patches have a large r. The ball is the pixels with s
 //! above [`MIN_SHARE`] and r below [`OTHER_HUE`]·s·|T| that are connected with its region.
 
+use super::silhouette::Silhouette;
 use crate::raw::{CHANNELS, RawFrame};
-use crate::silhouette::Silhouette;
 use common::geometry::ImagePoint;
 use common::messages::Run;
 

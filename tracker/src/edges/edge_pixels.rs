@@ -1,4 +1,4 @@
-//! Sums over the pixels at each edge around a body: the input of the [edge fit](crate::edge_fit).
+//! Sums over the pixels at each edge around a body: the input of the [edge fit](crate::edges::edge_fit).
 //!
 //! For each pixel within reach the edge map names the edge that shows there. With n the edge's normal and d
 //! the pixel's distance inside it, the sample's model and its derivatives by the step (x, y, θ) are
@@ -10,8 +10,8 @@
 //! into vector instructions; [`EdgePixels::sum_up`] picks the widest that the machine has. The order of
 //! additions does not depend on the width, so a picture gives the same result on every machine.
 
-use crate::edges::{EdgeMap, MAX_STRETCHES, NO_EDGE};
-use crate::local_map::{LocalMap, RowMap};
+use super::local_map::{LocalMap, RowMap};
+use super::{EdgeMap, MAX_STRETCHES, NO_EDGE};
 use crate::raw::{CHANNELS, RawFrame};
 use fearless_simd::{Level, dispatch};
 

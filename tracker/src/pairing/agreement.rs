@@ -6,7 +6,7 @@
 //!
 //! # Measure
 //!
-//! With sₖ(p) the [share](crate::shares) of patch k at a pixel's place p in the robot's frame (faded at the
+//! With sₖ(p) the [share](crate::pattern::shares) of patch k at a pixel's place p in the robot's frame (faded at the
 //! patch's rim) and Aₖ its sum over the whole patch, the agreement of patch k is
 //!
 //! aₖ = (1 + α)·Σ sₖ(p) / Aₖ − α, summed over the pixels whose class the patch accepts, α = [`AGAINST`]:
@@ -26,10 +26,10 @@
 //! class ([`Coverage`]). One pass over the pixels makes them; the agreement with any set of colours follows
 //! without another.
 
-use crate::class_index::{CLASSES, ClassIndex};
 use crate::linear::{inverse, times};
 use crate::pattern::Top;
-use crate::shares::{PatchRow, ROW, Shares};
+use crate::pattern::shares::{PatchRow, ROW, Shares};
+use crate::regions::class_index::{CLASSES, ClassIndex};
 use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use common::messages::{DetectionFrame, MAX_PATCHES};
 use fearless_simd::{Level, dispatch};

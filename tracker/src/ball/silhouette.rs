@@ -16,9 +16,9 @@
 //! before the rim, so circles may be smaller than the ball. Edges of robots are straight or concave, and fit
 //! no such circle.
 
+use super::sphere::{Outline, Sphere};
+use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
-use crate::local_map::{LocalMap, mm_per_px};
-use crate::sphere::{Outline, Sphere};
 use common::geometry::{CameraModel, FieldPoint, Pose};
 use common::messages::Run;
 

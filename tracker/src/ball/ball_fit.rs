@@ -5,7 +5,7 @@
 //!
 //! A ball differs from a patch: it is shaded by light from one side, lines, shadow, walls and robots lie
 //! beside different parts of its rim, and robots hide some of it. With ρ the distance from the middle of the
-//! [outline](crate::sphere) in units of its half axes and φ the direction, a sample of channel c measures
+//! [outline](crate::ball::sphere) in units of its half axes and φ the direction, a sample of channel c measures
 //!
 //! I = a + w·b₀ + X·(b₁ cos φ + b₂ sin φ) + Z·b₃,
 //!
@@ -33,11 +33,11 @@
 mod rim_samples;
 mod shading;
 
-use crate::edge_pixels::PSF_SIGMA_PX;
+use super::sphere::Sphere;
+use crate::edges::edge_pixels::PSF_SIGMA_PX;
+use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
-use crate::local_map::{LocalMap, mm_per_px};
 use crate::raw::{CHANNELS, RawFrame};
-use crate::sphere::Sphere;
 use common::geometry::{CameraModel, FieldPoint, Pose};
 use rim_samples::RimSamples;
 use shading::{Block, SHADES, solve};

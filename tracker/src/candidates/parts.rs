@@ -1,0 +1,96 @@
+//! Candidates made of several regions, and of pieces of one.
+
+use super::CandidateFinder;
+use super::candidate::{MAX_PARTS, Part};
+use crate::pattern::{ExpectedPatch, Pattern, Top};
+use crate::regions::measure::{Measure, Moments};
+use crate::regions::measured_regions::MeasuredRegion;
+use common::geometry::CameraModel;
+use common::messages::DetectionFrame;
+use std::ops::Range;
+
+/// Least area of a fragment, as a fraction of the patch's area.
+const MIN_FRAGMENT_RATIO: f64 = 0.05;
+/// Largest area of merged fragments, as a multiple of the patch's area.
+pub(super) const MAX_MERGED_RATIO: f64 = 1.35;
+/// Largest distance of a fragment from the largest one, as a multiple of the patch's reach.
+const MERGE_REACH: f64 = 1.3;
+/// Largest deviation of merged fragments along their longer axis, as a multiple of the patch's.
+const MAX_MERGED_SPREAD: f64 = 1.4;
+/// Area per piece of a region that is split, as a multiple of the patch's area.
+pub(super) const SPLIT_RATIO: Range<f64> = 0.65..1.5;
+
+impl CandidateFinder {
+    /// Adds the region merged with one, two and three smaller ones of its class, nearest first.
+    pub(super) fn merge(
+        &mut self,
+        pattern: &Pattern,
+        top: &Top,
+        patch: &ExpectedPatch,
+        class: u32,
+        seed: usize,
+    ) {
+        let measured = self.measured_of(top, class)[seed];
+        let mut near = std::mem::take(&mut self.near);
+        near.clear();
+        let reach2 = (MERGE_REACH * patch.reach_mm).powi(2);
+        // Largest first, so all that follow are too small as well.
+        for (index, other) in self.measured_of(top, class).iter().enumerate().skip(seed + 1) {
+            if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
+                break;
+            }
+            let (here, there) = (measured.measure.position, other.measure.position);
+            let (dx, dy) = (here.x_mm - there.x_mm, here.y_mm - there.y_mm);
+            let distance2 = dx * dx + dy * dy;
+            if distance2 < reach2 {
+                near.push((distance2, index));
+            }
+        }
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+
+        let mut parts = [Part::whole(measured.region); MAX_PARTS];
+        let mut count = 1;
+        let mut merged = measured.measure;
+        for &(_, index) in &near {
+            let fragment = self.measured_of(top, class)[index];
+            let together = merged.merged(&fragment.measure);
+            if together.area_mm2 > MAX_MERGED_RATIO * patch.area_mm2
+                || together.deviations_mm()[0] > MAX_MERGED_SPREAD * patch.major_mm
+            {
+                continue;
+            }
+            merged = together;
+            parts[count] = Part::whole(fragment.region);
+            count += 1;
+            self.push(pattern, patch, &parts[..count], merged);
+            if count == MAX_PARTS {
+                break;
+            }
+        }
+        self.near = near;
+    }
+
+    /// Adds the pieces of a region that is split.
+    #[allow(clippy::too_many_arguments)] // The context of all steps, and the region.
+    pub(super) fn split(
+        &mut self,
+        pattern: &Pattern,
+        top: &Top,
+        patch: &ExpectedPatch,
+        measured: &MeasuredRegion,
+        count: usize,
+        camera: &CameraModel,
+        frame: &DetectionFrame,
+    ) {
+        let Some(region) = frame.regions().get(measured.region as usize) else { return };
+        let runs = frame.runs_of(region);
+        let whole = Moments::of_region(region, runs);
+        let Some(pieces) = self.splitter.split(region, &whole, runs, count) else { return };
+        for (piece, moments) in (0u16..).zip(&pieces[..count]) {
+            if let Some(measure) = Measure::new(moments, camera, top.height_mm) {
+                let part = Part { region: measured.region, piece, pieces: count as u16 };
+                self.push(pattern, patch, &[part], measure);
+            }
+        }
+    }
+}
