@@ -27,6 +27,7 @@ pub mod eventcount;
 pub mod gateway;
 pub mod geometry;
 pub mod handover;
+pub mod heap;
 pub mod input;
 pub mod instance;
 pub mod interface;

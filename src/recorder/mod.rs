@@ -125,6 +125,8 @@ pub fn record(
     stop: &Arc<AtomicBool>,
     mut tell: impl FnMut(&Progress),
 ) -> Result<(End, Progress), RecorderError> {
+    // While the disk is slow, hundreds of frames wait in memory.
+    common::heap::return_large_blocks();
     let mut recorder = Recorder {
         options,
         stop,

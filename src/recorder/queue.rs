@@ -15,8 +15,9 @@ const MAX_BYTES: usize = 128 << 20;
 /// Most bytes at which frames are still accepted; the last quarter is for results, which are small
 /// and worth more.
 const MAX_BYTES_WITH_FRAMES: usize = MAX_BYTES / 4 * 3;
-/// Most buffers kept for reuse.
-const MAX_SPARE: usize = 32;
+/// Most buffers kept for reuse. Each grows to the largest message it has held, a frame; more are under
+/// way only while the disk is slow, and are freed afterwards.
+const MAX_SPARE: usize = 6;
 
 /// Writes a message to a buffer. Returns the time it was sent and the time it is about, both on the
 /// monotonic clock; `None` if it is empty.
@@ -203,6 +204,59 @@ mod tests {
         assert!(matches!(receiver.take(Duration::ZERO), Ok(Job::Message { t_sent_ns: 1, .. })));
         put(&mut sender, Channel::World);
         assert_eq!(totals.dropped().get(&Channel::World), Some(&1), "there was room again");
+    }
+
+    /// Memory of this process that no other one shares, in bytes.
+    fn private_bytes() -> u64 {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).unwrap();
+        line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
+    }
+
+    #[test]
+    fn a_queue_that_was_full_once_gives_its_memory_back() {
+        common::heap::return_large_blocks();
+        let (mut sender, mut receiver) = queue(Arc::default());
+        let frame = 640 * 480;
+        // Small blocks between the frames, as in a recorder, keep a heap from shrinking.
+        let mut small = Vec::new();
+        let mut fill = |sender: &mut QueueSender, frames: usize| {
+            for _ in 0..frames {
+                sender.put(Recorded {
+                    channel: Channel::Frames,
+                    size_hint: frame,
+                    encode: &mut |out| {
+                        out.clear();
+                        out.resize(frame, 7);
+                        Some((1, 2))
+                    },
+                });
+                small.push(vec![0u8; 1000]);
+            }
+        };
+        let empty = |receiver: &mut QueueReceiver| {
+            while let Ok(Job::Message { data, .. }) = receiver.take(Duration::ZERO) {
+                receiver.give_back(data);
+            }
+        };
+        for _ in 0..100 {
+            fill(&mut sender, 1);
+            empty(&mut receiver);
+        }
+        let before = private_bytes();
+        fill(&mut sender, 300);
+        assert!(private_bytes() > before + (60 << 20));
+        empty(&mut receiver);
+        // Other tests of this program may hold memory for a while.
+        let is_given_back = (0..600).any(|_| {
+            let is_small = private_bytes() < before + (16 << 20);
+            if !is_small {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            is_small
+        });
+        assert!(is_given_back, "{} MB before, {} MB after", before >> 20, private_bytes() >> 20);
+        drop(small);
     }
 
     #[test]

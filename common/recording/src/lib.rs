@@ -18,6 +18,7 @@
 
 mod bytes;
 mod channel;
+mod chunk;
 mod damage;
 mod image;
 mod message;

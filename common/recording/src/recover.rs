@@ -17,7 +17,7 @@ use crate::RecordingError;
 use crate::damage::{Damages, Fault};
 use crate::reader::open;
 use crate::scan::{Kind, MAX_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
-use crate::summary::{ChunkLocation, Summary, widened};
+use crate::summary::{ChunkIndex, ChunkLocation, Summary, widened};
 use crate::wire::{
     ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
     message_index, op, schema, zstd_window, zstd_window_for,
@@ -104,6 +104,7 @@ fn lock(file: &File) -> io::Result<bool> {
 struct Plan {
     damages: Damages,
     summary: Summary,
+    chunks: Vec<ChunkLocation>,
     /// Bytes to write over good records: offset and content.
     patches: Vec<(u64, Vec<u8>)>,
     /// Unusable parts: offset and length.
@@ -134,7 +135,7 @@ impl Plan {
             match piece.kind {
                 Kind::Chunk { header, is_framed } => {
                     plan.take_chunk(piece, header, is_framed, scanner.records());
-                    let is_kept = plan.summary.chunks.last().is_some_and(|c| c.at == piece.at);
+                    let is_kept = plan.chunks.last().is_some_and(|c| c.at == piece.at);
                     if is_kept && !is_framed {
                         plan.mend_window(piece, header, &mut scanner)?;
                     }
@@ -170,7 +171,7 @@ impl Plan {
         }
         let mut number = 0;
         let mut is_right = true;
-        let chunks = &self.summary.chunks;
+        let chunks = &self.chunks;
         scanner.read_summary(&[op::CHUNK_INDEX], |_, body| {
             let there = chunks.get(number).map(|chunk| (chunk.at, &chunk.indexes));
             let told = chunk_index(body);
@@ -225,7 +226,7 @@ impl Plan {
             }
             Some(Piece { at, kind: Kind::MessageIndex, .. }) => {
                 self.fences.push((at, end - at));
-                if let Some(chunk) = self.summary.chunks.last_mut() {
+                if let Some(chunk) = self.chunks.last_mut() {
                     chunk.indexes.retain(|_, place| *place != at);
                 }
             }
@@ -236,7 +237,7 @@ impl Plan {
             Some(Piece { at, kind: Kind::Chunk { .. }, .. }) => {
                 let head = Head { opcode: op::CHUNK, length: end - at - HEAD_BYTES };
                 self.patches.push((at, head.encode().to_vec()));
-                if let Some(chunk) = self.summary.chunks.last_mut() {
+                if let Some(chunk) = self.chunks.last_mut() {
                     (chunk.length, chunk.indexes_end) = (end - at, end);
                 }
             }
@@ -290,7 +291,7 @@ impl Plan {
         self.is_in_chunk = true;
         let indexes_end = piece.at + piece.length;
         let (at, length, indexes) = (piece.at, piece.length, BTreeMap::new());
-        self.summary.chunks.push(ChunkLocation { at, length, header, indexes, indexes_end });
+        self.chunks.push(ChunkLocation { at, length, header, indexes, indexes_end });
     }
 
     /// Reduces a window that is longer than the content.
@@ -338,7 +339,7 @@ impl Plan {
         if entries != expected {
             // Later indexes are left out of the summary too, as they will be when the fence is read.
             self.fence_off(piece, Fault::Index);
-        } else if let Some(chunk) = self.summary.chunks.last_mut() {
+        } else if let Some(chunk) = self.chunks.last_mut() {
             chunk.indexes.insert(channel_id, piece.at);
             chunk.indexes_end = piece.at + piece.length;
         }
@@ -405,7 +406,7 @@ impl Plan {
         // The good data must reach the disk before the summary that declares it complete.
         file.sync_data()?;
         file.set_len(self.data_end)?;
-        let end = self.summary.encode(self.data_end);
+        let end = self.end(self.data_end)?;
         if let Err(error) = file.write_all_at(&end, self.data_end) {
             // Half a summary is useless, and may be what filled the disk.
             let _ = file.set_len(self.data_end);
@@ -436,7 +437,7 @@ impl Plan {
         for (at, bytes) in &self.patches {
             to.write_all_at(bytes, moved(*at))?;
         }
-        for chunk in &mut self.summary.chunks {
+        for chunk in &mut self.chunks {
             chunk.at = moved(chunk.at);
             chunk.indexes_end = moved(chunk.indexes_end);
             for place in chunk.indexes.values_mut() {
@@ -444,8 +445,17 @@ impl Plan {
             }
         }
         let data_end = moved(self.data_end);
-        to.write_all_at(&self.summary.encode(data_end), data_end)?;
+        to.write_all_at(&self.end(data_end)?, data_end)?;
         to.sync_all()
+    }
+
+    /// Everything after the data, which ends at this offset.
+    fn end(&self, data_end: u64) -> io::Result<Vec<u8>> {
+        let records: Vec<u8> = self.chunks.iter().flat_map(ChunkLocation::record).collect();
+        let index = ChunkIndex { records: &records[..], count: self.chunks.len() as u32 };
+        let mut end = Vec::new();
+        self.summary.write(data_end, index, &mut end)?;
+        Ok(end)
     }
 }
 

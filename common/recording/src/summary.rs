@@ -1,9 +1,10 @@
 //! The end of a recording: the mark after the data, and the summary, which gives viewers chunks,
-//! channels and counts. [`mcap`] writes the summary of a file it has written itself; this module writes
-//! it for existing files.
+//! channels and counts.
 
 use crate::wire::{ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, op};
+use crc32fast::Hasher;
 use std::collections::BTreeMap;
+use std::io::{self, BufWriter, Read, Write};
 
 /// Offsets of a chunk and of the indexes of its messages.
 #[derive(Debug, Clone)]
@@ -17,20 +18,25 @@ pub(crate) struct ChunkLocation {
     pub indexes_end: u64,
 }
 
-/// Content of a summary.
+/// Content of a summary besides the index of chunks, which may be too long to be kept in memory.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Summary {
     /// Bodies of the schema records.
     pub schemas: BTreeMap<u16, Vec<u8>>,
     /// Bodies of the channel records.
     pub channels: BTreeMap<u16, Vec<u8>>,
-    pub chunks: Vec<ChunkLocation>,
     /// Number of messages per channel.
     pub counts: BTreeMap<u16, u64>,
     /// Times of the earliest and the latest message.
     pub times_ns: Option<(u64, u64)>,
     pub attachments: u32,
     pub metadata: u32,
+}
+
+/// The index of chunks: its records, as read from anywhere, and their number.
+pub(crate) struct ChunkIndex<R> {
+    pub records: R,
+    pub count: u32,
 }
 
 impl Summary {
@@ -45,40 +51,43 @@ impl Summary {
         self.counts.values().sum()
     }
 
-    /// Everything after the data, which ends at this offset.
-    pub fn encode(&self, data_end: u64) -> Vec<u8> {
-        let mut end = Encoder::default();
-        end.record(op::DATA_END, &0u32.to_le_bytes());
-        let start = end.0.len();
-        let mut groups = Vec::new();
-        let mut group = |end: &mut Encoder, opcode: u8, bodies: Vec<Vec<u8>>| {
-            let from = end.0.len();
-            for body in &bodies {
-                end.record(opcode, body);
-            }
-            if !bodies.is_empty() {
-                groups.push((opcode, data_end + from as u64, (end.0.len() - from) as u64));
-            }
-        };
-        group(&mut end, op::SCHEMA, self.schemas.values().cloned().collect());
-        group(&mut end, op::CHANNEL, self.channels.values().cloned().collect());
-        group(&mut end, op::STATISTICS, vec![self.statistics()]);
-        group(&mut end, op::CHUNK_INDEX, self.chunks.iter().map(chunk_index).collect());
-        let offsets_at = end.0.len();
-        for (opcode, from, length) in groups {
-            let mut body = Encoder(vec![opcode]);
-            body.u64(from).u64(length);
-            end.record(op::SUMMARY_OFFSET, &body.0);
+    /// Writes everything after the data, which ends at this offset.
+    pub fn write(
+        &self,
+        data_end: u64,
+        mut index: ChunkIndex<impl Read>,
+        to: impl Write,
+    ) -> io::Result<()> {
+        let mut end = Ending { to: BufWriter::new(to), place: data_end, crc: Hasher::new() };
+        end.records([(op::DATA_END, &0u32.to_le_bytes()[..])])?;
+        // The checksum begins here.
+        end.crc = Hasher::new();
+        let start = end.place;
+        let schemas = self.schemas.values().map(|body| (op::SCHEMA, &body[..]));
+        let schemas = end.records(schemas)?;
+        let channels = self.channels.values().map(|body| (op::CHANNEL, &body[..]));
+        let channels = end.records(channels)?;
+        let statistics = end.records([(op::STATISTICS, &self.statistics(index.count)[..])])?;
+        let chunks_at = end.place;
+        io::copy(&mut index.records, &mut end)?;
+        let chunks =
+            Group { opcode: op::CHUNK_INDEX, at: chunks_at, length: end.place - chunks_at };
+        let offsets_at = end.place;
+        for group in [schemas, channels, statistics, chunks].iter().filter(|it| it.length > 0) {
+            let mut body = Encoder(vec![group.opcode]);
+            body.u64(group.at).u64(group.length);
+            end.records([(op::SUMMARY_OFFSET, &body.0[..])])?;
         }
-        end.0.extend(Head { opcode: op::FOOTER, length: FOOTER_BYTES }.encode());
-        end.u64(data_end + start as u64).u64(data_end + offsets_at as u64);
-        let crc = crc32fast::hash(&end.0[start..]);
-        end.u32(crc);
-        end.0.extend(MAGIC);
-        end.0
+        let mut footer = Encoder(Head { opcode: op::FOOTER, length: FOOTER_BYTES }.encode().into());
+        footer.u64(start).u64(offsets_at);
+        end.write_all(&footer.0)?;
+        let crc = end.crc.clone().finalize();
+        end.write_all(&crc.to_le_bytes())?;
+        end.write_all(MAGIC)?;
+        end.flush()
     }
 
-    fn statistics(&self) -> Vec<u8> {
+    fn statistics(&self, chunks: u32) -> Vec<u8> {
         let (first_ns, last_ns) = self.times_ns.unwrap_or_default();
         let mut body = Encoder::default();
         body.u64(self.messages())
@@ -86,11 +95,54 @@ impl Summary {
             .u32(self.channels.len() as u32)
             .u32(self.attachments)
             .u32(self.metadata)
-            .u32(self.chunks.len() as u32)
+            .u32(chunks)
             .u64(first_ns)
             .u64(last_ns)
             .map(self.counts.iter().map(|(&id, &count)| (id, count)));
         body.0
+    }
+}
+
+/// Consecutive records of one kind in a summary.
+struct Group {
+    opcode: u8,
+    at: u64,
+    length: u64,
+}
+
+/// Writes the end of a file, with a checksum and the offset reached.
+struct Ending<W: Write> {
+    to: BufWriter<W>,
+    place: u64,
+    crc: Hasher,
+}
+
+impl<W: Write> Ending<W> {
+    /// Writes records of one kind.
+    fn records<'a>(
+        &mut self,
+        records: impl IntoIterator<Item = (u8, &'a [u8])>,
+    ) -> io::Result<Group> {
+        let (at, mut kind) = (self.place, 0);
+        for (opcode, body) in records {
+            kind = opcode;
+            self.write_all(&Head { opcode, length: body.len() as u64 }.encode())?;
+            self.write_all(body)?;
+        }
+        Ok(Group { opcode: kind, at, length: self.place - at })
+    }
+}
+
+impl<W: Write> Write for Ending<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.to.write(bytes)?;
+        self.crc.update(&bytes[..count]);
+        self.place += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
     }
 }
 
@@ -100,17 +152,22 @@ pub(crate) fn widened(times_ns: Option<(u64, u64)>, t_ns: u64) -> (u64, u64) {
     (first_ns.min(t_ns), last_ns.max(t_ns))
 }
 
-fn chunk_index(chunk: &ChunkLocation) -> Vec<u8> {
-    let ChunkLocation { at, length, header, indexes, indexes_end } = chunk;
-    let mut body = Encoder::default();
-    body.u64(header.start_ns)
-        .u64(header.end_ns)
-        .u64(*at)
-        .u64(*length)
-        .map(indexes.iter().map(|(&id, &place)| (id, place)))
-        .u64(indexes_end.saturating_sub(at + length))
-        .prefixed(header.packing.map_or("", |packing| packing.name()).as_bytes())
-        .u64(header.packed_bytes)
-        .u64(header.unpacked_bytes);
-    body.0
+impl ChunkLocation {
+    /// The record of this chunk in the index.
+    pub fn record(&self) -> Vec<u8> {
+        let Self { at, length, header, indexes, indexes_end } = self;
+        let mut body = Encoder::default();
+        body.u64(header.start_ns)
+            .u64(header.end_ns)
+            .u64(*at)
+            .u64(*length)
+            .map(indexes.iter().map(|(&id, &place)| (id, place)))
+            .u64(indexes_end.saturating_sub(at + length))
+            .prefixed(header.packing.map_or("", |packing| packing.name()).as_bytes())
+            .u64(header.packed_bytes)
+            .u64(header.unpacked_bytes);
+        let mut record = Encoder::default();
+        record.record(op::CHUNK_INDEX, &body.0);
+        record.0
+    }
 }

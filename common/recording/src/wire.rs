@@ -150,6 +150,11 @@ pub(crate) struct ChunkHeader {
 }
 
 impl ChunkHeader {
+    /// Length of a header that names this compression.
+    pub fn length_with(packing: Packing) -> u64 {
+        CHUNK_HEADER_BYTES + packing.name().len() as u64
+    }
+
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let mut cursor = Cursor(bytes);
         let (start_ns, end_ns) = (cursor.u64()?, cursor.u64()?);
@@ -284,8 +289,47 @@ impl Encoder {
     }
 
     pub fn record(&mut self, opcode: u8, body: &[u8]) -> &mut Self {
-        self.0.extend(Head { opcode, length: body.len() as u64 }.encode());
+        self.head(opcode, body.len() as u64);
         self.0.extend(body);
+        self
+    }
+
+    fn head(&mut self, opcode: u8, length: u64) -> &mut Self {
+        self.0.extend(Head { opcode, length }.encode());
+        self
+    }
+
+    /// A message's record.
+    pub fn message(
+        &mut self,
+        header: MessageHeader,
+        sequence: u32,
+        about_ns: u64,
+        data: &[u8],
+    ) -> &mut Self {
+        self.head(op::MESSAGE, (MESSAGE_HEADER_BYTES + data.len()) as u64);
+        self.u16(header.channel_id).u32(sequence).u64(header.log_ns).u64(about_ns);
+        self.0.extend(data);
+        self
+    }
+
+    /// A chunk's record.
+    pub fn chunk(&mut self, header: &ChunkHeader, packed: &[u8]) -> &mut Self {
+        self.head(op::CHUNK, header.length + header.packed_bytes);
+        self.u64(header.start_ns).u64(header.end_ns).u64(header.unpacked_bytes).u32(header.crc);
+        let name = header.packing.map_or("", Packing::name);
+        self.prefixed(name.as_bytes()).u64(header.packed_bytes);
+        self.0.extend(packed);
+        self
+    }
+
+    /// The record that gives time and offset of each of a channel's messages in a chunk.
+    pub fn message_index(&mut self, channel_id: u16, entries: &[(u64, u64)]) -> &mut Self {
+        let bytes = entries.len() as u32 * 16;
+        self.head(op::MESSAGE_INDEX, 6 + u64::from(bytes)).u16(channel_id).u32(bytes);
+        for &(log_ns, place) in entries {
+            self.u64(log_ns).u64(place);
+        }
         self
     }
 }

@@ -1,60 +1,50 @@
 //! Writing a recording.
 
+use crate::chunk::OpenChunk;
+use crate::summary::{ChunkIndex, Summary};
+use crate::wire::{Encoder, MAGIC, MessageHeader, op};
 use crate::{Channel, RecordingError};
-use mcap::records::MessageHeader;
-use mcap::{Compression, McapError, WriteOptions};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// The fastest level: 800 MB/s on camera noise, at half its size. The default level stalls for 80 ms.
-const LEVEL: u32 = 1;
 /// Largest chunk before compression; normally a chunk ends by time.
-const CHUNK_BYTES: u64 = 4 << 20;
+const CHUNK_BYTES: usize = 4 << 20;
 
 /// Writes one file. Messages are collected in a chunk, which is compressed and written as a whole by
 /// [`flush`](Self::flush): flushed messages survive the death of the process.
 ///
 /// After an error the file is cut off after the last complete chunk and closed. It can be read, and
 /// [`recover`](crate::recover::recover) makes it a proper recording.
+///
+/// The index of chunks, which belongs at the end of the file, grows with the recording: some 20 MB in an
+/// hour. It waits in a file without a name on the same disk, not in memory.
 #[derive(Debug)]
 pub struct Writer {
     path: PathBuf,
     /// `None` after an error.
     open: Option<Open>,
+    /// Bytes in the file.
     bytes: u64,
 }
 
 struct Open {
-    mcap: mcap::Writer<File>,
-    /// A second handle on the same file.
     file: File,
     ids: BTreeMap<Channel, u16>,
     sequences: BTreeMap<Channel, u32>,
-    is_pending: bool,
+    chunk: OpenChunk,
+    summary: Summary,
+    /// Records of the index of chunks, in a file without a name.
+    index: File,
+    chunks: u32,
 }
 
 impl std::fmt::Debug for Open {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Open").field("ids", &self.ids).finish_non_exhaustive()
     }
-}
-
-/// Options of this program's recordings.
-pub(crate) fn options() -> WriteOptions {
-    WriteOptions::new()
-        .library(concat!("touchline ", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Zstd))
-        .compression_level(LEVEL)
-        .compression_threads(0)
-        .chunk_size(Some(CHUNK_BYTES))
-        // Chunks are assembled in memory and written at once, so that the file nearly always ends after
-        // a complete one.
-        .disable_seeking(true)
-        // Chunks have their own checksums.
-        .calculate_data_section_crc(false)
 }
 
 impl Writer {
@@ -65,27 +55,21 @@ impl Writer {
         let file =
             OpenOptions::new().read(true).write(true).create_new(true).open(path).map_err(io)?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|error| io(error.into()))?;
-        let handle = file.try_clone().map_err(io)?;
-        let format = |error: McapError| into_error(path, "create", error);
-        let mut mcap = options().create(file).map_err(format)?;
-        let mut ids = BTreeMap::new();
-        for &channel in channels {
-            let description = channel.description();
-            let schema = mcap
-                .add_schema(
-                    &description.schema_name,
-                    description.schema_encoding,
-                    &description.schema,
-                )
-                .map_err(format)?;
-            let id = mcap
-                .add_channel(schema, channel.name(), description.message_encoding, &BTreeMap::new())
-                .map_err(format)?;
-            ids.insert(channel, id);
-        }
-        let open = Open { mcap, file: handle, ids, sequences: BTreeMap::new(), is_pending: true };
+        let open = Open {
+            file,
+            ids: BTreeMap::new(),
+            sequences: BTreeMap::new(),
+            chunk: OpenChunk::new().map_err(io)?,
+            summary: Summary::default(),
+            index: nameless_file(path).map_err(io)?,
+            chunks: 0,
+        };
         let mut writer = Self { path: path.into(), open: Some(open), bytes: 0 };
-        writer.flush()?;
+        writer.attempt("write", |open, bytes| {
+            open.begin(bytes)?;
+            channels.iter().for_each(|&channel| open.describe(channel));
+            open.flush(bytes)
+        })?;
         Ok(writer)
     }
 
@@ -101,7 +85,7 @@ impl Writer {
 
     /// Whether there are messages that are not in the file yet.
     pub fn is_pending(&self) -> bool {
-        self.open.as_ref().is_some_and(|open| open.is_pending)
+        self.open.as_ref().is_some_and(|open| open.chunk.length() > 0)
     }
 
     /// Adds a message. Times are nanoseconds since 1970: of its sending, and of the event it describes.
@@ -113,29 +97,21 @@ impl Writer {
         t_about_ns: u64,
         data: &[u8],
     ) -> Result<(), RecordingError> {
-        self.attempt("write", |open| {
+        self.attempt("write", |open, bytes| {
             let Some(&channel_id) = open.ids.get(&channel) else { return Ok(()) };
             let sequence = open.sequences.entry(channel).or_default();
             *sequence = sequence.wrapping_add(1);
-            let header = MessageHeader {
-                channel_id,
-                sequence: *sequence,
-                log_time: t_sent_ns,
-                publish_time: t_about_ns,
-            };
-            open.is_pending = true;
-            open.mcap.write_to_known_channel(&header, data)
+            let header = MessageHeader { channel_id, log_ns: t_sent_ns };
+            open.chunk.add_message(header, *sequence, t_about_ns, data);
+            open.summary.count(channel_id, t_sent_ns);
+            if open.chunk.length() < CHUNK_BYTES { Ok(()) } else { open.flush(bytes) }
         })
     }
 
     /// Writes everything to the file. It is then with the operating system and survives the death of
     /// the process; for power failures see [`sync_handle`](Self::sync_handle).
     pub fn flush(&mut self) -> Result<(), RecordingError> {
-        self.attempt("write", |open| {
-            open.is_pending = false;
-            open.mcap.flush()
-        })?;
-        self.measure()
+        self.attempt("write", Open::flush)
     }
 
     /// A handle for regular `sync_data` calls on another thread, since these may take long. `None`
@@ -146,52 +122,119 @@ impl Writer {
 
     /// Completes the file and syncs it to the disk; returns its size.
     pub fn finish(mut self) -> Result<u64, RecordingError> {
-        self.attempt("complete", |open| {
-            open.mcap.finish()?;
-            Ok(open.file.sync_all()?)
+        self.flush()?;
+        self.attempt("complete", |open, bytes| {
+            open.index.seek(SeekFrom::Start(0))?;
+            let index = ChunkIndex { records: &open.index, count: open.chunks };
+            open.summary.write(*bytes, index, &open.file)?;
+            *bytes = open.file.metadata()?.len();
+            open.file.sync_all()
         })?;
-        self.measure()?;
         Ok(self.bytes)
     }
 
-    fn measure(&mut self) -> Result<(), RecordingError> {
-        let mut bytes = 0;
-        self.attempt("look at", |open| {
-            bytes = open.file.metadata()?.len();
-            Ok(())
-        })?;
-        self.bytes = bytes;
-        Ok(())
-    }
-
+    /// Acts on the open file and the number of bytes in it.
     fn attempt(
         &mut self,
         action: &'static str,
-        act: impl FnOnce(&mut Open) -> Result<(), McapError>,
+        act: impl FnOnce(&mut Open, &mut u64) -> io::Result<()>,
     ) -> Result<(), RecordingError> {
-        let Some(open) = &mut self.open else {
-            let source = std::io::Error::other("the recording ended with an earlier error");
-            return Err(RecordingError::Io { path: self.path.clone(), action, source });
+        let outcome = match &mut self.open {
+            Some(open) => act(open, &mut self.bytes),
+            None => Err(io::Error::other("the recording ended with an earlier error")),
         };
-        act(open).map_err(|error| {
+        outcome.map_err(|source| {
             self.abandon();
-            into_error(&self.path, action, error)
+            RecordingError::Io { path: self.path.clone(), action, source }
         })
     }
 
     /// Cuts off what the failed attempt has written.
     fn abandon(&mut self) {
         let Some(open) = self.open.take() else { return };
-        let mut file = open.mcap.into_inner();
         // If even this fails, a reader stops at the incomplete chunk.
-        let _ = file.set_len(self.bytes);
-        let _ = file.seek(SeekFrom::End(0)).and_then(|_| file.flush());
+        let _ = open.file.set_len(self.bytes);
     }
 }
 
-pub(crate) fn into_error(path: &Path, action: &'static str, error: McapError) -> RecordingError {
-    match error {
-        McapError::Io(source) => RecordingError::Io { path: path.into(), action, source },
-        other => RecordingError::Format { path: path.into(), problem: other.to_string() },
+/// A recorder that is dropped still writes what it has.
+impl Drop for Writer {
+    fn drop(&mut self) {
+        let _ = self.flush();
     }
+}
+
+impl Open {
+    /// Writes the beginning of the file.
+    fn begin(&mut self, bytes: &mut u64) -> io::Result<()> {
+        let mut header = Encoder::default();
+        let library = concat!("touchline ", env!("CARGO_PKG_VERSION"));
+        header.prefixed(b"").prefixed(library.as_bytes());
+        let mut beginning = Encoder(MAGIC.to_vec());
+        beginning.record(op::HEADER, &header.0);
+        self.append(&beginning.0, bytes)
+    }
+
+    /// Adds the records that describe a channel.
+    fn describe(&mut self, channel: Channel) {
+        if self.ids.contains_key(&channel) {
+            return;
+        }
+        let description = channel.description();
+        let id = self.ids.len() as u16 + 1;
+        let mut schema = Encoder::default();
+        schema
+            .u16(id)
+            .prefixed(description.schema_name.as_bytes())
+            .prefixed(description.schema_encoding.as_bytes())
+            .prefixed(&description.schema);
+        let mut body = Encoder::default();
+        body.u16(id)
+            .u16(id)
+            .prefixed(channel.name().as_bytes())
+            .prefixed(description.message_encoding.as_bytes())
+            .prefixed(b"");
+        self.chunk.add(op::SCHEMA, &schema.0);
+        self.chunk.add(op::CHANNEL, &body.0);
+        self.summary.schemas.insert(id, schema.0);
+        self.summary.channels.insert(id, body.0);
+        self.ids.insert(channel, id);
+    }
+
+    /// Writes the chunk, if there is anything in it.
+    fn flush(&mut self, bytes: &mut u64) -> io::Result<()> {
+        if self.chunk.length() == 0 {
+            return Ok(());
+        }
+        let (chunk, location) = self.chunk.finish(*bytes)?;
+        self.file.write_all(chunk)?;
+        *bytes += chunk.len() as u64;
+        self.index.write_all(&location.record())?;
+        self.chunks += 1;
+        Ok(())
+    }
+
+    fn append(&mut self, data: &[u8], bytes: &mut u64) -> io::Result<()> {
+        self.file.write_all(data)?;
+        *bytes += data.len() as u64;
+        Ok(())
+    }
+}
+
+/// A file without a name on the disk of another one; the system removes it with its last descriptor.
+fn nameless_file(beside: &Path) -> io::Result<File> {
+    let directory = beside.parent().filter(|parent| !parent.as_os_str().is_empty());
+    let directory = directory.unwrap_or(Path::new("."));
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    if let Ok(file) = rustix::fs::open(directory, flags, Mode::RUSR | Mode::WUSR) {
+        return Ok(file.into());
+    }
+    // Not every file system has files without names.
+    let mut name = std::ffi::OsString::from(".");
+    name.push(beside.file_name().unwrap_or_default());
+    name.push(format!(".index-{}", std::process::id()));
+    let path = directory.join(name);
+    let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
 }

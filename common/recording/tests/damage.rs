@@ -203,8 +203,7 @@ fn damage_is_told_with_its_place_and_time() {
     let bytes = sample(&scratch, true);
     let mut damaged = bytes.clone();
     // In a chunk about in the middle of the file.
-    let zstd = [0x28, 0xB5, 0x2F, 0xFD];
-    let chunks: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == zstd).collect();
+    let chunks: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == ZSTD).collect();
     // The first chunk has the channels, the second one the first messages.
     let number = 11;
     damaged[chunks[number] + 40] ^= 1;
@@ -258,8 +257,7 @@ fn a_length_around_the_largest_number_goes_nowhere() {
     let scratch = Scratch::new("wrap");
     let bytes = sample(&scratch, true);
     let whole = read(&scratch.file("whole.mcap", &bytes)).0;
-    let zstd = [0x28, 0xB5, 0x2F, 0xFD];
-    let chunk = (8000..bytes.len()).find(|&at| bytes[at..].starts_with(&zstd)).unwrap() - 53;
+    let chunk = (8000..bytes.len()).find(|&at| bytes[at..].starts_with(&ZSTD)).unwrap() - 53;
     assert_eq!(bytes[chunk], 6);
     // Some of these lead back to an earlier record if they are added to the offset unchecked.
     for below in (0..chunk as u64).chain([u64::MAX / 2, u64::MAX - 5]) {
@@ -291,7 +289,8 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     for _ in 0..1 + random.below(3) {
         let at = random.below(bytes.len());
         let length = (1 + random.below(600)).min(bytes.len() - at);
-        match random.below(9) {
+        match random.below(10) {
+            9 => damage_frame(bytes, at, random),
             0 | 1 => bytes[at] ^= 1 << random.below(8),
             2 => bytes[at] = random.next() as u8,
             3 => {
@@ -312,6 +311,24 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
         }
         if bytes.len() < 16 {
             break;
+        }
+    }
+}
+
+/// First bytes of a zstd frame; its descriptor and, in most frames, its window follow.
+const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
+
+/// Makes the next zstd frame after an offset ask for another window.
+fn damage_frame(bytes: &mut [u8], from: usize, random: &mut Random) {
+    let frame = (from..bytes.len().saturating_sub(6)).find(|&at| bytes[at..].starts_with(&ZSTD));
+    let Some(frame) = frame else { return };
+    match random.below(3) {
+        0 => bytes[frame + 4] = random.next() as u8,
+        1 => bytes[frame + 5] = random.next() as u8,
+        _ => {
+            // Neither the length of a frame that is one segment nor a window stops a reader.
+            bytes[frame + 4] &= !0x20;
+            bytes[frame + 5] = 0xFF - random.below(64) as u8;
         }
     }
 }
@@ -363,6 +380,77 @@ fn hostile(random: &mut Random) -> Vec<u8> {
         file.extend(&packed);
     }
     file
+}
+
+/// A recording of two large chunks as a program writes them that compresses in a stream.
+fn with_windows() -> Vec<u8> {
+    let mut random = Random(3);
+    let mut file = b"\x89MCAP0\r\n".to_vec();
+    file.extend([1, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    for length in [3 << 20, 20 << 20] {
+        let mut channel = vec![1, 0, 0, 0];
+        for text in ["commands", "protobuf"] {
+            channel.extend((text.len() as u32).to_le_bytes());
+            channel.extend(text.as_bytes());
+        }
+        channel.extend([0; 4]);
+        let mut message = vec![0; 22];
+        message[0] = 1;
+        message.extend((0..length).map(|_| (random.next() % 3) as u8));
+        let mut records = Vec::new();
+        for (opcode, body) in [(4, channel), (5, message)] {
+            records.push(opcode);
+            records.extend((body.len() as u64).to_le_bytes());
+            records.extend(body);
+        }
+        let packed = zstd::stream::encode_all(&records[..], 1).unwrap();
+        file.push(6);
+        file.extend((44 + packed.len() as u64).to_le_bytes());
+        file.extend([0; 16]);
+        file.extend((records.len() as u64).to_le_bytes());
+        file.extend(crc32fast::hash(&records).to_le_bytes());
+        file.extend(4u32.to_le_bytes());
+        file.extend(b"zstd");
+        file.extend((packed.len() as u64).to_le_bytes());
+        file.extend(&packed);
+    }
+    file
+}
+
+/// Most resident memory of this process so far, in bytes.
+fn most_resident() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
+}
+
+#[test]
+fn a_frame_that_asks_for_a_huge_window_gets_none() {
+    let scratch = Scratch::new("window");
+    let bytes = with_windows();
+    let frames: Vec<usize> =
+        (0..bytes.len() - 6).filter(|&at| bytes[at..].starts_with(&ZSTD)).collect();
+    let whole = read(&scratch.file("whole.mcap", &bytes)).0.len();
+    assert_eq!((whole, frames.len()), (2, 2));
+    // The largest window of the format is 3.75 TB.
+    for window in (0x00..=0xFF).step_by(15) {
+        for &frame in &frames {
+            let mut damaged = bytes.clone();
+            // A window, and no length of the content.
+            damaged[frame + 4] &= !0xE0;
+            damaged[frame + 5] = window;
+            let path = scratch.file("damaged.mcap", &damaged);
+            let mut reader = Reader::open(&path).unwrap();
+            let messages = reader.by_ref().map(Result::unwrap).count();
+            assert!(messages <= whole, "window {window:#x}");
+            let is_told = messages == whole || !reader.damages().parts.is_empty();
+            assert!(is_told, "window {window:#x}: {:?}", reader.damages());
+            recovered(&path);
+            assert_eq!(Reader::open(&path).unwrap().count(), messages, "window {window:#x}");
+        }
+    }
+    // With the memory of the tests that run at the same time.
+    assert!(most_resident() < 600 << 20, "{} MB", most_resident() >> 20);
 }
 
 #[test]
