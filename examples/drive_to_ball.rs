@@ -5,12 +5,13 @@
 //! robots of the synthetic match obey.
 
 use bytemuck::Zeroable;
-use common::bus::Bus;
-use common::clock::monotonic_ns;
-use common::consumer::{Consumer, Event};
-use common::geometry::wrap_angle;
-use common::messages::{BallState, Commands, RobotState, Team, WheelCommand};
-use common::{instance::Instance, topics};
+use client::bus::Bus;
+use client::clock::monotonic_ns;
+use client::consumer::{Consumer, Event};
+use client::instance::Instance;
+use geometry::wrap_angle;
+use messages::topics;
+use messages::{BallState, Commands, RobotState, Team, WheelCommand};
 use std::time::Duration;
 
 const TEAM: u32 = Team::Blue as u32;

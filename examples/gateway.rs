@@ -10,11 +10,12 @@
 //! With the name of the group as second argument its owner can compare: the same messages are then
 //! also read from shared memory.
 
-use common::clock::monotonic_ns;
-use common::consumer::{Consumer, Event};
-use common::gateway::Client;
-use common::messages::WorldFrame;
-use common::{instance::Instance, topics};
+use client::clock::monotonic_ns;
+use client::consumer::{Consumer, Event};
+use client::gateway::Client;
+use client::instance::Instance;
+use messages::WorldFrame;
+use messages::topics;
 use std::error::Error;
 use std::path::Path;
 use std::time::Duration;

@@ -3,8 +3,9 @@
 //!
 //! Start `touchline run` in one terminal and `cargo run --release --example poses` in another.
 
-use common::consumer::{Consumer, Event};
-use common::{instance::Instance, topics};
+use client::consumer::{Consumer, Event};
+use client::instance::Instance;
+use messages::topics;
 use std::time::Duration;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -2,12 +2,12 @@
 //!
 //! A row holds everything that the command line and the supervisor need to know about one. To add an
 //! attendant, write it in a folder of its own, and give it a number and a name in
-//! [`common::messages::Attendant`], a row here and a section in the configuration.
+//! [`messages::Attendant`], a row here and a section in the configuration.
 
 use crate::gateway;
-use common::config::Config;
-use common::instance::{Instance, InstanceError};
-use common::messages::Attendant;
+use client::instance::{Instance, InstanceError};
+use config::Config;
+use messages::Attendant;
 use std::error::Error;
 
 /// Reason for which an attendant cannot work; the text is for the user.

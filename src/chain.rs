@@ -6,11 +6,11 @@
 
 use bytemuck::Zeroable;
 use classifier::{Classifier, ClassifierError};
-use common::config::{CameraConfig, Config};
-use common::messages::{
+use config::{CameraConfig, Config};
+use filter::{Filter, FilterError};
+use messages::{
     Commands, DetectionFrame, FrameFault, FrameHeader, MAX_RUNS, Run, RunsHeader, WorldFrame,
 };
-use filter::{Filter, FilterError};
 use tracker::{Tracker, TrackerError};
 
 /// Reason for which a configuration cannot be used.

@@ -15,11 +15,11 @@ pub use topics::{TopicsArgs, TopicsFormat};
 use crate::commands::chaos::Disturbance;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use common::config::Preset;
-use common::instance::DEFAULT_INSTANCE;
-use common::messages::ProcessKind;
-use common::stages::StageId;
+use client::instance::DEFAULT_INSTANCE;
+use config::Preset;
 use grabber::source::Source;
+use messages::ProcessKind;
+use messages::stages::StageId;
 use std::path::PathBuf;
 use touchline::attendants::{self, Row};
 

@@ -2,10 +2,10 @@
 //!
 //! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
-//! [`attendants`] lists the processes that serve people, of which [`gateway`] is one. [`recorder`] and [`replay`] write
+//! [`attendants`] lists the processes that serve people, of which [`gateway`] is one. [`top_scale`] measures whether robot tops have the configured size. [`recorder`] and [`replay`] write
 //! recordings and compute them again. The command line and the commands are the program's alone.
 
-// A process outlives the readers of its output: see `common::tell`.
+// A process outlives the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 // Module documentation is written for readers of the source, where links to private modules work.
 #![allow(rustdoc::private_intra_doc_links)]
@@ -18,3 +18,4 @@ pub mod monitor;
 pub mod recorder;
 pub mod replay;
 pub mod supervisor;
+pub mod top_scale;

@@ -2,10 +2,10 @@
 
 mod support;
 
-use common::bus::Received;
-use common::consumer::{Consumer, Event};
-use common::messages::{Team, TruthFrame};
-use common::topics;
+use client::bus::Received;
+use client::consumer::{Consumer, Event};
+use messages::topics;
+use messages::{Team, TruthFrame};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -3,9 +3,10 @@
 mod support;
 
 use bytemuck::{bytes_of_mut, cast_slice_mut};
-use common::bus::{Bus, Header, Message};
-use common::messages::{MAX_RUNS, MAX_STATUS_BYTES, TrackStatus, TruthFrame, WorldFrame};
-use common::topics::{self, Topic};
+use client::bus::Bus;
+use messages::topics::{self, Topic};
+use messages::{Header, Message};
+use messages::{MAX_RUNS, MAX_STATUS_BYTES, TrackStatus, TruthFrame, WorldFrame};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -5,8 +5,8 @@
 
 mod support;
 
-use common::config::Config;
-use common::geometry::{CameraModel, FieldPoint};
+use config::Config;
+use geometry::{CameraModel, FieldPoint};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;

@@ -2,13 +2,13 @@
 
 mod support;
 
-use common::config::{CameraConfig, Config, commented_toml};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::layout::topmost_patch;
-use common::messages::{BayerOrder, Team};
+use config::{CameraConfig, Config, commented_toml};
+use geometry::layout::topmost_patch;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
 use grabber::mosaic::mosaic;
 use image::codecs::jpeg::JpegEncoder;
 use image::{GrayImage, ImageEncoder, RgbImage};
+use messages::{BayerOrder, Team};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -66,9 +66,8 @@ fn paint(config: &Config) -> RgbImage {
                 continue;
             };
             // The default layout: the team's patch, then one identification patch.
-            let wears = |known: &&common::config::IdentityConfig| {
-                (known.team, known.id) == (robot.team, robot.id)
-            };
+            let wears =
+                |known: &&config::IdentityConfig| (known.team, known.id) == (robot.team, robot.id);
             return match patch {
                 0 => color(config.teams.color(robot.team)),
                 _ => color(&config.robots.identities.iter().find(wears).unwrap().colors[0]),

@@ -3,13 +3,11 @@
 mod support;
 
 use bytemuck::{Zeroable, bytes_of};
-use common::clock::monotonic_ns;
-use common::consumer::{Consumer, Event};
-use common::gateway::{Client, Greeting, KEPT, commands_type_name};
-use common::messages::{
-    Attendant, Commands, EventKind, ProcessKind, Team, WheelCommand, WorldFrame,
-};
-use common::topics;
+use client::clock::monotonic_ns;
+use client::consumer::{Consumer, Event};
+use client::gateway::{Client, Greeting, KEPT, commands_type_name};
+use messages::topics;
+use messages::{Attendant, Commands, EventKind, ProcessKind, Team, WheelCommand, WorldFrame};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::{
     AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, recv,
@@ -332,7 +330,7 @@ fn floods_of_two_users_do_not_starve_a_third() {
     group.wait_for("the flooders", |status| status["gateway"]["clients"] == 30);
     let mut client = Client::new(&path);
     world(&mut client);
-    let timeout_ns = (common::config::Config::default().filter.command_timeout_ms * 1e6) as u64;
+    let timeout_ns = (config::Config::default().filter.command_timeout_ms * 1e6) as u64;
     let begin = 1u64 << 40;
     let mut commands = Commands { seq: begin, wheel_count: 1, ..Zeroable::zeroed() };
     commands.wheels[0] = turn_on_the_spot(Team::Blue, 1);

@@ -5,7 +5,7 @@
 
 mod support;
 
-use common::config::{Config, SettingValue, commented_toml};
+use config::{Config, SettingValue, commented_toml};
 use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 use std::process::{Child, Command, Stdio};

@@ -2,11 +2,11 @@
 
 mod support;
 
-use common::bus::Bus;
-use common::config::Config;
-use common::messages::{FrameHeader, Team, read_text};
-use common::topics;
+use client::bus::Bus;
+use config::Config;
 use grabber::synthetic::SyntheticMatch;
+use messages::topics;
+use messages::{FrameHeader, Team, read_text};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::time::{Duration, Instant};

@@ -230,7 +230,7 @@ fn another_version_of_iceoryx2_is_named_at_once() {
         fs::write(note, own.replace("iceoryx2=0.10.0", "iceoryx2=0.9.3")).unwrap();
     }
     let mut poses =
-        common::consumer::Consumer::new(group.instance.clone(), "test", &common::topics::WORLD);
+        client::consumer::Consumer::new(group.instance.clone(), "test", &messages::topics::WORLD);
     let refusal = poses.next(PATIENCE).err().expect("an error").to_string();
     assert!(refusal.contains("uses iceoryx2 0.9.3, and this program 0.10.0"), "{refusal}");
     let output = group.touchline(&["status"]);
@@ -452,10 +452,10 @@ fn the_unit_file_is_understood() {
 fn the_wall_clock_is_only_for_people() {
     let reasons = [
         (
-            "common/src/bus/participants.rs",
+            "common/client/src/bus/participants.rs",
             "a file's time, only ever asked whether it is another one",
         ),
-        ("common/src/clock.rs", "where it is read"),
+        ("common/client/src/clock.rs", "where it is read"),
         ("grabber/src/camera/link.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/camera/timeline.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/playback/mod.rs", "for people: t_capture_wall_ns"),

@@ -2,7 +2,7 @@
 
 mod support;
 
-use common::input;
+use config::input;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use support::{Scratch, output_of, touchline};

@@ -3,10 +3,10 @@
 
 mod offline;
 
-use common::config::Config;
-use common::geometry::wrap_angle;
-use common::messages::{DetectionFrame, TruthRobot, WorldFrame};
+use config::Config;
+use geometry::wrap_angle;
 use grabber::synthetic::SyntheticMatch;
+use messages::{DetectionFrame, TruthRobot, WorldFrame};
 use offline::Offline;
 use std::collections::VecDeque;
 

@@ -4,12 +4,12 @@
 mod offline;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::geometry::wrap_angle;
-use common::messages::{
+use config::Config;
+use filter::Filter;
+use geometry::wrap_angle;
+use messages::{
     BallHypothesis, DetectionFrame, RobotHypothesis, TruthFrame, TruthRobot, WorldFrame,
 };
-use filter::Filter;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use offline::Offline;
 use std::collections::HashMap;

@@ -6,9 +6,9 @@ mod support;
 
 use bytemuck::Zeroable;
 use classifier::Classifier;
-use common::config::{Config, Preset};
-use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame};
+use config::{Config, Preset};
 use grabber::synthetic::SyntheticMatch;
+use messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader, TrackStatus, WorldFrame};
 use offline::Offline;
 use serde_json::Value;
 use std::collections::HashMap;

@@ -3,10 +3,10 @@
 
 mod offline;
 
-use common::config::Config;
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::Layout;
-use common::messages::{Team, TrackStatus, TruthFrame, TruthRobot, UnknownRobotState};
+use config::Config;
+use geometry::layout::Layout;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use messages::{Team, TrackStatus, TruthFrame, TruthRobot, UnknownRobotState};
 use offline::Offline;
 use std::collections::HashMap;
 

@@ -8,7 +8,7 @@
 mod painter;
 mod support;
 
-use common::config::{Config, PatchRole, Preset};
+use config::{Config, PatchRole, Preset};
 use painter::random::Random;
 use painter::{Ball, Floor, Lamp, Lens, Marking, Rgb, Robot, Scene, Sensor, Shape};
 use serde_json::{Value, json};
@@ -166,7 +166,7 @@ impl Pitch {
         };
         let mut robots = vec![];
         let mut names = vec![];
-        for team in common::messages::Team::ALL {
+        for team in messages::Team::ALL {
             let mut identities: Vec<_> =
                 config.robots.identities.iter().filter(|identity| identity.team == team).collect();
             while identities.len() > self.robots_each {

@@ -136,7 +136,7 @@ fn a_killed_recorder_leaves_all_but_the_last_moment() {
     let file = group.scratch.path.join("match.mcap");
     let mut recorder = Recorder::start(&group.scratch, &file, &["--quiet"]);
     wait_for_bytes(&file, 10_000_000);
-    let captured_until_ns = common::clock::wall_ns();
+    let captured_until_ns = client::clock::wall_ns();
     recorder.signal(Signal::KILL);
 
     // The file can be read as it is, and is reported as incomplete.

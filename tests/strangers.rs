@@ -2,13 +2,13 @@
 
 mod support;
 
-use common::bus::Bus;
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::consumer::{Consumer, Event};
-use common::messages::{DetectionFrame, FrameHeader, PixelFormat, WorldFrame};
-use common::topics;
+use client::bus::Bus;
+use client::clock::monotonic_ns;
+use client::consumer::{Consumer, Event};
+use config::Config;
 use grabber::synthetic::SyntheticMatch;
+use messages::topics;
+use messages::{DetectionFrame, FrameHeader, PixelFormat, WorldFrame};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeSet;

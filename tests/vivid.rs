@@ -5,10 +5,10 @@
 
 mod support;
 
-use common::bus::Bus;
-use common::config::{Config, SettingValue, commented_toml};
-use common::messages::{BayerOrder, DetectionFrame, FrameHeader, PixelFormat};
-use common::topics;
+use client::bus::Bus;
+use config::{Config, SettingValue, commented_toml};
+use messages::topics;
+use messages::{BayerOrder, DetectionFrame, FrameHeader, PixelFormat};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
@@ -81,7 +81,7 @@ fn watch(group: &Group, count: usize) -> (Vec<(FrameHeader, Duration)>, Vec<Dete
     while headers.len() < count || found.len() < count {
         assert!(Instant::now() < deadline, "{} frames, {}", headers.len(), group.stderr());
         while let Some(frame) = frames.receive().unwrap() {
-            let age_ns = common::clock::monotonic_ns().saturating_sub(frame.header().t_capture_ns);
+            let age_ns = client::clock::monotonic_ns().saturating_sub(frame.header().t_capture_ns);
             headers.push((*frame.header(), Duration::from_nanos(age_ns)));
         }
         while let Some(detection) = detections.receive().unwrap() {
@@ -286,7 +286,7 @@ fn unsupported_settings_are_refused_with_a_reason() {
     refused("vivid-size", "wrong_format", "it has", |config| {
         config.camera.width = 642;
         config.geometry =
-            common::config::GeometryConfig::above(&config.field, &config.camera, 2000.0);
+            config::GeometryConfig::above(&config.field, config.camera.picture_px(), 2000.0);
     });
     refused("vivid-grey", "wrong_format", "no colour", |config| {
         config.camera.v4l2.format = "GREY".into();

@@ -9,8 +9,8 @@
 #[path = "../tests/reference/mod.rs"]
 mod reference;
 
-use common::config::{ColorConfig, Config, LightConfig};
-use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run, RunsHeader};
+use config::{ColorConfig, Config, LightConfig};
+use messages::{BayerOrder, FrameHeader, PixelFormat, Run, RunsHeader};
 use reference::{Frame, Noise, encode};
 use std::hint::black_box;
 use std::time::Instant;

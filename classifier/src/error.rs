@@ -1,6 +1,6 @@
 //! Errors of building a classifier from a configuration.
 
-use common::geometry::GeometryError;
+use geometry::GeometryError;
 
 /// The configuration cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -19,8 +19,8 @@ use crate::tables::version_by_parts;
 use crate::white_balance::Gains;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
-use common::config::Config;
-use common::geometry::{CameraModel, ImagePoint};
+use config::Config;
+use geometry::{CameraModel, ImagePoint};
 use std::ops::Range;
 
 /// Grey levels per level of haze.
@@ -236,8 +236,8 @@ mod tests {
     use super::*;
     use crate::Classifier;
     use crate::Picture;
-    use common::config::LightConfig;
-    use common::messages::{MAX_RUNS, Run, RunsHeader};
+    use config::LightConfig;
+    use messages::{MAX_RUNS, Run, RunsHeader};
 
     const FLOOR: [u8; 3] = [34, 38, 32];
     const PATCHES: [[u8; 3]; 3] = [[180, 164, 32], [36, 152, 168], [28, 56, 172]];

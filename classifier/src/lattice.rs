@@ -3,8 +3,8 @@
 
 use crate::picture::{BayerImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
-use common::config::CameraConfig;
-use common::prefetch::prefetch;
+use config::CameraConfig;
+use runtime::prefetch::prefetch;
 
 /// Number of places, about.
 const SITES: f64 = 3000.0;
@@ -139,7 +139,7 @@ fn bayer_byte(image: &BayerImage, x: usize, y: usize) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::{BayerOrder, PixelFormat, PixelLayout};
+    use messages::{BayerOrder, PixelFormat, PixelLayout};
     use proptest::prelude::*;
 
     proptest! {

@@ -23,7 +23,7 @@
 //! * A frame that is not what the configuration promises is refused with a reason, and nothing is
 //!   written; no frame makes the classifier panic. After construction it allocates nothing.
 
-// A process outlives the reader of its output: see `common::tell`.
+// A process outlives the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod correction;
@@ -45,7 +45,7 @@ mod yuv;
 pub mod zones;
 
 #[cfg(doc)]
-use common::messages::{FrameHeader, Run, RunsHeader};
+use messages::{FrameHeader, Run, RunsHeader};
 
 pub use correction::Correction;
 pub use error::ClassifierError;

@@ -4,10 +4,9 @@
 //! time and can be taken for a ball. At construction, the line of sight of each pixel is followed from the
 //! height of a robot's top down to the floor: if all of it lies outside the field, the pixel is left out.
 
-use common::body::Body;
-use common::config::Config;
-use common::geometry::{CameraModel, FieldPoint, ImagePoint};
-use common::layout::contains;
+use config::Config;
+use geometry::layout::contains;
+use geometry::{CameraModel, FieldPoint, ImagePoint};
 
 /// A stretch of columns, `begin..end`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,7 +149,7 @@ impl<'a> Area<'a> {
     fn new(config: &'a Config, model: CameraModel) -> Self {
         let (field, robots) = (&config.field, &config.robots);
         // Reach of a robot's body, or of a ball if that is larger.
-        let body_mm = Body::new(robots, &robots.patches).reach_mm();
+        let body_mm = robots.body(&robots.patches).reach_mm();
         let reach_mm = field.margin_mm + (1.01 * body_mm).max(config.ball.diameter_mm);
         let (half_length, half_width) = (field.length_mm / 2.0, field.width_mm / 2.0);
         Self {
@@ -189,7 +188,7 @@ impl<'a> Area<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Preset;
+    use config::Preset;
 
     fn is_in(mask: &FieldMask, point: ImagePoint) -> bool {
         let (x, y) = (point.x_px.round() as usize, point.y_px.round() as usize);
@@ -213,7 +212,7 @@ mod tests {
             let (width, height) = (config.camera.width, config.camera.height);
             let model = CameraModel::new(&config.geometry, width, height).unwrap();
             let robots = &config.robots;
-            let body_mm = Body::new(robots, &robots.patches).reach_mm();
+            let body_mm = robots.body(&robots.patches).reach_mm();
             let reach = config.field.margin_mm + 0.99 * body_mm;
             let [x, y] = [config.field.length_mm, config.field.width_mm].map(|v| v / 2.0 + reach);
             let goal_x = x + config.field.goal_depth_mm;

@@ -1,7 +1,7 @@
 //! Pictures in every pixel format, as the kernels see them: dimensions checked against the bytes, and access
 //! by row or pixel.
 
-use common::messages::{BayerOrder, PixelFormat, PixelLayout};
+use messages::{BayerOrder, PixelFormat, PixelLayout};
 
 /// A picture in any format.
 #[derive(Debug, Clone, Copy)]

@@ -1,11 +1,11 @@
 //! The classifier's process: frames in, runs out.
 
 use crate::{Classifier, SimdChoice};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::messages::{DropReason, FrameHeader, MAX_RUNS, ProcessKind};
-use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
-use common::topics;
+use client::clock::monotonic_ns;
+use config::Config;
+use messages::topics;
+use messages::{DropReason, FrameHeader, MAX_RUNS, ProcessKind};
+use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
@@ -20,7 +20,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     let mut wake_up = process.wake_up(&input)?;
     process.counters.light = classifier.light();
-    common::tell!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
+    runtime::tell!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {
         return Ok(());
     }

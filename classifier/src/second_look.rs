@@ -16,7 +16,7 @@
 //! machine, and is computed in vectors of integers.
 
 use crate::ClassifierError;
-use common::config::ColorConfig;
+use config::ColorConfig;
 
 /// Conditions on a pixel besides the colour's RGB box.
 #[derive(Debug, Clone, Copy, PartialEq)]

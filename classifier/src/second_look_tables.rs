@@ -230,7 +230,7 @@ fn may_admit_parts(look: &SecondLook, channel: usize, [low, high]: [Ratio; 2]) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::ColorConfig;
+    use config::ColorConfig;
     use proptest::prelude::*;
 
     fn look(hue_deg: Option<[f64; 2]>, saturation: Option<[f64; 2]>) -> Option<SecondLook> {

@@ -22,8 +22,8 @@ use crate::ranks::Ranks;
 use crate::tables::version_by_parts;
 use crate::white_balance::{Gains, LOG, PitchProbe, UNITS_PER_OCTAVE};
 use crate::zones::{ZonedTables, Zones};
-use common::config::{Config, LightConfig};
-use common::geometry::GeometryError;
+use config::{Config, LightConfig};
+use geometry::GeometryError;
 use nalgebra::{SMatrix, SVector};
 
 /// Gain steps (1/16 octave) between neighbouring zones.

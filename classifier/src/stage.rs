@@ -9,8 +9,8 @@ use crate::shading::ShadedTables;
 use crate::white_balance::{self, Gains, NO_GAINS, WhiteBalance};
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, ClassifierError};
-use common::config::Config;
-use common::messages::{FrameFault, FrameHeader, LightCorrection, PixelLayout, Run, RunsHeader};
+use config::Config;
+use messages::{FrameFault, FrameHeader, LightCorrection, PixelLayout, Run, RunsHeader};
 
 /// Turns frames into runs. Frames are independent of each other, so no state is handed over.
 #[derive(Debug, Clone)]

@@ -12,7 +12,7 @@ use crate::second_look_tables::SecondLookTables;
 use crate::white_balance::{Gains, NO_GAINS};
 use crate::yuv::rgb_from_yuv;
 use crate::{ClassifierError, MAX_CLASSES};
-use common::config::ColorConfig;
+use config::ColorConfig;
 use std::sync::Arc;
 
 /// The configured colours, prepared for classification.

@@ -23,8 +23,8 @@
 //! every machine. Gains have steps so that noise does not change the tables with every frame.
 
 use crate::lattice::{Grid, Lattice};
-use common::config::{Config, LightConfig};
-use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
+use config::{Config, LightConfig};
+use geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 use std::ops::Range;
 
 /// Gain steps in an octave; a step is 4.4 %.
@@ -245,7 +245,7 @@ fn median(bins: &[u32]) -> Option<i64> {
 mod tests {
     use super::*;
     use crate::{Correction, Picture};
-    use common::messages::{BayerOrder, PixelFormat, PixelLayout};
+    use messages::{BayerOrder, PixelFormat, PixelLayout};
 
     /// A pitch of one colour, part of it covered by another colour.
     fn frame(config: &Config, pitch: [u8; 3], cover: [u8; 3], covered_rows: usize) -> Vec<u8> {

@@ -1,12 +1,12 @@
 //! A classifier allocates nothing after the first frame of a format.
 
-#[path = "../../common/tests/counting/mod.rs"]
+#[path = "../../tests/counting/mod.rs"]
 mod counting;
 mod reference;
 
-use common::config::Config;
-use common::messages::{BayerOrder, PixelFormat, Run, RunsHeader};
+use config::Config;
 use counting::allocations_in;
+use messages::{BayerOrder, PixelFormat, Run, RunsHeader};
 use reference::{Frame, Noise};
 use touchline_classifier::{Classifier, SimdLevel};
 

@@ -2,8 +2,8 @@
 
 mod reference;
 
-use common::config::{ColorConfig, Config, LightConfig};
-use common::messages::{BayerOrder, FrameHeader, PixelFormat, PixelLayout, Run, RunsHeader};
+use config::{ColorConfig, Config, LightConfig};
+use messages::{BayerOrder, FrameHeader, PixelFormat, PixelLayout, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, encode, runs_of_labels};
 use touchline_classifier::{Classifier, Picture, SimdLevel, rgb_from_yuv, to_rgb};

@@ -2,8 +2,8 @@
 
 mod reference;
 
-use common::config::{Config, LightConfig};
-use common::messages::{LightCorrection, Run, RunsHeader};
+use config::{Config, LightConfig};
+use messages::{LightCorrection, Run, RunsHeader};
 use reference::Frame;
 use touchline_classifier::Classifier;
 

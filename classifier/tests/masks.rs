@@ -3,8 +3,8 @@
 
 mod reference;
 
-use common::config::{Config, LightConfig, Pair};
-use common::messages::{BayerOrder, PixelFormat, Run, RunsHeader};
+use config::{Config, LightConfig, Pair};
+use messages::{BayerOrder, PixelFormat, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, runs_of_labels};
 use touchline_classifier::{Classifier, FieldMask, SimdLevel};

@@ -2,8 +2,8 @@
 
 mod reference;
 
-use common::config::{ColorConfig, Config, LightConfig};
-use common::messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
+use config::{ColorConfig, Config, LightConfig};
+use messages::{BayerOrder, FrameFault, FrameHeader, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, color};
 use touchline_classifier::{

@@ -3,8 +3,8 @@
 
 mod reference;
 
-use common::config::{Config, LightConfig};
-use common::messages::{BayerOrder, PixelFormat, Run, RunsHeader};
+use config::{Config, LightConfig};
+use messages::{BayerOrder, PixelFormat, Run, RunsHeader};
 use proptest::prelude::*;
 use reference::{Frame, Noise, any_color, label, runs_of_labels};
 use touchline_classifier::kernels::{Kernel, scalar};

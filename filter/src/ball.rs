@@ -10,8 +10,8 @@ use crate::gaussian::Gaussian;
 use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
-use common::config::FilterConfig;
-use common::messages::BALL_HYPOTHESES;
+use config::FilterConfig;
+use messages::BALL_HYPOTHESES;
 use nalgebra::{Matrix2, Vector2, Vector4};
 
 /// Limit of a ball's speed, used to tell whether two sightings can be of the same ball.
@@ -79,7 +79,7 @@ impl Motion<4, BALL_HYPOTHESES, 2> for BallMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Config;
+    use config::Config;
     use nalgebra::Matrix4;
 
     #[test]

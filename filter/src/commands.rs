@@ -4,8 +4,8 @@
 //! than `filter.command_timeout_ms`. The queue is part of the track in the `world` message, so its capacity
 //! is fixed: commands that follow each other faster than the queue can hold over the delay are merged.
 
-use common::config::FilterConfig;
-use common::messages::{MAX_QUEUED_COMMANDS, QueuedCommand};
+use config::FilterConfig;
+use messages::{MAX_QUEUED_COMMANDS, QueuedCommand};
 
 /// Times at which commands act.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,7 +153,7 @@ impl CommandQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Config;
+    use config::Config;
     use proptest::prelude::*;
 
     const MS: u64 = 1_000_000;

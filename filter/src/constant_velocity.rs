@@ -6,7 +6,7 @@
 
 use crate::gaussian::Gaussian;
 use crate::rolling::Rates;
-use common::config::FilterConfig;
+use config::FilterConfig;
 use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 
 /// Limit of friction, which keeps the logarithm finite.

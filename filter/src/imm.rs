@@ -212,7 +212,7 @@ mod tests {
     #[test]
     fn angles_are_averaged_the_short_way_round() {
         fn wrap(state: &mut Vector2<f64>) {
-            state[0] = common::geometry::wrap_angle(state[0]);
+            state[0] = geometry::wrap_angle(state[0]);
         }
         let belief =
             Gaussian { mean: Vector2::new(3.1, 0.0), covariance: Matrix2::identity() * 1e-4 };

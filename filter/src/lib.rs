@@ -47,7 +47,7 @@
 //! | frame more than a second after the last, or before it | `Initialised` | everything starts over |
 //! | frame of the same instant as the last | `Measured` | corrected once more, not predicted |
 
-// A process outlives the reader of its output: see `common::tell`.
+// A process outlives the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod ball;

@@ -11,7 +11,7 @@ use crate::imm::{Hypothesis, Imm};
 use crate::robot::RobotMotion;
 use crate::track::{Motion, Suspect, Track};
 use bytemuck::Zeroable;
-use common::messages::{
+use messages::{
     BALL_HYPOTHESES, BallHypothesis, BallMemory, BallState, QueuedCommand, ROBOT_HYPOTHESES,
     RobotHypothesis, RobotMemory, RobotState, Team, TrackStatus, are_possible_speeds,
 };

@@ -1,12 +1,12 @@
 //! The filter's process: detections and commands in, world out.
 
 use crate::Filter;
-use common::bus::Received;
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::messages::{DropReason, ProcessKind};
-use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
-use common::topics;
+use client::bus::Received;
+use client::clock::monotonic_ns;
+use config::Config;
+use messages::topics;
+use messages::{DropReason, ProcessKind};
+use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {

@@ -57,9 +57,9 @@ use crate::gaussian::Gaussian;
 use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
-use common::config::{Config, FilterConfig};
-use common::geometry::wrap_angle;
-use common::messages::{QueuedCommand, ROBOT_HYPOTHESES};
+use config::{Config, FilterConfig};
+use geometry::wrap_angle;
+use messages::{QueuedCommand, ROBOT_HYPOTHESES};
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
 /// Indices into the state.

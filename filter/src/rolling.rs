@@ -1,4 +1,4 @@
-//! Compensation of a [rolling shutter](common::rolling_shutter).
+//! Compensation of a [rolling shutter](geometry::rolling_shutter).
 //!
 //! An object seen in a row that is captured `d` later than the frame's time has moved by `d` times its
 //! velocity meanwhile: 5 mm at 2 m/s and 2.5 ms. The measurement is moved back by that, `z' = z − d·ṙ`, and

@@ -7,13 +7,13 @@ use crate::message::{self, BallTrack, RobotTrack};
 use crate::robot::{Drive, RobotMotion};
 use crate::track::{Candidate, Motion, Track, TrackRules};
 use crate::unknown::{SeenPatch, UnknownRobots};
-use common::config::{Config, FilterConfig};
-use common::geometry::wrap_angle;
-use common::messages::{
+use config::{Config, FilterConfig};
+use geometry::rolling_shutter::RollingShutter;
+use geometry::wrap_angle;
+use messages::{
     BALL_HYPOTHESES, Commands, CommandsName, DetectedBall, DetectedRobot, DetectionFrame,
     MAX_ROBOTS, MAX_USED_COMMANDS, QueuedCommand, Team, WorldFrame, are_possible_speeds,
 };
-use common::rolling_shutter::RollingShutter;
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector5};
 
 /// Pause between two frames after which, as when time runs backwards, all tracks start over.
@@ -81,7 +81,7 @@ impl Filter {
             ball_motion: BallMotion::new(&config.filter),
             rules: TrackRules::new(&config.filter),
             timing: CommandTiming::new(&config.filter),
-            shutter: RollingShutter::new(&config.camera),
+            shutter: config.camera.rolling_shutter(),
             unknown: config.robots.report_unknown.then(|| UnknownRobots::new(config)),
             ball: None,
             t_ns: None,

@@ -10,7 +10,7 @@ use crate::gaussian::Innovation;
 use crate::imm::Wrap;
 use crate::robot::RobotMotion;
 use crate::track::{Candidate, Motion, Track};
-use common::messages::{ROBOT_HYPOTHESES, TrackStatus};
+use messages::{ROBOT_HYPOTHESES, TrackStatus};
 use nalgebra::{Matrix2, Rotation2, Vector2};
 
 type Robot = Track<5, ROBOT_HYPOTHESES, 3>;

@@ -9,8 +9,8 @@
 
 use crate::gaussian::Innovation;
 use crate::imm::{Imm, Wrap};
-use common::config::FilterConfig;
-use common::messages::TrackStatus;
+use config::FilterConfig;
+use messages::TrackStatus;
 use nalgebra::{SMatrix, SVector};
 
 /// Motion model of a tracked object: `N` components of state, of which the first `Z` are measured, and `M`

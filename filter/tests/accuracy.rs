@@ -2,7 +2,7 @@
 
 mod pitch;
 
-use common::config::Config;
+use config::Config;
 use nalgebra::{Matrix3, Vector3};
 use pitch::*;
 use touchline_filter::Filter;
@@ -49,7 +49,7 @@ fn play(mut game: Match, config: &Config, frames: u64) -> Outcome {
             let error = Vector3::new(
                 state.x_mm - robot.pose.x,
                 state.y_mm - robot.pose.y,
-                common::geometry::wrap_angle(state.orientation - robot.pose.theta),
+                geometry::wrap_angle(state.orientation - robot.pose.theta),
             );
             let covariance = Matrix3::from_fn(|row, column| state.covariance[row * 5 + column]);
             normalised += error.dot(&(covariance.try_inverse().unwrap() * error));

@@ -1,13 +1,13 @@
 //! A step allocates nothing once all robots have been seen.
 
-#[path = "../../common/tests/counting/mod.rs"]
+#[path = "../../tests/counting/mod.rs"]
 mod counting;
 mod pitch;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::WorldFrame;
+use config::Config;
 use counting::allocations_in;
+use messages::WorldFrame;
 use pitch::{commands, detected, detected_ball, empty_frame};
 use touchline_filter::Filter;
 

@@ -4,8 +4,8 @@ mod bench;
 mod pitch;
 
 use bench::*;
-use common::config::Config;
-use common::messages::{DetectedRobot, RobotState, TrackStatus, WorldFrame};
+use config::Config;
+use messages::{DetectedRobot, RobotState, TrackStatus, WorldFrame};
 use pitch::*;
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -184,7 +184,7 @@ fn headings_wrap() {
         let state = bench.see_for(1, at(0.0, 0.0, theta));
         assert!(state.orientation > -PI && state.orientation <= PI);
         assert!(state.predicted_orientation > -PI && state.predicted_orientation <= PI);
-        let error = common::geometry::wrap_angle(state.orientation - theta);
+        let error = geometry::wrap_angle(state.orientation - theta);
         assert!(error.abs() < 0.05, "{frame} {error}");
         if frame > 20 {
             assert_eq!(bench.status(), TrackStatus::Measured);

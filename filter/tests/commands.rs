@@ -4,8 +4,8 @@ mod bench;
 mod pitch;
 
 use bench::*;
-use common::config::Config;
-use common::messages::WorldFrame;
+use config::Config;
+use messages::WorldFrame;
 use pitch::*;
 use touchline_filter::Filter;
 

@@ -3,8 +3,8 @@
 mod pitch;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{Commands, DetectionFrame, WorldFrame};
+use config::Config;
+use messages::{Commands, DetectionFrame, WorldFrame};
 use pitch::*;
 use proptest::prelude::*;
 use touchline_filter::Filter;

@@ -2,9 +2,9 @@
 
 mod pitch;
 
-use common::config::Config;
-use common::geometry::wrap_angle;
-use common::messages::DetectedRobot;
+use config::Config;
+use geometry::wrap_angle;
+use messages::DetectedRobot;
 use pitch::*;
 use touchline_filter::Filter;
 

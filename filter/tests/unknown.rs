@@ -1,16 +1,16 @@
 //! Unidentified robots: association, begin and end of tracks, and no duplicates of identified robots.
 
-#[path = "../../common/tests/counting/mod.rs"]
+#[path = "../../tests/counting/mod.rs"]
 mod counting;
 mod pitch;
 
-use common::config::Config;
-use common::layout::Layout;
-use common::messages::{
+use config::Config;
+use counting::allocations_in;
+use geometry::layout::Layout;
+use messages::{
     ClearStale, DetectedRobot, DetectionFrame, MAX_UNKNOWN_ROBOTS, RobotState, TrackStatus,
     UnknownRobotState, WorldFrame,
 };
-use counting::allocations_in;
 use pitch::*;
 use proptest::prelude::*;
 use std::sync::LazyLock;

@@ -2,7 +2,7 @@
 //!
 //! Times are the processor time of this thread, so other load on the machine has less influence.
 
-use common::config::Preset;
+use config::Preset;
 use rustix::time::{ClockId, clock_gettime};
 use std::time::Duration;
 use touchline_grabber::synthetic::SyntheticMatch;

@@ -1,8 +1,8 @@
 //! Writes pictures of the synthetic match to files: `cargo run --release -p touchline-grabber --example look
 //! -- FOLDER [PRESET [FRAME…]]`.
 
-use common::config::{Config, Preset};
-use common::messages::BayerOrder;
+use config::{Config, Preset};
+use messages::BayerOrder;
 use std::path::Path;
 use touchline_grabber::synthetic::SyntheticMatch;
 

@@ -1,10 +1,10 @@
 //! Publication of the camera's state.
 
-use common::bus::{Bus, BusError, Publisher};
-use common::clock::monotonic_ns;
-use common::messages::{CameraReport, CameraState, DropReason, ProcessState};
-use common::process::{Process, ProcessError};
-use common::topics;
+use client::bus::{Bus, BusError, Publisher};
+use client::clock::monotonic_ns;
+use messages::topics;
+use messages::{CameraReport, CameraState, DropReason, ProcessState};
+use runtime::process::{Process, ProcessError};
 
 /// Maximum time between two reports.
 const PERIOD_NS: u64 = 250_000_000;

@@ -1,10 +1,10 @@
 //! Frames published on `frames` by another program that the configuration permits (`access.publishers`). The
 //! grabber only reports whether there are any.
 
-use common::config::Config;
-use common::messages::ProcessState;
-use common::process::{MAX_WAIT, Process, ProcessError};
-use common::topics;
+use config::Config;
+use messages::ProcessState;
+use messages::topics;
+use runtime::process::{MAX_WAIT, Process, ProcessError};
 use std::time::{Duration, Instant};
 
 /// Time without a frame after which the program counts as absent.

@@ -3,8 +3,8 @@
 
 use crate::camera::{CameraError, Exposure, FrameRenderer, Timeline};
 use crate::synthetic::{SyntheticError, SyntheticMatch};
-use common::clock::monotonic_ns;
-use common::config::Config;
+use client::clock::monotonic_ns;
+use config::Config;
 
 /// Frames rendered in advance.
 pub struct Injector {

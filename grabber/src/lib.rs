@@ -7,7 +7,7 @@
 //! * Guarantees: never waits for a reader. Frame numbers rise; a gap is a frame that was never captured.
 //!   Capture times are the source's own.
 
-// A process outlives the reader of its output: see `common::tell`.
+// A process outlives the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod camera;

@@ -1,6 +1,6 @@
 //! Conversion of a colour picture to the raw data of a sensor with a Bayer colour filter array.
 
-use common::messages::BayerOrder;
+use messages::BayerOrder;
 
 /// Keeps, for each pixel of `rgb` (three bytes per pixel, rows of `width`), only the colour of its filter.
 pub fn mosaic(rgb: &[u8], width: usize, order: BayerOrder, frame: &mut [u8]) {

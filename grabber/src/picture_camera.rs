@@ -6,7 +6,7 @@
 
 use crate::camera::{CameraError, Exposure, FrameRenderer, Timeline};
 use crate::pictures::{check_picture, list_pictures, load_bayer};
-use common::config::CameraConfig;
+use config::CameraConfig;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -99,7 +99,7 @@ fn read(
             if let Err(error) = &frame
                 && failures < paths.len()
             {
-                common::tell!("touchline: {error}; the picture is skipped");
+                runtime::tell!("touchline: {error}; the picture is skipped");
                 continue;
             }
             let is_over = frame.is_err();

@@ -3,8 +3,8 @@
 use crate::camera::CameraError;
 use crate::mosaic::mosaic;
 use crate::{jpeg, png};
-use common::config::CameraConfig;
-use common::input;
+use config::CameraConfig;
+use config::input;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{Cursor, Read};

@@ -5,11 +5,11 @@ use crate::camera_reporter::CameraReporter;
 use crate::external;
 use crate::playback::Pacer;
 use crate::source::{Source, open};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::messages::{DropReason, ProcessKind, ProcessState};
-use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
-use common::topics;
+use client::clock::monotonic_ns;
+use config::Config;
+use messages::topics;
+use messages::{DropReason, ProcessKind, ProcessState};
+use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// The grabber's own options.
 #[derive(Debug, Clone)]

@@ -1,10 +1,10 @@
 //! The link to a camera that is unplugged and plugged in again.
 
-use common::bus::Bus;
-use common::clock::monotonic_ns;
-use common::config::CameraConfig;
-use common::instance::Instance;
-use common::messages::{BayerOrder, CameraState, PixelFormat, read_text};
+use client::bus::Bus;
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use config::CameraConfig;
+use messages::{BayerOrder, CameraState, PixelFormat, read_text};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};

@@ -39,7 +39,7 @@ OPEN_TOPICS = {"commands"}
 
 
 class Roster:
-    """The nodes of the group's own processes: a count and 511 keys of 64 bits (common/src/roster.rs)."""
+    """The nodes of the group's own processes: a count and 511 keys of 64 bits (common/client/src/roster.rs)."""
 
     def __init__(self, root):
         with open(os.path.join(root, "roster.page"), "rb") as file:

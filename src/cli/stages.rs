@@ -2,9 +2,9 @@
 
 use super::InstanceArgs;
 use clap::Args;
-use common::stages::MAX_LANES;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
+use messages::stages::MAX_LANES;
 use std::path::PathBuf;
 
 /// Arguments of a stage.

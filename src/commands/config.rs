@@ -5,12 +5,12 @@ use super::learn::lessons::Lessons;
 use super::output::{OutputError, Rule};
 use super::second_look::Passing;
 use crate::cli::ConfigCommand;
-use common::config::{
+use config::{
     self, Config, ConfigError, Diagnostics, GeometryConfig, PatchRole, Preset, RobotShape,
 };
-use common::geometry::{CameraModel, FieldPoint};
-use common::messages::Team;
+use geometry::{CameraModel, FieldPoint};
 use grabber::pictures::list_pictures;
+use messages::Team;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -147,7 +147,7 @@ fn geometry(config: &Config) -> String {
         let mm_per_px = model.pixel_area_mm2(middle, 0.0).sqrt();
         let _ = write!(text, ", {mm_per_px:.2} mm a pixel in the middle");
     }
-    let derived = GeometryConfig::above(&config.field, camera, geometry.camera_mm[2]);
+    let derived = GeometryConfig::above(&config.field, camera.picture_px(), geometry.camera_mm[2]);
     if derived.points == geometry.points {
         text += " (ideal; a real camera needs its own points)";
     }

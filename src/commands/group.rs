@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use crate::cli::{InstanceArgs, StatusArgs};
-use common::instance::Instance;
+use client::instance::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};

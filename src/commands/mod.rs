@@ -24,12 +24,12 @@ mod stress;
 mod topics;
 
 use crate::cli::{AttendantArgs, Cli, Command, GrabberArgs, StageArgs};
-use common::config::Config;
-use common::instance::Instance;
-use common::messages::ProcessKind;
-use common::process::{ProcessError, ProcessOptions};
-use common::stages::StageId;
+use ::config::Config;
+use client::instance::Instance;
 use grabber::process::GrabberOptions;
+use messages::ProcessKind;
+use messages::stages::StageId;
+use runtime::process::{ProcessError, ProcessOptions};
 use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
@@ -80,9 +80,9 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
 /// refused.
 fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
     let Some(path) = file else { return Ok(Config::default()) };
-    let (config, warnings) = common::config::check_file(path)?;
+    let (config, warnings) = ::config::check_file(path)?;
     if !warnings.list.is_empty() {
-        common::tell!("{warnings}\n");
+        runtime::tell!("{warnings}\n");
     }
     Ok(config)
 }

@@ -3,8 +3,8 @@
 use super::group::{STATUS_PATIENCE, running};
 use super::{CommandError, ask_program};
 use crate::cli::{RestartArgs, UpgradeArgs};
-use common::instance::Instance;
-use common::interface::Interface;
+use client::instance::Instance;
+use messages::interface::Interface;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;

@@ -4,12 +4,12 @@ use super::output::Rule;
 use super::painted_light::{follow_painted_light, is_other_light};
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::descriptors;
-use common::instance::Instance;
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use config::Config;
 use grabber::playback::Playlist;
 use grabber::source::Source;
+use runtime::descriptors;
 use std::fs::File;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -28,15 +28,15 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
     // Problems of the source are reported now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
-    for complaint in common::scheduling::unavailable(&config.scheduling) {
-        common::tell!("touchline: {complaint}");
+    for complaint in runtime::scheduling::unavailable(&config.scheduling) {
+        runtime::tell!("touchline: {complaint}");
     }
     // A report that cannot be written is an error now, not at the end of the match.
     let report_file = args.report.as_deref().map(|path| report(path, &args)).transpose()?;
 
     // The reader of the output may stop reading; the match continues.
-    if let Err(error) = common::tell::never_block() {
-        common::tell!("touchline: no thread for what is said: {error}");
+    if let Err(error) = runtime::tell::never_block() {
+        runtime::tell!("touchline: no thread for what is said: {error}");
     }
     let output = if args.quiet { Output::Quiet } else { Output::for_stdout() };
     let is_bounded = launch.frames.is_some() || launch.source.is_bounded();
@@ -48,15 +48,15 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     let report = match outcome {
         Outcome::Ended(report) => report,
         Outcome::Upgrade(program) => {
-            common::tell::finish(LAST_TEXTS);
+            runtime::tell::finish(LAST_TEXTS);
             return Err(go_on_as(&program, &args));
         }
     };
 
     if !args.quiet {
-        common::tell::show(summary(&report));
+        runtime::tell::show(summary(&report));
     }
-    common::tell::finish(LAST_TEXTS);
+    runtime::tell::finish(LAST_TEXTS);
     if let Some(file) = report_file {
         serde_json::to_writer_pretty(&file, &report)?;
     }
@@ -111,7 +111,7 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
         command.exec()
     };
     let error = run(program);
-    common::tell!("touchline: {}: {error}; the old program goes on", program.display());
+    runtime::tell!("touchline: {}: {error}; the old program goes on", program.display());
     format!("the supervisor cannot go on: {}", run(this)).into()
 }
 

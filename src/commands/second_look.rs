@@ -7,8 +7,8 @@
 
 use super::CommandError;
 use classifier::ClassTables;
-use common::config::Config;
-use learning::picture::Picture;
+use config::Config;
+use setup::learning::picture::Picture;
 
 /// Above this share of the floor the second look takes longer than the rest of the classifier.
 const MUCH: f64 = 0.1;

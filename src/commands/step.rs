@@ -3,10 +3,10 @@
 use super::CommandError;
 use super::group::running;
 use crate::cli::StepArgs;
-use common::consumer::{Consumer, Event};
-use common::messages::{Team, TrackStatus, WorldFrame};
-use common::topics;
+use client::consumer::{Consumer, Event};
 use grabber::playback::request_steps;
+use messages::topics;
+use messages::{Team, TrackStatus, WorldFrame};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 

@@ -6,8 +6,8 @@
 
 use super::{CommandError, load_config};
 use crate::cli::StressArgs;
-use common::config::{Config, GeometryConfig};
-use common::instance::Instance;
+use client::instance::Instance;
+use config::{Config, GeometryConfig};
 use grabber::source::{LOOP_FRAMES, Source};
 use serde::Serialize;
 use std::io;
@@ -70,7 +70,8 @@ pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
     if let Some((width, height)) = args.size {
         (config.camera.width, config.camera.height) = (width, height);
         let camera_height_mm = config.geometry.camera_mm[2];
-        config.geometry = GeometryConfig::above(&config.field, &config.camera, camera_height_mm);
+        config.geometry =
+            GeometryConfig::above(&config.field, config.camera.picture_px(), camera_height_mm);
     }
     let runs = search(args.from, |fps| {
         let run = run_at(&config, &args, fps)?;

@@ -74,7 +74,7 @@ const GLYPHS: [(char, [u8; 7]); 52] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::RejectReason;
+    use messages::RejectReason;
 
     #[test]
     fn all_reasons_can_be_written() {

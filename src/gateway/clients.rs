@@ -7,7 +7,7 @@
 use super::intake::{Intake, Said};
 use super::ration::Rations;
 use super::seats::{Seat, seat_for};
-use common::gateway::{KEPT, MAX_BYTES};
+use client::gateway::{KEPT, MAX_BYTES};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send, sockopt};
@@ -222,7 +222,7 @@ impl Clients {
             };
             rations.take(client.uid, id);
             match client.intake.take(bytes, length) {
-                Said::Rubbish(common::gateway::CommandsFault::Size(_)) => counters.wrong_size += 1,
+                Said::Rubbish(client::gateway::CommandsFault::Size(_)) => counters.wrong_size += 1,
                 Said::Rubbish(_) => counters.impossible += 1,
                 Said::Nonsense => {
                     counters.impossible += 1;

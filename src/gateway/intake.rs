@@ -1,7 +1,7 @@
 //! Parser of client messages: pure, since they are the only input of a group that other users control.
 
-use common::gateway::{CommandsFault, MAX_BYTES, commands_type_name, parse_commands};
-use common::messages::Commands;
+use client::gateway::{CommandsFault, MAX_BYTES, commands_type_name, parse_commands};
+use messages::Commands;
 
 /// Parser of one client's messages.
 #[derive(Debug, Default)]

@@ -2,7 +2,7 @@
 //!
 //! Shared memory cannot do that: a reader can also write it, and an attached program creates memory of its
 //! own that the writers must be able to open. So this process attaches like any consumer of the owner, and
-//! serves all other users; the protocol is in [`common::gateway`]. It is a process of its own because its
+//! serves all other users; the protocol is in [`client::gateway`]. It is a process of its own because its
 //! clients are not trusted: they can bring down only this process, and the supervisor restarts it.
 //!
 //! [`users`] looks up users and groups, [`place`] creates the directory and the socket, [`seats`] assigns
@@ -19,19 +19,19 @@ mod seats;
 mod users;
 
 use crate::attendants::Row;
+use client::bus::{Bus, BusError, Publisher};
+use client::clock::monotonic_ns;
+use client::gateway::Greeting;
+use client::instance::Instance;
 use clients::{Arrival, Clients, Heard, Interest};
-use common::attendant::AttendantProcess;
-use common::bus::{Bus, BusError, Publisher};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::gateway::Greeting;
-use common::instance::Instance;
-use common::messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat};
-use common::process::{MAX_WAIT, ProcessError};
-use common::topics;
+use config::Config;
 use intake::Said;
+use messages::topics;
+use messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat};
 use permissions::Permissions;
 use place::PlaceError;
+use runtime::attendant::AttendantProcess;
+use runtime::process::{MAX_WAIT, ProcessError};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{SendFlags, SocketFlags, accept_with, send, sockopt};
@@ -104,7 +104,7 @@ fn prepare(instance: &Instance, config: &Config) -> Result<bool, PlaceError> {
     };
     Permissions::of(&config.access)?;
     if let Some(closed) = place::prepare(instance, group)? {
-        common::tell!("touchline: {}", place::advice(&closed, group));
+        runtime::tell!("touchline: {}", place::advice(&closed, group));
     }
     Ok(true)
 }
@@ -325,7 +325,7 @@ impl Listener {
     fn say(&mut self, what: String) {
         if self.lines_left > 0 {
             self.lines_left -= 1;
-            common::tell!("{}: {what}", Attendant::Gateway.name());
+            runtime::tell!("{}: {what}", Attendant::Gateway.name());
         }
     }
 

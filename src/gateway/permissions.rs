@@ -3,8 +3,8 @@
 use super::place::PlaceError;
 use super::users;
 use bytemuck::Zeroable;
-use common::config::AccessConfig;
-use common::messages::{Commands, Team, WheelCommand};
+use config::AccessConfig;
+use messages::{Commands, Team, WheelCommand};
 use std::collections::BTreeSet;
 
 /// The users of each team, by user id.
@@ -64,7 +64,7 @@ fn user_number(team: Team, name: &str) -> Result<u32, PlaceError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::TeamsAccess;
+    use config::TeamsAccess;
 
     fn permissions(yellow: &[&str], blue: &[&str]) -> Result<Permissions, PlaceError> {
         let names = |names: &[&str]| names.iter().map(|name| name.to_string()).collect();

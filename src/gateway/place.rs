@@ -1,7 +1,7 @@
 //! The gateway's directory and socket, and access to them.
 
 use super::users;
-use common::instance::{Instance, InstanceError};
+use client::instance::{Instance, InstanceError};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with,
@@ -100,7 +100,7 @@ pub fn advice(closed: &Path, name: &str) -> String {
         "access.group: users of the group {name:?} cannot pass through {}; set {} to a place where \
          they can, below /tmp say",
         closed.display(),
-        common::instance::RUNTIME_DIR_VARIABLE
+        client::instance::RUNTIME_DIR_VARIABLE
     )
 }
 

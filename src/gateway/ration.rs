@@ -5,7 +5,7 @@
 //! overload every user gets the same share, however many connections each has, and a user that sends less
 //! than its share does not wait for the others.
 
-use common::messages::MAX_USED_COMMANDS;
+use messages::MAX_USED_COMMANDS;
 use std::collections::BTreeMap;
 
 /// Messages per second of a connection: more than a strategy needs that sends commands for all

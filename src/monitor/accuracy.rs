@@ -1,9 +1,9 @@
 //! Scores poses against the truth of a synthetic match.
 
 use super::report::{Errors, StandingErrors};
-use common::geometry::wrap_angle;
-use common::messages::{TruthFrame, TruthRobot};
+use geometry::wrap_angle;
 use hdrhistogram::Histogram;
+use messages::{TruthFrame, TruthRobot};
 
 /// A robot as reported by a message.
 #[derive(Debug, Clone, Copy)]

@@ -2,9 +2,9 @@
 
 use super::report::CameraDevice;
 use super::view::{Event, GroupView};
-use common::bus::{Bus, BusError, Stranger, Subscriber};
-use common::messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
-use common::topics;
+use client::bus::{Bus, BusError, Stranger, Subscriber};
+use messages::topics;
+use messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
 
 /// Reads the grabber's reports about its camera.
 pub struct CameraWatch {

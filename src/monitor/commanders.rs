@@ -1,13 +1,13 @@
 //! Senders of commands and the robots that obey them. Each robot obeys the command sent last.
 
 use super::report::Commander;
-use common::bus::{Bus, BusError, Subscriber, participants};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::instance::Instance;
-use common::messages::{Attendant, Commands, Team};
-use common::roster::NodeKey;
-use common::topics;
+use client::bus::{Bus, BusError, Subscriber, participants};
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use client::roster::NodeKey;
+use config::Config;
+use messages::topics;
+use messages::{Attendant, Commands, Team};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Largest lead of a command's time stamp; the filter rejects later ones too.

@@ -6,7 +6,7 @@ use super::report::{
     Stranger,
 };
 use super::view::Event;
-use common::messages::ProcessKind;
+use messages::ProcessKind;
 use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::io::IsTerminal;
@@ -54,9 +54,9 @@ impl Display {
     pub fn events(&mut self, events: &[Event]) {
         for event in events {
             self.clear();
-            common::tell!("touchline: {} (pid {}): {}", event.stage, event.pid, event.what);
+            runtime::tell!("touchline: {} (pid {}): {}", event.stage, event.pid, event.what);
             for line in event.evidence.lines() {
-                common::tell!("    {line}");
+                runtime::tell!("    {line}");
             }
         }
     }
@@ -100,7 +100,7 @@ impl Display {
 /// Writes to standard output. A reader that has gone (`| head`) or does not read must neither end
 /// nor block a match.
 fn print(text: &str) {
-    common::tell::show(text.into());
+    runtime::tell::show(text.into());
 }
 
 /// Columns and rows of the terminal.

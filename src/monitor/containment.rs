@@ -27,7 +27,7 @@ pub fn contain_this_thread() {
             if !is_contained() {
                 return before(panic);
             }
-            common::tell!("touchline: the monitor has panicked: {panic}");
+            runtime::tell!("touchline: the monitor has panicked: {panic}");
             fall();
         }));
         // Without it, a SIGBUS ends the group's supervisor, and the next one takes over.

@@ -1,8 +1,8 @@
 //! Latency from capture to `world` and of each step, from the time stamps in every `world`.
 
 use super::report::{Breakdown, Latency, Percentiles};
-use common::messages::{FrameHeader, WorldFrame};
 use hdrhistogram::Histogram;
+use messages::{FrameHeader, WorldFrame};
 
 /// Longest latency that is resolved.
 const LONGEST_NS: u64 = 60_000_000_000;

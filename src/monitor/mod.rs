@@ -23,15 +23,15 @@ pub use console::{Output, summary};
 pub use report::Report;
 pub use view::{AttendantView, Event, GroupView, ProcessView};
 
+use client::bus::{Bus, BusError, Publisher};
+use client::clock::monotonic_ns;
+use client::eventcount::EventCount;
+use client::instance::Instance;
 use collector::Collector;
-use common::bus::{Bus, BusError, Publisher};
-use common::clock::monotonic_ns;
-use common::config::{CameraConfig, Config};
-use common::eventcount::EventCount;
-use common::instance::Instance;
-use common::messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
-use common::process::HEARTBEAT;
-use common::topics;
+use config::{CameraConfig, Config};
+use messages::topics;
+use messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
+use runtime::process::HEARTBEAT;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
@@ -150,7 +150,7 @@ fn watch(
         // Read first: messages published before the request are still collected.
         let last_round = stop.load(Ordering::Relaxed);
         if let Err(error) = collector.collect() {
-            common::tell!("touchline: monitor: {error}");
+            runtime::tell!("touchline: monitor: {error}");
         }
         let events = collector.take_new_events();
         for event in &events {

@@ -2,9 +2,9 @@
 //! printed by `touchline status --json` and drawn by the console.
 
 use super::view::Event;
-use common::messages::LightCorrection;
-use common::top_scale::Scale;
+use crate::top_scale::Scale;
 use hdrhistogram::Histogram;
+use messages::LightCorrection;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -3,12 +3,12 @@
 
 use super::report::Stranger as Reported;
 use super::view::{Event, GroupView};
-use common::bus::{Bus, BusError, Stranger, Subscriber, participants};
-use common::clock::monotonic_ns;
-use common::instance::Instance;
-use common::messages::{Attendant, EventKind, Run, RunsHeader};
-use common::roster::NodeKey;
-use common::topics::{self, TopicName};
+use client::bus::{Bus, BusError, Stranger, Subscriber, participants};
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use client::roster::NodeKey;
+use messages::topics::{self, TopicName};
+use messages::{Attendant, EventKind, Run, RunsHeader};
 
 /// Shortest time between two events about a program.
 const PAUSE_NS: u64 = 10_000_000_000;

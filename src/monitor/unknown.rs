@@ -2,10 +2,10 @@
 
 use super::accuracy::Distribution;
 use super::report::UnknownErrors;
-use common::config::{Config, PatchRole};
-use common::geometry::{FieldPoint, Pose};
-use common::layout::Layout;
-use common::messages::{TruthFrame, TruthRobot, UnknownRobotState, WorldFrame};
+use config::{Config, PatchRole};
+use geometry::layout::Layout;
+use geometry::{FieldPoint, Pose};
+use messages::{TruthFrame, TruthRobot, UnknownRobotState, WorldFrame};
 use std::collections::{HashMap, HashSet};
 
 /// Largest distance at which a track still belongs to a robot's team patch.
@@ -105,7 +105,7 @@ impl UnknownScorer {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::messages::Team;
+    use messages::Team;
 
     #[test]
     fn changes_of_number_and_ghosts_are_counted() {

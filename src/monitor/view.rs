@@ -1,11 +1,11 @@
 //! The group's processes and events: written by the supervisor, shown by the monitor.
 
 use bytemuck::Zeroable;
-use common::clock::monotonic_ns;
-use common::messages::{
+use client::clock::monotonic_ns;
+use messages::stages::StageId;
+use messages::{
     Attendant, EventKind, GroupEvent, Heartbeat, ProcessState, process_number, write_text,
 };
-use common::stages::StageId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -217,7 +217,7 @@ impl GroupView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::read_text;
+    use messages::read_text;
 
     #[test]
     fn an_event_is_a_message_with_the_end_of_its_evidence() {

@@ -5,8 +5,8 @@ use super::RecorderError;
 use super::files::Names;
 use super::queue::{Job, QueueReceiver, QueueSender, Recorded, Totals, queue};
 use super::room::{free_bytes, index_bytes};
-use common::config::Config;
-use common::messages::WorldFrame;
+use config::Config;
+use messages::WorldFrame;
 use recording::{
     Channel, RecordingError, Setup, Writer, ball_pose, decode_message, field_scene, robot_poses,
     world_scene,
@@ -228,7 +228,7 @@ impl Writing {
     fn write_setup(&mut self) -> Result<(), RecordingError> {
         let Some(writer) = &mut self.writer else { return Ok(()) };
         let (setup, config) = &self.setup;
-        let now_ns = setup.wall_ns(common::clock::monotonic_ns());
+        let now_ns = setup.wall_ns(client::clock::monotonic_ns());
         writer.write(Channel::Setup, now_ns, now_ns, &setup.encode())?;
         let pitch = field_scene(&config.field, now_ns);
         writer.write(Channel::Scene, now_ns, now_ns, &pitch)

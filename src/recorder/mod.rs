@@ -10,10 +10,10 @@ mod ports;
 mod queue;
 mod room;
 
-use common::bus::BusError;
-use common::config::Config;
-use common::consumer::is_there;
-use common::instance::Instance;
+use client::bus::BusError;
+use client::consumer::is_there;
+use client::instance::Instance;
+use config::Config;
 use disk::{Disk, Limits};
 use files::Names;
 use ports::Ports;
@@ -126,7 +126,7 @@ pub fn record(
     mut tell: impl FnMut(&Progress),
 ) -> Result<(End, Progress), RecorderError> {
     // While the disk is slow, hundreds of frames wait in memory.
-    common::heap::return_large_blocks();
+    runtime::heap::return_large_blocks();
     let mut recorder = Recorder {
         options,
         stop,
@@ -294,8 +294,8 @@ impl Recorder<'_> {
 }
 
 fn wall_minus_monotonic_ns() -> i64 {
-    let now_ns = common::clock::monotonic_ns();
-    common::clock::wall_ns() as i64 - now_ns as i64
+    let now_ns = client::clock::monotonic_ns();
+    client::clock::wall_ns() as i64 - now_ns as i64
 }
 
 /// The running group's configuration, as text.

@@ -2,12 +2,13 @@
 //! that no shared memory is held.
 
 use super::queue::Recorded;
-use common::bus::{Bus, BusError, Header, Message, Received, Subscriber};
-use common::clock::monotonic_ns;
-use common::consumer::{Order, Position};
-use common::instance::Instance;
-use common::messages::*;
-use common::topics::{self, Topic};
+use client::bus::{Bus, BusError, Received, Subscriber};
+use client::clock::monotonic_ns;
+use client::consumer::{Order, Position};
+use client::instance::Instance;
+use messages::topics::{self, Topic};
+use messages::*;
+use messages::{Header, Message};
 use recording::{Channel, encode_frame, encode_list, encode_message};
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! Queue from the reading to the writing thread: bounded in bytes, with reused buffers.
 
-use common::config::Config;
+use config::Config;
 use recording::{Channel, Setup};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn a_queue_that_was_full_once_gives_its_memory_back() {
-        common::heap::return_large_blocks();
+        runtime::heap::return_large_blocks();
         let (mut sender, mut receiver) = queue(Arc::default());
         let frame = 640 * 480;
         // Small blocks between the frames, as in a recorder, keep a heap from shrinking.

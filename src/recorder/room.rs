@@ -1,7 +1,7 @@
 //! Disk space that a recording takes, and that is free.
 
 use super::RecorderError;
-use common::config::Config;
+use config::Config;
 use recording::Channel;
 use rustix::fs::statvfs;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Recently recorded inputs, by the names under which outputs refer to them.
 
-use common::messages::{Commands, CommandsName, DetectionFrame, FrameHeader, WorldFrame};
+use messages::{Commands, CommandsName, DetectionFrame, FrameHeader, WorldFrame};
 use recording::Frame;
 use std::collections::{BTreeMap, VecDeque};
 

@@ -7,10 +7,10 @@
 
 use super::inputs::Inputs;
 use classifier::Classifier;
-use common::config::Config;
-use common::messages::structure::{Structure, name_at, structures_of};
-use common::messages::{ClearStale, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
+use config::Config;
 use filter::Filter;
+use messages::structure::{Structure, name_at, structures_of};
+use messages::{ClearStale, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
 use recording::{Channel, Entry, Setup, decode_frame, decode_list, decode_message};
 use std::collections::{BTreeMap, VecDeque};
 use tracker::Tracker;

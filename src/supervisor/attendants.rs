@@ -9,10 +9,10 @@ use super::sys::{self, Call};
 use super::{GRACE, SupervisorError};
 use crate::attendants::{AttendantError, Row, TABLE};
 use crate::monitor::AttendantView;
-use common::bus::participants;
-use common::config::Config;
-use common::instance::Instance;
-use common::messages::EventKind;
+use client::bus::participants;
+use client::instance::Instance;
+use config::Config;
+use messages::EventKind;
 use std::fs;
 use std::process::Child;
 use std::time::{Duration, Instant};
@@ -73,7 +73,7 @@ impl Attendants {
                 Ok(true) => attendants.push(Supervised::new(row, instance)),
                 Ok(false) => {}
                 Err(error) if lives => {
-                    common::tell!(
+                    runtime::tell!(
                         "touchline: {error}; the match goes on without the {}",
                         row.name()
                     );
@@ -179,7 +179,7 @@ impl Supervised {
         self.rules.started(now_ns);
         let log = Log::new(self.row.name());
         let mut command = children::command(&self.instance, self.row.name(), &log);
-        common::descriptors::keep_from_programs_run_now();
+        runtime::descriptors::keep_from_programs_run_now();
         match sys::ask(Call::StartProcess, || command.spawn()) {
             Ok(child) => {
                 self.running = Some(Running { child, log });
@@ -280,7 +280,7 @@ mod tests {
             ready_timeout_ns: S,
             backoff_ns: S / 10,
             backoff_max_ns: 5 * S,
-            graph: common::stages::StageGraph::SINGLE,
+            graph: messages::stages::StageGraph::SINGLE,
             spares: vec![],
         }
     }

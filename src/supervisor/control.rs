@@ -5,8 +5,8 @@
 //! waits for a client.
 
 use super::sys::{self, Call};
-use common::instance::Instance;
-use common::private;
+use client::instance::Instance;
+use client::private;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;

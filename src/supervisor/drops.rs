@@ -1,8 +1,8 @@
 //! Events about dropped inputs and the reasons, limited in rate so that a flood of invalid input causes
 //! no flood of events.
 
-use common::messages::DropReason;
-use common::stages::StageId;
+use messages::DropReason;
+use messages::stages::StageId;
 use std::collections::BTreeMap;
 
 /// Drops by reason, in the order of [`DropReason::ALL`].
@@ -93,7 +93,7 @@ impl Counted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::ProcessKind;
+    use messages::ProcessKind;
 
     const MS: u64 = 1_000_000;
     const TRACKER: StageId = StageId::new(ProcessKind::Tracker, 0);

@@ -2,11 +2,11 @@
 
 use super::sys::{self, Call};
 use classifier::{Picture, to_rgb};
-use common::bus::Received;
-use common::instance::Instance;
-use common::messages::{FrameFault, FrameHeader};
-use common::private;
+use client::bus::Received;
+use client::instance::Instance;
+use client::private;
 use image::{DynamicImage, GrayImage, ImageFormat, RgbImage};
+use messages::{FrameFault, FrameHeader};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,10 @@ pub fn save_frame(
     let save = move || {
         if let Err(error) = picture.write_to(&mut BufWriter::new(file), ImageFormat::Png) {
             let _ = std::fs::remove_file(&target);
-            common::tell!("touchline: frame {seq} cannot be kept in {}: {error}", target.display());
+            runtime::tell!(
+                "touchline: frame {seq} cannot be kept in {}: {error}",
+                target.display()
+            );
         }
     };
     let start = || std::thread::Builder::new().name("evidence".into()).spawn(save);

@@ -21,10 +21,10 @@ use super::takeover::Inheritance;
 use super::troubles::Troubles;
 use super::{SupervisorError, Until};
 use crate::monitor::{Event as LogEvent, GroupView};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::messages::{EventKind, ProcessKind, ProcessState};
-use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
+use client::clock::monotonic_ns;
+use config::Config;
+use messages::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
+use messages::{EventKind, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::process::Signal;
@@ -117,7 +117,7 @@ impl<'a> Group<'a> {
         let mut troubles = Troubles::default();
         let mut begin = |what: &str, error: String| {
             if let Some(said) = troubles.note(what, Err(error), monotonic_ns()) {
-                common::tell!("touchline: {said}");
+                runtime::tell!("touchline: {said}");
             }
         };
         match premises.restore() {

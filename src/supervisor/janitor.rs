@@ -7,8 +7,8 @@
 
 use super::reserve;
 use super::sys::{self, Call};
-use common::bus::participants::{self, HalfJoined};
-use common::instance::Instance;
+use client::bus::participants::{self, HalfJoined};
+use client::instance::Instance;
 use std::collections::BTreeSet;
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -98,7 +98,7 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
         };
         for strange in strange_versions(instance) {
             if told.insert(strange.clone()) {
-                common::tell!("touchline: {strange}");
+                runtime::tell!("touchline: {strange}");
             }
         }
         let error = removed.err().unwrap_or_default();
@@ -108,7 +108,7 @@ fn clean_up(instance: &Instance, calls: &Receiver<()>) {
         }
         // A failed removal is retried, but reported once.
         if error != last_error && !error.is_empty() {
-            common::tell!("touchline: clean-up after a dead process: {error}; it is tried again");
+            runtime::tell!("touchline: clean-up after a dead process: {error}; it is tried again");
         }
         last_error = error;
         if !last_error.is_empty() {

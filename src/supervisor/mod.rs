@@ -46,11 +46,11 @@ pub use record::Record;
 use crate::attendants::{AttendantError, TABLE};
 use crate::monitor::{GroupView, Monitor, Report};
 use attendants::Attendants;
-use common::bus::BusError;
-use common::config::Config;
-use common::instance::InstanceError;
-use common::stages::StageId;
+use client::bus::BusError;
+use client::instance::InstanceError;
+use config::Config;
 use group::{Ending, Group};
+use messages::stages::StageId;
 use persistence::insist;
 use premises::Premises;
 use signals::Signals;
@@ -93,7 +93,7 @@ pub enum SupervisorError {
         "a match with these pictures takes about {} MB of shared memory, but {} MB are free; {}",
         needed >> 20,
         (free + (1 << 19)) >> 20,
-        common::memory::advice(*ample)
+        client::memory::advice(*ample)
     )]
     NoMemory {
         /// Least bytes to start with.
@@ -149,7 +149,7 @@ pub fn run(
     let signals = Signals::listen()?;
     let instance = launch.instance.clone();
     // Before creating anything that would be left behind.
-    common::memory::check_place().map_err(InstanceError::from)?;
+    client::memory::check_place().map_err(InstanceError::from)?;
     insist(|| Ok(instance.create_directory()?))?;
     let Some(lock) = insist(|| Ok(instance.lock()?))? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
@@ -185,7 +185,7 @@ fn supervise(
     let mut monitor = match start_monitor(Arc::clone(&view)) {
         // The monitor only counts, so the match goes on without it.
         Err(error) if lives => {
-            common::tell!("touchline: {error}; the match goes on, but is not counted for now");
+            runtime::tell!("touchline: {error}; the match goes on, but is not counted for now");
             None
         }
         started => Some(started?),
@@ -196,7 +196,7 @@ fn supervise(
             monitor = None;
             fallen += 1;
             try_again = Instant::now() + MONITOR_PAUSE;
-            common::tell!("touchline: the monitor has met a fault; the match goes on");
+            runtime::tell!("touchline: the monitor has met a fault; the match goes on");
         }
         if monitor.is_none() && fallen < MOST_MONITORS && Instant::now() >= try_again {
             try_again = Instant::now() + MONITOR_PAUSE;

@@ -48,7 +48,7 @@ impl Notifier {
         match connect(name.as_encoded_bytes()) {
             Ok(socket) => Self::new(socket, watchdog.map(Duration::from_micros)),
             Err(error) => {
-                common::tell!("touchline: {SOCKET_VARIABLE} {}: {error}", name.display());
+                runtime::tell!("touchline: {SOCKET_VARIABLE} {}: {error}", name.display());
                 Self::default()
             }
         }

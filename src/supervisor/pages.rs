@@ -1,10 +1,10 @@
 //! The pages that the supervisor shares with the stages' processes.
 
 use super::sys::{self, Call};
-use common::handover::Handover;
-use common::instance::Instance;
-use common::stage_page::StagePage;
-use common::stages::{StageGraph, StageId, StageMap};
+use client::instance::Instance;
+use messages::stages::{StageGraph, StageId, StageMap};
+use runtime::handover::Handover;
+use runtime::stage_page::StagePage;
 use std::io;
 
 /// One page for each stage.

@@ -27,7 +27,7 @@ pub fn insist<T>(
         match step() {
             Err(error) if Instant::now() < deadline && (raise_limit() || is_refusal(&error)) => {
                 if !std::mem::replace(&mut is_said, true) {
-                    common::tell!("touchline: {error}; it is tried again");
+                    runtime::tell!("touchline: {error}; it is tried again");
                 }
                 std::thread::sleep(PAUSE);
             }
@@ -55,7 +55,7 @@ fn is_refusal(error: &SupervisorError) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::instance::InstanceError;
+    use client::instance::InstanceError;
 
     fn failed(errno: Errno) -> SupervisorError {
         InstanceError::Io { path: "/dev/shm".into(), source: errno.into() }.into()

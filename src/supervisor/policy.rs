@@ -29,8 +29,8 @@ mod stalls;
 
 pub use degraded::{Degraded, Lack};
 
-use common::messages::ProcessKind;
-use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
+use messages::ProcessKind;
+use messages::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
 use stage::{Member, Stage};
 
 /// Identifies a process from its start to its end; never used twice.

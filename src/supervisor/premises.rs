@@ -4,9 +4,9 @@
 
 use super::control::Control;
 use super::sys::{self, Call};
-use common::instance::Instance;
-use common::instance::lock::SupervisorLock;
-use common::private;
+use client::instance::Instance;
+use client::instance::lock::SupervisorLock;
+use client::private;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File};
 use std::io::{self, Write};

@@ -3,17 +3,17 @@
 use super::drops::Dropped;
 use super::pages::Pages;
 use super::sys::{self, Call};
-use common::bus::{Bus, BusError, Received, Subscriber};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::instance::Instance;
-use common::messages::{
+use client::bus::{Bus, BusError, Received, Subscriber};
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use config::Config;
+use grabber::camera::LastFrame;
+use messages::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
+use messages::topics;
+use messages::{
     Attendant, DetectionFrame, FrameHeader, Heartbeat, ProcessKind, ProcessState, Run, RunsHeader,
     WorldFrame,
 };
-use common::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
-use common::topics;
-use grabber::camera::LastFrame;
 use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};

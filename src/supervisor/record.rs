@@ -7,9 +7,9 @@
 use super::Launch;
 use super::sys::{self, Call};
 use crate::monitor::Event;
-use common::instance::Instance;
-use common::private;
-use common::stages::StageId;
+use client::instance::Instance;
+use client::private;
+use messages::stages::StageId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -86,7 +86,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::{EventKind, ProcessKind};
+    use messages::{EventKind, ProcessKind};
 
     #[test]
     fn a_written_record_is_read_and_an_invalid_one_is_ignored() {

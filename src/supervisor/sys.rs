@@ -92,7 +92,7 @@ pub fn fault(call: Call) -> Option<io::Error> {
     if TO_FAIL.fetch_and(!bit, Ordering::Relaxed) & bit == 0 {
         return None;
     }
-    common::tell!("touchline: made to fail: {}", call.name());
+    runtime::tell!("touchline: made to fail: {}", call.name());
     Some(call.errno().into())
 }
 

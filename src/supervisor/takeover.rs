@@ -1,13 +1,13 @@
 //! Remains of an earlier supervisor: a group to take over, processes to end, or garbage to remove.
 
 use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants};
-use common::bus::BusError;
-use common::bus::participants::{self, LivingProcess};
-use common::config::{Config, commented_toml};
-use common::instance::Instance;
-use common::memory::{self, GroupMemory};
-use common::private;
-use common::stages::StageId;
+use client::bus::BusError;
+use client::bus::participants::{self, LivingProcess};
+use client::instance::Instance;
+use client::memory::{self, GroupMemory};
+use client::private;
+use config::{Config, commented_toml};
+use messages::stages::StageId;
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Write;
 use std::path::Path;
@@ -66,7 +66,7 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             let stages = stages.into_iter().map(recorded).collect();
             return Ok(Inheritance { stages, record });
         };
-        common::tell!(
+        runtime::tell!(
             "touchline: a group without supervisor is running, but {differs}: it is ended and \
              started afresh"
         );
@@ -83,7 +83,7 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
 /// touching it.
 fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError> {
     let frame_bytes = launch.source.frame_capacity(&config.camera);
-    let group = GroupMemory::with_frames_of(config, frame_bytes);
+    let group = GroupMemory::with_larger_frames(config.camera.frame_bytes(), frame_bytes);
     let (needed, ample) = (group.least_bytes(), group.ample_bytes());
     let free = memory::free_bytes().map_err(|source| SupervisorError::System {
         action: format!("look at {}", memory::SHARED_MEMORY),
@@ -93,7 +93,7 @@ fn check_memory(launch: &Launch, config: &Config) -> Result<(), SupervisorError>
         return Err(SupervisorError::NoMemory { needed, ample, free });
     }
     if free < ample {
-        common::tell!(
+        runtime::tell!(
             "touchline: {} MB of shared memory are free; noisy pictures and hand-overs may need up to \
              {} MB: {}",
             free >> 20,
@@ -116,7 +116,9 @@ fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
                 0 => String::new(),
                 others => format!(", as were {others} others"),
             };
-            common::tell!("touchline: {first}{others}; nothing uses them, and they are left alone");
+            runtime::tell!(
+                "touchline: {first}{others}; nothing uses them, and they are left alone"
+            );
         }
     } else {
         warn(participants::remove_dead(instance));
@@ -135,7 +137,7 @@ fn others(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
 /// Reports a failed removal. The janitor retries it; it is no reason to give up a match.
 fn warn(cleaned: Result<usize, BusError>) {
     if let Err(error) = cleaned {
-        common::tell!("touchline: {error}; it is tried again");
+        runtime::tell!("touchline: {error}; it is tried again");
     }
 }
 

@@ -5,9 +5,9 @@
 #![allow(dead_code)]
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{Commands, DetectionFrame, FrameHeader, WorldFrame};
+use config::Config;
 use grabber::synthetic::SyntheticMatch;
+use messages::{Commands, DetectionFrame, FrameHeader, WorldFrame};
 use touchline::chain::Chain;
 
 /// Capture time of the first frame.

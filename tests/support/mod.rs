@@ -5,7 +5,7 @@
 //! measurements. Whatever happens in a test, dropping the [`Group`] ends every process it started.
 #![allow(dead_code)] // each test program uses its own part of this
 
-use common::instance::{Instance, Namespace};
+use client::instance::{Instance, Namespace};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;

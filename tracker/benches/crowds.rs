@@ -4,8 +4,8 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
-use common::config::{Config, GeometryConfig, Preset};
-use common::messages::{Run, RunsHeader};
+use config::{Config, GeometryConfig, Preset};
+use messages::{Run, RunsHeader};
 use std::hint::black_box;
 use std::time::Instant;
 use support::{Picture, robot};
@@ -26,7 +26,7 @@ fn main() {
     let mut ssl = Preset::SslDivisionB.config();
     (ssl.field.length_mm, ssl.field.width_mm) = (4500.0, 3000.0);
     (ssl.camera.width, ssl.camera.height) = (1224, 1024);
-    ssl.geometry = GeometryConfig::above(&ssl.field, &ssl.camera, 4200.0);
+    ssl.geometry = GeometryConfig::above(&ssl.field, ssl.camera.picture_px(), 4200.0);
     let mut subjects = [
         subject("ssl, 32 robots apart", &ssl, [520.0, 600.0]),
         subject("ssl, 32 robots touching", &ssl, [184.0, 184.0]),

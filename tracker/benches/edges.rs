@@ -6,9 +6,9 @@
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::geometry::FieldPoint;
-use common::messages::{RobotState, RunsHeader, TrackStatus, WorldFrame};
+use config::Config;
+use geometry::FieldPoint;
+use messages::{RobotState, RunsHeader, TrackStatus, WorldFrame};
 use std::hint::black_box;
 use std::time::Instant;
 use support::{Picture, robot};

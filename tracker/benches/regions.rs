@@ -3,8 +3,8 @@
 //! all of them. 640×480, eight classes, beside a plain copy of the same runs.
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
+use config::Config;
+use messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
 use std::hint::black_box;
 use std::time::Instant;
 use touchline_tracker::Tracker;

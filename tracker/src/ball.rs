@@ -22,9 +22,9 @@ use crate::pitch::Pitch;
 use crate::pose::robot_from_field;
 use crate::reasons::Rejections;
 use crate::regions::measure::{Measure, Moments};
-use common::config::Config;
-use common::geometry::{CameraModel, FieldPoint, Pose};
-use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
+use config::Config;
+use geometry::{CameraModel, FieldPoint, Pose};
+use messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected};
 use silhouette::{BY_CLASS, Silhouette};
 use sphere::Sphere;
 use std::f64::consts::PI;
@@ -336,8 +336,8 @@ mod tests {
     use crate::pattern::Pattern;
     use crate::regions::RegionFinder;
     use bytemuck::Zeroable;
-    use common::geometry::ImagePoint;
-    use common::messages::Run;
+    use geometry::ImagePoint;
+    use messages::Run;
 
     struct Picture {
         config: Config,

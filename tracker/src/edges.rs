@@ -8,7 +8,7 @@ pub(crate) mod edge_fit;
 pub(crate) mod edge_pixels;
 pub(crate) mod local_map;
 
-use common::config::Pair;
+use config::Pair;
 
 /// Half the width of an edge's band: the levels on both sides must be visible.
 const BAND_PX: f64 = 2.25;

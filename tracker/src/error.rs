@@ -1,7 +1,7 @@
 //! Errors of a configuration.
 
-use common::geometry::GeometryError;
-use common::messages::{MAX_PATCHES, Team};
+use geometry::GeometryError;
+use messages::{MAX_PATCHES, Team};
 
 /// Why a configuration cannot be tracked with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -30,9 +30,9 @@ use crate::pattern::{Pattern, Top};
 use crate::pose::image_pose;
 use crate::raw::{CHANNELS, RawFrame};
 use crate::regions::measure::distance_mm;
-use common::config::{ColorConfig, Config};
-use common::geometry::{FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
+use config::{ColorConfig, Config};
+use geometry::{FieldPoint, ImagePoint, Pose, wrap_angle};
+use messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
 use mixture::{Blur, Colors, Match, Mixture, Samples, Unmixed, has_hue};
 use search::{Effort, PROMISING, Search, Trial};
 

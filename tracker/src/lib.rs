@@ -27,7 +27,7 @@
 //!
 //! The core, [`Tracker`], is a pure function of its input, and no input makes it panic.
 
-// The process must outlive the readers of its output: see `common::tell`.
+// The process must outlive the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod ball;

@@ -11,8 +11,8 @@ pub(crate) mod shares;
 mod top;
 
 use crate::error::TrackerError;
-use common::config::Config;
-use common::messages::Team;
+use config::Config;
+use messages::Team;
 use top::Tops;
 pub(crate) use top::{ExpectedPatch, Top, principal_deviations};
 
@@ -304,7 +304,7 @@ pub(crate) fn positive(key: &'static str, value: f64) -> Result<(), TrackerError
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::{PatchRole, Preset};
+    use config::{PatchRole, Preset};
 
     #[test]
     fn every_preset_can_be_tracked() {

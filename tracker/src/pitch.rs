@@ -1,7 +1,7 @@
 //! The area in which robots and balls can be.
 
-use common::config::Config;
-use common::geometry::FieldPoint;
+use config::Config;
+use geometry::FieldPoint;
 
 /// The pitch with its goals.
 #[derive(Debug, Clone, Copy)]

@@ -6,8 +6,8 @@
 //! on a diagonal this is eq. (6): the centre is the mean of both, and the heading the direction from the
 //! identification patch to the team patch less π/4.
 
-use common::config::Pair;
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use config::Pair;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
 /// Fits a pose to patches, each given by its centroid in the layout, its measured place and its weight.
 /// `None` when the places leave the heading open or are not numbers.
@@ -59,9 +59,9 @@ pub(crate) fn image_pose(camera: &CameraModel, pose: &Pose, height_mm: f64) -> (
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::{Config, Preset};
-    use common::geometry::wrap_angle;
-    use common::layout::Layout;
+    use config::{Config, Preset};
+    use geometry::layout::Layout;
+    use geometry::wrap_angle;
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_4, PI};
 

@@ -1,12 +1,12 @@
 //! The tracker's process: receives runs, publishes detections.
 
 use crate::Tracker;
-use common::bus::Received;
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::messages::{DetectionFrame, FrameHeader, ProcessKind};
-use common::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
-use common::topics;
+use client::bus::Received;
+use client::clock::monotonic_ns;
+use config::Config;
+use messages::topics;
+use messages::{DetectionFrame, FrameHeader, ProcessKind};
+use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {

@@ -3,7 +3,7 @@
 //! A Bayer pixel gives one sample of its colour, an RGB pixel three. YUV pictures give Y only, because
 //! several pixels share U and V.
 
-use common::messages::{FrameHeader, PixelFormat};
+use messages::{FrameHeader, PixelFormat};
 
 /// Colour channels of samples.
 pub(crate) const CHANNELS: usize = 3;
@@ -92,7 +92,7 @@ impl<'a> RawFrame<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::BayerOrder;
+    use messages::BayerOrder;
 
     fn samples(format: PixelFormat, bytes: &[u8], column: usize, row: usize) -> Vec<(usize, f32)> {
         let header = FrameHeader {

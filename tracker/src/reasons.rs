@@ -8,8 +8,8 @@ use crate::pattern::{Kind, Pattern, Top};
 use crate::regions::measure::distance_mm;
 use crate::regions::measured_regions::MeasuredRegion;
 use crate::unknown::UnknownRobots;
-use common::geometry::ImagePoint;
-use common::messages::{DetectionFrame, MAX_REGIONS, RejectReason, Rejected, Team};
+use geometry::ImagePoint;
+use messages::{DetectionFrame, MAX_REGIONS, RejectReason, Rejected, Team};
 
 /// Least area of a region that is listed, as a fraction of the smallest admitted area: smaller ones are
 /// noise.
@@ -290,7 +290,7 @@ fn unused_identification_near(
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::messages::MAX_REJECTED;
+    use messages::MAX_REJECTED;
 
     #[test]
     fn regions_that_are_too_small_are_dropped_first_when_the_list_is_full() {

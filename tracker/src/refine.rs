@@ -15,10 +15,10 @@ use crate::edges::local_map::mm_per_px;
 use crate::pattern::{Pattern, Top};
 use crate::pose::image_pose;
 use crate::raw::RawFrame;
-use common::config::{Config, Pair, PatchConfig};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::layout::topmost_patch;
-use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, Team};
+use config::{Config, Pair, PatchConfig};
+use geometry::layout::topmost_patch;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
+use messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, Team};
 
 /// Sigma of a patch's centroid, px, times the root of the number of its pixels.
 const CENTROID_NOISE_PX: f64 = 0.7;

@@ -26,7 +26,7 @@ pub(crate) mod measure;
 pub(crate) mod measured_regions;
 
 use bytemuck::{Zeroable, zeroed_box};
-use common::messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
+use messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};
 use std::cmp::Reverse;
 
 /// Finds the regions of a picture, reusing its tables.

@@ -11,9 +11,9 @@ use crate::reasons::{Rejections, explain};
 use crate::refine::Refiner;
 use crate::regions::RegionFinder;
 use crate::unknown::UnknownRobots;
-use common::config::Config;
-use common::geometry::CameraModel;
-use common::messages::{DetectedRobot, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
+use config::Config;
+use geometry::CameraModel;
+use messages::{DetectedRobot, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
 
 pub use crate::error::TrackerError;
 
@@ -77,7 +77,7 @@ impl Tracker {
     ///
     /// With the raw frame, robots and balls are measured by their edges; without it, or where too few edges
     /// are visible, by their classified pixels ([`DetectionFrame::FRAME_USED`],
-    /// [`DetectedRobot::edge_samples`](common::messages::DetectedRobot::edge_samples)). The robots that are
+    /// [`DetectedRobot::edge_samples`](messages::DetectedRobot::edge_samples)). The robots that are
     /// found by classified pixels, and their numbers, do not depend on the raw frame; blurred robots are
     /// found only with it.
     ///

@@ -9,7 +9,7 @@ use crate::faint::FaintRobots;
 use crate::pairing::{Pairing, Scene, TEAM_PATCH_DISTANCE};
 use crate::pattern::Top;
 use crate::regions::measure::distance_mm;
-use common::messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, RobotId, Team};
+use messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, RobotId, Team};
 use std::f64::consts::PI;
 
 /// Confidence of an unidentified robot whose patch has the expected area.

@@ -1,13 +1,13 @@
 //! A step allocates nothing, once pictures like it have been seen.
 
-#[path = "../../common/tests/counting/mod.rs"]
+#[path = "../../tests/counting/mod.rs"]
 mod counting;
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{DetectionFrame, PixelFormat, Run, RunsHeader, Team};
+use config::Config;
 use counting::allocations_in;
+use messages::{DetectionFrame, PixelFormat, Run, RunsHeader, Team};
 use support::*;
 use touchline_tracker::Tracker;
 

@@ -5,8 +5,8 @@
 mod painter;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{DetectedBall, DetectionFrame, Run, RunsHeader};
+use config::Config;
+use messages::{DetectedBall, DetectionFrame, Run, RunsHeader};
 use painter::{Ball, Block, Color, Dice, Lamp, Pinhole, World};
 use std::f64::consts::TAU;
 use touchline_tracker::Tracker;

@@ -5,8 +5,8 @@
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{DetectionFrame, Run, RunsHeader, Team};
+use config::Config;
+use messages::{DetectionFrame, Run, RunsHeader, Team};
 use support::*;
 use touchline_tracker::Tracker;
 
@@ -160,8 +160,7 @@ fn found(frame: &DetectionFrame, robots: &[Robot], within_mm: f64, within_deg: f
         let off = (f64::from(seen.x_mm) - robot.pose.position.x_mm)
             .hypot(f64::from(seen.y_mm) - robot.pose.position.y_mm);
         assert!(off < 30.0, "{:?} {} is taken for another, {off} mm off", robot.team, robot.id);
-        let turned =
-            common::geometry::wrap_angle(f64::from(seen.orientation) - robot.pose.orientation);
+        let turned = geometry::wrap_angle(f64::from(seen.orientation) - robot.pose.orientation);
         found += usize::from(off <= within_mm && turned.abs().to_degrees() <= within_deg);
     }
     found
@@ -208,7 +207,7 @@ fn robots_with_a_patch_of_no_listed_robot_get_no_name() {
         assert_eq!(frame.robots().len(), found(&frame, &others, 30.0, 180.0));
         // Both are told of with a place.
         for robot in robots.iter().filter(|robot| !others.contains(robot)) {
-            let camera = common::geometry::CameraModel::new(
+            let camera = geometry::CameraModel::new(
                 &config.geometry,
                 config.camera.width,
                 config.camera.height,

@@ -2,8 +2,8 @@
 
 mod support;
 
-use common::config::{Config, PatchRole, Preset};
-use common::messages::{DetectionFrame, RejectReason, Team};
+use config::{Config, PatchRole, Preset};
+use messages::{DetectionFrame, RejectReason, Team};
 use support::*;
 
 /// All robots of the standard pattern in a block, as close to each other as `pitch_mm`, headings all
@@ -29,7 +29,8 @@ fn standard_pattern() -> Config {
     config.field.width_mm = 3000.0;
     config.camera.width = 1224;
     config.camera.height = 1024;
-    config.geometry = common::config::GeometryConfig::above(&config.field, &config.camera, 4200.0);
+    config.geometry =
+        config::GeometryConfig::above(&config.field, config.camera.picture_px(), 4200.0);
     config
 }
 
@@ -91,9 +92,9 @@ fn doubtful_patches_of_one_team_do_not_take_the_others_time() {
     let blue = robot(Team::Blue, 4, 0.0, 0.0, 30.0);
     for index in 0..240u32 {
         let (x, y) = (f64::from(index % 20) - 9.5, f64::from(index / 20) - 5.5);
-        let place = common::geometry::FieldPoint::new(x * 200.0, y * 220.0);
+        let place = geometry::FieldPoint::new(x * 200.0, y * 220.0);
         if place.distance(blue.pose.position) > 250.0 {
-            let pose = common::geometry::Pose { position: place, orientation: f64::from(index) };
+            let pose = geometry::Pose { position: place, orientation: f64::from(index) };
             picture.paint_top(&pose, &lone);
         }
     }

@@ -2,9 +2,9 @@
 
 mod support;
 
-use common::config::{Config, Preset};
-use common::geometry::FieldPoint;
-use common::messages::{DetectionFrame, Team};
+use config::{Config, Preset};
+use geometry::FieldPoint;
+use messages::{DetectionFrame, Team};
 use support::*;
 
 /// Every robot of a configuration, spread over the field in a grid, headings all different; `turn`

@@ -3,8 +3,8 @@
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{
+use config::Config;
+use messages::{
     DetectionFrame, MAX_REGIONS, MAX_RUNS, RejectReason, Run, RunsHeader, Team, WorldFrame,
 };
 use proptest::prelude::*;

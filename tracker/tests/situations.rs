@@ -4,9 +4,9 @@
 mod support;
 
 use bytemuck::Zeroable;
-use common::config::{Config, Preset};
-use common::geometry::FieldPoint;
-use common::messages::{RejectReason, Team, TrackStatus, WorldFrame};
+use config::{Config, Preset};
+use geometry::FieldPoint;
+use messages::{RejectReason, Team, TrackStatus, WorldFrame};
 use std::f64::consts::FRAC_PI_4;
 use support::*;
 
@@ -33,7 +33,7 @@ fn figure_7a_robots_far_apart_and_noise() {
 
 /// For each robot, whether the identification patch nearest to its team patch is another robot's.
 fn misled(config: &Config, robots: &[Robot]) -> usize {
-    let layout = common::layout::Layout::new(&config.robots);
+    let layout = geometry::layout::Layout::new(&config.robots);
     let place = |robot: &Robot, patch: usize| {
         robot.pose.field_from_robot(layout.patches[patch].centroid_mm)
     };
@@ -182,7 +182,7 @@ fn bridge(picture: &mut Picture, from: FieldPoint, to: FieldPoint, class: u8) {
 #[test]
 fn team_patches_grown_together_come_apart() {
     let config = Config::default();
-    let layout = common::layout::Layout::new(&config.robots);
+    let layout = geometry::layout::Layout::new(&config.robots);
     // Nose to nose, so that the team patches lie side by side; and one behind the other.
     for (second, most_mm) in [
         (robot(Yellow, 2, 76.0, 36.0, 180.0), 3.0),
@@ -205,7 +205,7 @@ fn team_patches_grown_together_come_apart() {
 #[test]
 fn identification_patches_grown_together_come_apart() {
     let config = Config::default();
-    let layout = common::layout::Layout::new(&config.robots);
+    let layout = geometry::layout::Layout::new(&config.robots);
     let robots = [robot(Yellow, 3, 0.0, 0.0, 0.0), robot(Blue, 3, -76.0, -36.0, 180.0)];
     let mut picture = Picture::of_robots(&config, &robots);
     let [a, b] = robots.map(|robot| robot.pose.field_from_robot(layout.patches[1].centroid_mm));
@@ -260,7 +260,7 @@ fn a_missing_identification_patch_is_reported() {
     assert_eq!(reasons(&frame, Yellow), []);
     let rejected = frame.rejected()[0];
     let place = picture.camera.field_from_image(
-        common::geometry::ImagePoint::new(rejected.x_px.into(), rejected.y_px.into()),
+        geometry::ImagePoint::new(rejected.x_px.into(), rejected.y_px.into()),
         75.0,
     );
     assert!(place.distance(lone.pose.field_from_robot([18.0, 18.0])) < 2.0);
@@ -381,7 +381,7 @@ fn an_identification_patch_without_a_team_patch_is_told_of() {
     let frame = picture.detections();
     assert_found(&frame, &[whole], 1.0, 2.0);
     let [rejected] = frame.rejected() else { panic!("{:?}", frame.rejected()) };
-    assert_eq!(rejected.team, common::messages::Rejected::UNKNOWN_TEAM);
+    assert_eq!(rejected.team, messages::Rejected::UNKNOWN_TEAM);
     assert_eq!(rejected.reason, RejectReason::NoTeamPatch as u32);
     let place = lone.pose.field_from_robot([-18.0, -18.0]);
     let image = picture.camera.image_from_field(place, 75.0);

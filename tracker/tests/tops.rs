@@ -2,8 +2,8 @@
 
 mod support;
 
-use common::config::{Config, PatchConfig, PatchRole, Preset};
-use common::messages::{RejectReason, Team};
+use config::{Config, PatchConfig, PatchRole, Preset};
+use messages::{RejectReason, Team};
 use support::*;
 
 use Team::{Blue, Yellow};
@@ -40,7 +40,7 @@ fn teams_and_robots_have_heights_of_their_own() {
     flat.robots.identities[1].height_mm = None;
     let frame = detections(&flat, &picture.runs(), None);
     let off = |robot: &Robot| {
-        let is_it = |found: &&common::messages::DetectedRobot| {
+        let is_it = |found: &&messages::DetectedRobot| {
             (found.team, found.robot_id) == (robot.team as u32, robot.id.into())
         };
         frame.robots().iter().find(is_it).map(|found| error_of(found, robot).0)
@@ -97,7 +97,7 @@ fn shapes() -> Config {
         .zip(tops)
         .map(|(id, patches)| {
             let colors = colors[..patches.len() - 1].iter().map(|&color| color.into()).collect();
-            let mut robot = common::config::IdentityConfig::new(Yellow, id, colors);
+            let mut robot = config::IdentityConfig::new(Yellow, id, colors);
             robot.patches = Some(patches);
             robot
         })
@@ -127,7 +127,7 @@ fn striped(pairs: &[[&str; 2]]) -> Config {
         .zip(pairs)
         .map(|(id, pair)| {
             let colors = pair.iter().map(|&color| color.into()).collect();
-            common::config::IdentityConfig::new(Yellow, id, colors)
+            config::IdentityConfig::new(Yellow, id, colors)
         })
         .collect();
     config

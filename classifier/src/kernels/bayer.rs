@@ -24,8 +24,8 @@ use super::{RowRuns, RunWriter, Setup, Written};
 use crate::ClassTables;
 use crate::mask::Span;
 use crate::picture::BayerImage;
-use common::messages::Run;
 use fearless_simd::prelude::*;
+use messages::Run;
 use std::ops::Range;
 
 /// Allocations reused from row to row and frame to frame.

@@ -10,9 +10,9 @@ use super::{ROWS_AHEAD, RowRuns, RunWriter, Setup, Written};
 use crate::mask::Span;
 use crate::picture::{ColorImage, ColorRow};
 use crate::yuv::rgb_from_yuv;
-use common::messages::Run;
-use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
+use messages::Run;
+use runtime::prefetch::prefetch;
 
 /// Allocations reused from row to row and frame to frame.
 #[derive(Debug, Clone, Default)]

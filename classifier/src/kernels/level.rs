@@ -6,8 +6,8 @@ use super::self_test;
 use super::{Scratch, Setup, bayer, color};
 use super::{Written, scalar};
 use crate::picture::Picture;
-use common::messages::Run;
 use fearless_simd::Level;
+use messages::Run;
 use std::fmt;
 use std::sync::OnceLock;
 
@@ -222,7 +222,7 @@ mod tests {
         assert_eq!(levels.last(), Some(&SimdLevel::Scalar));
         let present = SimdLevel::ALL.into_iter().filter(|level| level.is_present());
         assert_eq!(levels, present.collect::<Vec<_>>());
-        common::tell!("levels: {levels:?}");
+        runtime::tell!("levels: {levels:?}");
     }
 
     #[test]

@@ -24,7 +24,7 @@ use crate::picture::Picture;
 use crate::zones::ZonedTables;
 use crate::{BACKGROUND, ClassTables};
 use buckets::Buckets;
-use common::messages::Run;
+use messages::Run;
 use prefilter::Prefilter;
 use second_look::SecondLookFilter;
 

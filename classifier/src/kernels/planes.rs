@@ -8,8 +8,8 @@ use super::ROWS_AHEAD;
 use super::lanes::{Lanes, MAX_LANES};
 use super::scalar::{after, before};
 use crate::picture::{BayerImage, narrowed};
-use common::prefetch::prefetch;
 use fearless_simd::prelude::*;
+use runtime::prefetch::prefetch;
 
 /// Rows held at once: a pair, the row above and the row below.
 const ROWS: usize = 4;

@@ -10,7 +10,7 @@ use crate::mask::{FieldMask, Span};
 use crate::picture::{BayerImage, ColorImage, Picture, narrowed};
 use crate::yuv::rgb_from_yuv;
 use crate::zones::ZonedTables;
-use common::messages::Run;
+use messages::Run;
 
 /// Lists the runs of a picture, as many as fit into `out`; the rest of `out` is untouched. Pixels outside the
 /// mask are background, though their neighbours are interpolated from them. Each pixel is classified with the

@@ -5,8 +5,8 @@ use crate::mask::FieldMask;
 use crate::picture::Picture;
 use crate::zones::{ZonedTables, Zones};
 use crate::{ClassTables, MAX_CLASSES};
-use common::config::ColorConfig;
-use common::messages::{BayerOrder, PixelFormat, PixelLayout, Run};
+use config::ColorConfig;
+use messages::{BayerOrder, PixelFormat, PixelLayout, Run};
 
 /// Two blocks of the widest registers, a partial block, and an odd number of columns.
 const WIDTH: u32 = 151;

@@ -2,8 +2,8 @@
 //! library: the reference of every kernel.
 #![allow(dead_code)] // every test uses a part of it
 
-use common::config::ColorConfig;
-use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
+use config::ColorConfig;
+use messages::{BayerOrder, FrameHeader, PixelFormat, Run};
 use proptest::prelude::*;
 
 /// A frame as it is transmitted: header and padded pixels.

@@ -3,11 +3,9 @@
 use crate::image;
 use crate::scene::{PoseInFrame, PosesInFrame, SceneUpdate};
 use crate::setup::Setup;
-use common::messages::structure::{Structure, structures_of};
-use common::messages::{
-    Commands, DetectionFrame, Heartbeat, Run, RunsHeader, TruthFrame, WorldFrame,
-};
-use common::topics;
+use messages::structure::{Structure, structures_of};
+use messages::topics;
+use messages::{Commands, DetectionFrame, Heartbeat, Run, RunsHeader, TruthFrame, WorldFrame};
 use schemars::{JsonSchema, schema_for};
 use serde::Serialize;
 

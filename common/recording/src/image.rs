@@ -5,7 +5,7 @@
 //! protobuf library: it is encoded here, and checked with the official library in
 //! `scripts/python/check_recording.py`.
 
-use common::messages::{BayerOrder, FrameHeader, PixelFormat};
+use messages::{BayerOrder, FrameHeader, PixelFormat};
 
 /// A frame from a recording.
 #[derive(Debug, Clone, Copy)]

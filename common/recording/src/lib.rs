@@ -8,12 +8,12 @@
 //!
 //! Frames are written as `foxglove.RawImage` (protobuf) with our own header in an additional field,
 //! which viewers skip. Our other messages are written in their memory layout, described by their schema
-//! ([`common::messages::structure`]), with one rule: **bytes missing at the end of a message are
+//! ([`messages::structure`]), with one rule: **bytes missing at the end of a message are
 //! zeros**, and so are list elements beyond their count. A detections message with room for 32,768 runs
 //! thus takes a few kilobytes. The scene for viewers (`foxglove.SceneUpdate`, JSON) is derived from
 //! `world` and never read back.
 
-// A process must survive the reader of its output: see `common::tell`.
+// A process must survive the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod bytes;

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 /// Encodes a message into `out`, replacing its content. Stale list elements should have been cleared
-/// ([`common::messages::ClearStale`]).
+/// ([`messages::ClearStale`]).
 pub fn encode_message<T: Pod>(message: &T, out: &mut Vec<u8>) {
     let bytes = bytemuck::bytes_of(message);
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
@@ -39,7 +39,7 @@ pub fn decode_list<H: Pod, E: Pod>(data: &[u8]) -> Option<(H, Vec<E>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::messages::{Run, RunsHeader, WheelCommand};
+    use messages::{Run, RunsHeader, WheelCommand};
     use proptest::prelude::*;
 
     #[test]

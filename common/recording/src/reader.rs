@@ -4,7 +4,7 @@ use crate::damage::{Damages, Fault};
 use crate::scan::{Kind, Piece, Scanner};
 use crate::wire::{Cursor, channel, message, op};
 use crate::{Channel, RecordingError};
-use common::input;
+use config::input;
 use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};

@@ -22,7 +22,7 @@ use crate::wire::{
     ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
     message_index, op, schema, zstd_window, zstd_window_for,
 };
-use common::input;
+use config::input;
 use rustix::fs::{FlockOperation, flock};
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -2,8 +2,8 @@
 //!
 //! Only the used parts of the schemas are defined here; viewers treat missing parts as empty.
 
-use common::config::FieldConfig;
-use common::messages::{RobotState, Team, TrackStatus, UnknownRobotState, WorldFrame};
+use config::FieldConfig;
+use messages::{RobotState, Team, TrackStatus, UnknownRobotState, WorldFrame};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -348,7 +348,7 @@ pub fn ball_pose(world: &WorldFrame) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::config::Config;
+    use config::Config;
 
     fn world() -> Box<WorldFrame> {
         let mut world = bytemuck::allocation::zeroed_box::<WorldFrame>();

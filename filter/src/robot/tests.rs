@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 const T: f64 = 0.0125;
 
-fn motion(change: impl Fn(&mut common::config::FilterConfig)) -> RobotMotion {
+fn motion(change: impl Fn(&mut config::FilterConfig)) -> RobotMotion {
     let mut config = Config::default();
     change(&mut config.filter);
     RobotMotion::new(&config)

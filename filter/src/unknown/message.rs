@@ -5,7 +5,7 @@ use crate::gaussian::Gaussian;
 use crate::imm::{Hypothesis, Imm};
 use crate::message::present;
 use crate::track::{Motion, Suspect, Track, TrackRules};
-use common::messages::{
+use messages::{
     MAX_UNKNOWN_ROBOTS, Team, UnknownRobotHypothesis, UnknownRobotMemory, UnknownRobotState,
     WorldFrame,
 };

@@ -35,8 +35,8 @@ use crate::rolling::Rates;
 use crate::team_patch;
 use crate::track::{Candidate, Motion, Track, TrackRules};
 use association::Association;
-use common::config::Config;
-use common::messages::{MAX_UNKNOWN_ROBOTS, Team, TrackStatus, UNKNOWN_HYPOTHESES};
+use config::Config;
+use messages::{MAX_UNKNOWN_ROBOTS, Team, TrackStatus, UNKNOWN_HYPOTHESES};
 use motion::UnknownMotion;
 use nalgebra::{Matrix2, Vector2};
 

@@ -5,9 +5,9 @@ use crate::gaussian::Gaussian;
 use crate::imm::{Imm, Wrap};
 use crate::rolling::Rates;
 use crate::track::Motion;
-use common::config::{Config, FilterConfig, PatchRole};
-use common::layout::Layout;
-use common::messages::UNKNOWN_HYPOTHESES;
+use config::{Config, FilterConfig, PatchRole};
+use geometry::layout::Layout;
+use messages::UNKNOWN_HYPOTHESES;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 /// Limit of a robot's speed.

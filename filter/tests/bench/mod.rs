@@ -4,8 +4,8 @@
 #![allow(dead_code)]
 
 use crate::pitch::*;
-use common::config::Config;
-use common::messages::{DetectedRobot, DetectionFrame, RobotState, TrackStatus, WorldFrame};
+use config::Config;
+use messages::{DetectedRobot, DetectionFrame, RobotState, TrackStatus, WorldFrame};
 use touchline_filter::Filter;
 
 /// A filter, its next frame and its last output.

@@ -5,8 +5,8 @@
 #![allow(dead_code)]
 
 use bytemuck::Zeroable;
-use common::geometry::wrap_angle;
-use common::messages::{
+use geometry::wrap_angle;
+use messages::{
     Commands, DetectedBall, DetectedRobot, DetectionFrame, MAX_COMMANDS, WheelCommand, WorldFrame,
 };
 

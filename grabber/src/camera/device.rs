@@ -4,7 +4,7 @@
 //! drivers and done by [`Link`](super::Link).
 
 use super::{FrameLoan, FramePool, Picture};
-use common::messages::CameraState;
+use messages::CameraState;
 use std::time::Duration;
 
 /// A camera's fault.

@@ -22,7 +22,7 @@ pub use pool::{FrameLoan, FramePool};
 pub use rendered::{FrameRenderer, RenderedCamera};
 pub use timeline::Timeline;
 
-use common::messages::{BayerOrder, CameraReport, Commands, FrameHeader, PixelFormat, TruthFrame};
+use messages::{BayerOrder, CameraReport, Commands, FrameHeader, PixelFormat, TruthFrame};
 
 /// Time and number of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -124,7 +124,7 @@ pub enum CameraError {
 
 /// A source of frames. It owns their numbers and capture times.
 pub trait Camera {
-    /// Waits for the next frame, if possible for at most [`MAX_WAIT`](common::process::MAX_WAIT), since
+    /// Waits for the next frame, if possible for at most [`MAX_WAIT`](runtime::process::MAX_WAIT), since
     /// the process has a heartbeat to send. `None` if there was none.
     ///
     /// An error ends the process, except [`CameraError::NoMemory`], which loses a frame.

@@ -1,10 +1,10 @@
 //! Shared memory for frames.
 
 use super::CameraError;
-use common::bus::{Bus, BusError, Loan, Publisher};
-use common::config::CameraConfig;
-use common::messages::FrameHeader;
-use common::topics;
+use client::bus::{Bus, BusError, Loan, Publisher};
+use config::CameraConfig;
+use messages::FrameHeader;
+use messages::topics;
 
 /// Memory for one frame, invisible to other processes until it is published. Its bytes hold an old frame.
 pub type FrameLoan = Loan<u8, FrameHeader>;

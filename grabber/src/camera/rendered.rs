@@ -1,8 +1,8 @@
 //! Sources that render their frames.
 
 use super::{Camera, CameraError, Captured, Exposure, FramePool, Picture};
-use common::config::CameraConfig;
-use common::messages::{Commands, PixelFormat, TruthFrame};
+use config::CameraConfig;
+use messages::{Commands, PixelFormat, TruthFrame};
 
 /// A source of raw Bayer frames in the configured size and order, rows without padding.
 ///

@@ -1,7 +1,7 @@
 //! Pacing of sources without a clock of their own.
 
 use super::{Exposure, LastFrame};
-use common::clock::{monotonic_ns, wall_ns};
+use client::clock::{monotonic_ns, wall_ns};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 

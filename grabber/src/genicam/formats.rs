@@ -1,7 +1,7 @@
 //! Supported pixel formats of GenICam, and frame numbers of its cameras.
 
-use common::messages::BayerOrder::{self, *};
-use common::messages::PixelFormat::{self, *};
+use messages::BayerOrder::{self, *};
+use messages::PixelFormat::{self, *};
 
 /// The names and numbers of the supported formats (GenICam's Pixel Format Naming Convention), best first: raw
 /// formats preserve all sensor data, and take the least bandwidth.

@@ -16,9 +16,9 @@ pub use listing::list;
 use crate::camera::{
     Arrival, Delivery, Device, DeviceClock, Fault, FramePool, Picture, Session, Stream, WallClock,
 };
-use common::clock::{monotonic_ns, wall_ns};
-use common::config::{CameraConfig, SettingValue};
-use common::messages::CameraState;
+use client::clock::{monotonic_ns, wall_ns};
+use config::{CameraConfig, SettingValue};
+use messages::CameraState;
 use objects::{AravisError, Camera, error_code};
 use std::time::Duration;
 use stream::Received;

@@ -13,11 +13,11 @@ pub use playlist::{Pace, Playlist};
 
 use crate::camera::{Camera, CameraError, Captured, Exposure, FramePool, LastFrame, Picture};
 use crate::source::Source;
-use common::clock::{monotonic_ns, wall_ns};
-use common::config::Config;
-use common::messages::{BayerOrder, Commands, FrameHeader, PixelFormat, TruthFrame};
-use common::process::MAX_WAIT;
+use client::clock::{monotonic_ns, wall_ns};
+use config::Config;
+use messages::{BayerOrder, Commands, FrameHeader, PixelFormat, TruthFrame};
 use recording::{Channel, Entry, Reader, Setup, decode_frame, decode_message};
+use runtime::process::MAX_WAIT;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -221,7 +221,7 @@ fn read_ahead(mut reader: Reader, playlist: &Playlist) -> Receiver<Entry> {
         // The first unreadable message is the end.
         while let Some(Ok(entry)) = reader.next() {
             for part in reader.damages().parts.iter().skip(reported) {
-                common::tell!("touchline: {}: {part}", path.display());
+                runtime::tell!("touchline: {}: {part}", path.display());
                 reported += 1;
             }
             let first_ns = *first_ns.get_or_insert(entry.t_sent_ns);

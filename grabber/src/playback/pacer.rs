@@ -3,13 +3,13 @@
 
 use super::Pace;
 use crate::source::Source;
-use common::bus::{BusError, Subscriber};
-use common::clock::monotonic_ns;
-use common::instance::Instance;
-use common::messages::WorldFrame;
-use common::process::{MAX_WAIT, Process, ProcessError};
-use common::topics;
-use common::wake_up::WakeUp;
+use client::bus::{BusError, Subscriber};
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use client::wake_up::WakeUp;
+use messages::WorldFrame;
+use messages::topics;
+use runtime::process::{MAX_WAIT, Process, ProcessError};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fs;
 use std::io;
@@ -98,7 +98,7 @@ impl Steps {
             // Left by a predecessor.
             _ => {}
         }
-        let socket = common::private::bind_datagram(&path)?;
+        let socket = client::private::bind_datagram(&path)?;
         socket.set_nonblocking(true)?;
         Ok(Self { socket, left: 0 })
     }

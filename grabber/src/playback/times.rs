@@ -2,7 +2,7 @@
 
 use super::Pace;
 use crate::camera::LastFrame;
-use common::messages::{FrameHeader, MAX_AGE_NS};
+use messages::{FrameHeader, MAX_AGE_NS};
 
 /// Maximum delay that is caught up; after a longer one, all further frames are shifted.
 const MAX_LAG_NS: u64 = 250_000_000;

@@ -5,7 +5,7 @@
 use super::collision::Walls;
 use super::motion::Twist;
 use super::random::Random;
-use common::geometry::{FieldPoint, Pose, wrap_angle};
+use geometry::{FieldPoint, Pose, wrap_angle};
 
 /// Maximum commanded turning rate, rad/s.
 const MAX_TURN_RATE: f64 = 6.0;

@@ -11,8 +11,8 @@
 //! ```
 
 use super::motion::Twist;
-use common::body::Body;
-use common::geometry::{FieldPoint, Pose};
+use geometry::body::Body;
+use geometry::{FieldPoint, Pose};
 
 /// Minimum distance of robots from each other and from the walls.
 const GAP_MM: f64 = 0.5;
@@ -157,7 +157,7 @@ fn nearest_side(body: &Body, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::{Config, RobotShape, RobotsConfig};
+    use config::{Config, RobotShape, RobotsConfig};
 
     fn pose(x_mm: f64, y_mm: f64, degrees: f64) -> Pose {
         Pose { position: FieldPoint::new(x_mm, y_mm), orientation: degrees.to_radians() }
@@ -167,7 +167,7 @@ mod tests {
     fn body(shape: RobotShape) -> Body {
         let front_mm = (shape == RobotShape::Round).then_some(8.0);
         let robots = RobotsConfig { shape, size_mm: 20.0, front_mm, ..Config::default().robots };
-        Body::new(&robots, &[])
+        robots.body(&[])
     }
 
     #[test]

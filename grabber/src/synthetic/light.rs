@@ -1,8 +1,8 @@
 //! Light on the pitch: brightest a little off the middle, darker towards the corners and to one side, with
 //! the colour of a lamp, and mirrored in one place.
 
-use common::config::Config;
-use common::messages::BayerOrder;
+use config::Config;
+use messages::BayerOrder;
 
 /// Illumination of each pixel: factor on painted colours, and added glare.
 #[derive(Debug, Clone, Copy)]

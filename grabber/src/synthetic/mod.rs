@@ -39,9 +39,9 @@ mod sprite;
 mod tests;
 
 use bytemuck::Zeroable;
-use common::config::{Config, IdentityConfig};
-use common::geometry::GeometryError;
-use common::messages::{Commands, MAX_ROBOTS, Team, TruthFrame, TruthRobot, WheelCommand};
+use config::{Config, IdentityConfig};
+use geometry::GeometryError;
+use messages::{Commands, MAX_ROBOTS, Team, TruthFrame, TruthRobot, WheelCommand};
 use motion::WheelSpeeds;
 use render::Renderer;
 use simulation::Simulation;

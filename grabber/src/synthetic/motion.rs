@@ -1,6 +1,6 @@
 //! Kinematics of a robot with two driven wheels (eq. 7), and the delay of its commands.
 
-use common::geometry::{FieldPoint, Pose, wrap_angle};
+use geometry::{FieldPoint, Pose, wrap_angle};
 use std::collections::VecDeque;
 
 /// Circumferential speeds of the two wheels.

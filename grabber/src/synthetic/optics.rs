@@ -5,9 +5,9 @@
 //! then be rotated.
 
 use super::light::Light;
-use common::geometry::CameraModel;
-use common::messages::BayerOrder;
-use common::rolling_shutter::RollingShutter;
+use geometry::CameraModel;
+use geometry::rolling_shutter::RollingShutter;
+use messages::BayerOrder;
 
 /// Standard deviation of the spot of a focused lens.
 const SPOT_PX: f64 = 0.6;

@@ -1,8 +1,8 @@
 //! The static scene: the pitch with its markings, the goals, the walls and the floor around them.
 
 use super::optics::{Optics, SAMPLES, sample_set, spot_samples};
-use common::config::FieldConfig;
-use common::geometry::{FieldPoint, ImagePoint};
+use config::FieldConfig;
+use geometry::{FieldPoint, ImagePoint};
 
 /// RenderedCamera colours. White stays well below the sensor's limit, as with any camera that is set up to
 /// distinguish colours.

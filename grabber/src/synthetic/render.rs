@@ -16,9 +16,8 @@ use super::shape::{BODY, Outline, PARTS, SIDE, Shape};
 use super::simulation::{Robot, Simulation};
 use super::sprite::{Layer, Palette, Rect, draw_ball, draw_robot};
 use super::{SyntheticError, positive};
-use common::config::{Config, PatchRole, Top};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::rolling_shutter::RollingShutter;
+use config::{Config, PatchRole, Top};
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use std::sync::Arc;
 
 /// Colours of robots between the patches and on the sides.
@@ -81,7 +80,7 @@ impl Renderer {
             height: camera.height as usize,
             order: camera.bayer_order,
             exposure_s: f64::from(camera.exposure_us) * 1e-6,
-            shutter: RollingShutter::new(camera),
+            shutter: camera.rolling_shutter(),
             light: Light::new(config),
             spot_px: spot_px(config.synthetic.defocus_px),
             edge: SoftEdge::new(),

@@ -4,10 +4,10 @@
 //! The top is sampled on a fine grid and convolved with the Gaussian spot, one axis after the other, since
 //! the kernel is separable. The renderer interpolates bilinearly between the table's entries.
 
-use common::body::Body;
-use common::config::{RobotsConfig, Top};
-use common::layout::{reach_mm, topmost_patch};
-use common::messages::MAX_PATCHES;
+use config::{RobotsConfig, Top};
+use geometry::body::Body;
+use geometry::layout::{reach_mm, topmost_patch};
+use messages::MAX_PATCHES;
 
 /// Parts of a robot: the patches, then its body between them, then its sides.
 pub const PARTS: usize = MAX_PATCHES + 2;
@@ -48,7 +48,7 @@ impl Shape {
     /// Blurs the configured top with a spot of standard deviation `spot_mm`.
     pub fn new(robots: &RobotsConfig, top: Top, spot_mm: f64) -> Self {
         // Axis-aligned, even if the layout's forward direction is over a corner.
-        let body = Body::new(robots, &[]);
+        let body = robots.body(&[]);
         let reach_mm = reach_mm(top.patches).max(body.half_mm());
         let extent_mm = reach_mm + REACH * spot_mm;
         // Interpolation between entries 0.4 standard deviations apart has an error of 1 %.
@@ -243,7 +243,7 @@ impl Outline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::{Config, Preset};
+    use config::{Config, Preset};
 
     fn preset_top(robots: &RobotsConfig) -> Top<'_> {
         Top { patches: &robots.patches, height_mm: robots.height_mm }
@@ -252,14 +252,14 @@ mod tests {
     /// A square of half side 1.
     fn square() -> Body {
         let robots = RobotsConfig { size_mm: 2.0, ..Config::default().robots };
-        Body::new(&robots, &[])
+        robots.body(&[])
     }
 
     #[test]
     fn blurring_preserves_area_and_centroid() {
         for preset in Preset::ALL {
             let robots = preset.config().robots;
-            let layout = common::layout::Layout::new(&robots);
+            let layout = geometry::layout::Layout::new(&robots);
             let shape = Shape::new(&robots, preset_top(&robots), 2.3);
             for (part, expected) in layout.patches.iter().enumerate() {
                 let (mut area, mut x_sum, mut y_sum) = (0.0, 0.0, 0.0);

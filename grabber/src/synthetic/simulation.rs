@@ -12,10 +12,10 @@ use super::motion::{CommandDelay, Twist, WheelSpeeds};
 use super::random::Random;
 use super::slip::{Slip, SlipRate};
 use super::{SyntheticError, not_negative, positive};
-use common::body::Body;
-use common::config::Config;
-use common::geometry::{FieldPoint, Pose};
-use common::messages::Team;
+use config::Config;
+use geometry::body::Body;
+use geometry::{FieldPoint, Pose};
+use messages::Team;
 
 /// Maximum distance that any point of a robot or the ball moves in one step.
 const STEP_MM: f64 = 5.0;
@@ -123,7 +123,7 @@ impl Simulation {
             robots: Vec::with_capacity(robots.identities.len()),
             ball: Ball { position: FieldPoint::default(), velocity_mm_s: [0.0; 2] },
             walls,
-            body: Body::new(robots, &[]),
+            body: robots.body(&[]),
             size_mm,
             wheel_base_mm: positive("robots.wheel_base_mm", robots.wheel_base_mm)?,
             ball_radius_mm: positive("ball.diameter_mm", config.ball.diameter_mm)? / 2.0,

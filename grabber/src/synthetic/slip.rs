@@ -6,8 +6,8 @@
 
 use super::motion::{Twist, WheelSpeeds, drive};
 use super::random::Random;
-use common::config::{Config, FilterConfig};
-use common::geometry::{FieldPoint, Pose};
+use config::{Config, FilterConfig};
+use geometry::{FieldPoint, Pose};
 
 /// A robot's slip during one frame, for fast wheels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

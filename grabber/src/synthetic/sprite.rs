@@ -9,7 +9,7 @@
 use super::motion::{Twist, drive};
 use super::optics::{Optics, SPOT_REACH};
 use super::shape::{Outline, PARTS, SIDE, Shape, WHOLE};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
 /// Pixels `left..right` of rows `top..bottom`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -433,7 +433,7 @@ impl BallOutline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Preset;
+    use config::Preset;
 
     #[test]
     fn the_local_map_agrees_with_the_camera_model_all_over_the_field() {

@@ -3,8 +3,8 @@
 use super::ioctl::{self, Control as Value, QueryControl, QueryMenu, control_type};
 use crate::camera::Fault;
 use bytemuck::Zeroable;
-use common::config::SettingValue;
-use common::messages::CameraState;
+use config::SettingValue;
+use messages::CameraState;
 use rustix::fd::AsFd;
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -7,8 +7,8 @@ use super::ioctl::{
 };
 use crate::camera::Fault;
 use bytemuck::Zeroable;
-use common::config::CameraConfig;
-use common::messages::CameraState;
+use config::CameraConfig;
+use messages::CameraState;
 use rustix::fd::{AsFd, OwnedFd};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;

@@ -1,7 +1,7 @@
 //! Supported pixel formats of Video for Linux.
 
-use common::messages::BayerOrder::{self, *};
-use common::messages::PixelFormat::{self, *};
+use messages::BayerOrder::{self, *};
+use messages::PixelFormat::{self, *};
 
 /// Treatment of a format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use super::formats::{self, Use};
 use super::ioctl;
 use crate::camera::Fault;
 use crate::listing::{CameraDescription, FormatDescription, SizeDescription};
-use common::messages::CameraState;
+use messages::CameraState;
 use rustix::fd::AsFd;
 use std::path::{Path, PathBuf};
 

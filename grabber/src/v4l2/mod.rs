@@ -16,7 +16,7 @@ mod stream;
 pub use listing::list;
 
 use crate::camera::{Device, Fault, FramePool, Session, Stream};
-use common::config::CameraConfig;
+use config::CameraConfig;
 use device::Negotiated;
 use rustix::fd::OwnedFd;
 use std::path::{Path, PathBuf};

@@ -10,8 +10,8 @@ use super::mapping::Mapping;
 use crate::camera::{Arrival, Delivery, Fault, FrameLoan, FramePool, Picture, Stream};
 use crate::jpeg;
 use bytemuck::Zeroable;
-use common::clock::monotonic_ns;
-use common::messages::{CameraState, PixelFormat};
+use client::clock::monotonic_ns;
+use messages::{CameraState, PixelFormat};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::io::{Errno, Result as SystemResult};
@@ -285,7 +285,7 @@ fn capture_time(buffer: &Buffer, exposure_us: u32) -> u64 {
 pub fn picture_of(negotiated: &Negotiated, width: u32, height: u32, exposure_us: u32) -> Picture {
     let (pixel_format, bayer_order) = match negotiated.usage {
         Use::Raw(format, order) => (format, order),
-        _ => (PixelFormat::Rgb24, common::messages::BayerOrder::Rggb),
+        _ => (PixelFormat::Rgb24, messages::BayerOrder::Rggb),
     };
     Picture { width, height, stride: negotiated.stride, pixel_format, bayer_order, exposure_us }
 }

@@ -4,8 +4,8 @@
 use super::pictures::match_frames;
 use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use classifier::{Classifier, SimdChoice, SimdLevel};
-use common::config::{Config, LightConfig};
-use common::messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
+use config::{Config, LightConfig};
+use messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
 use serde::Serialize;
 use std::hint::black_box;
 use std::io;

@@ -17,9 +17,9 @@ use super::output::Reader;
 use super::{CommandError, load_config};
 use crate::cli::BenchArgs;
 use classifier::{Classifier, SimdLevel};
-use common::config::Config;
-use common::messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
+use config::Config;
 use light::LightRow;
+use messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
 use own::PictureRow;
 use pictures::{Content, Picture};
 use serde::Serialize;
@@ -124,7 +124,7 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let mut rows = Vec::new();
     for (number, &(width, height, classes, content)) in SUBJECTS.iter().enumerate() {
         if !args.json {
-            common::tell_part!("\r{} of {} …\r", number + 1, SUBJECTS.len());
+            runtime::tell_part!("\r{} of {} …\r", number + 1, SUBJECTS.len());
         }
         let row = measure(&Picture::new(width, height, classes, content), budget)?;
         if !args.json && show(&row)? == Reader::Gone {

@@ -4,7 +4,7 @@ use super::pictures::match_frames;
 use super::stages::{self, Stages};
 use super::{COLD_BYTES, CommandError};
 use crate::commands::output::Reader;
-use common::config::Config;
+use config::Config;
 use grabber::pictures::{list_pictures, load_bayer};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ pub fn measure(
         let found = match list_pictures(picture) {
             Ok(found) => found,
             Err(error) => {
-                common::tell!("touchline: {error}");
+                runtime::tell!("touchline: {error}");
                 all_good = false;
                 continue;
             }
@@ -62,7 +62,7 @@ pub fn measure(
                     }
                 }
                 Err(error) => {
-                    common::tell!("touchline: {error}");
+                    runtime::tell!("touchline: {error}");
                     all_good = false;
                 }
             }

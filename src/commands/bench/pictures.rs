@@ -1,9 +1,9 @@
 //! Pictures to measure with: dark background, squares of the classes' colours, or noise.
 
 use super::{COLD_BYTES, CommandError};
-use common::config::{ColorConfig, Config, GeometryConfig, LightConfig};
-use common::messages::{BayerOrder, FrameHeader, PixelFormat, Run};
+use config::{ColorConfig, Config, GeometryConfig, LightConfig};
 use grabber::synthetic::SyntheticMatch;
+use messages::{BayerOrder, FrameHeader, PixelFormat, Run};
 use std::fmt;
 
 /// Content of a picture.
@@ -62,7 +62,7 @@ impl Picture {
         // The whole picture is processed, without corrections.
         config.field.mask = false;
         config.light = LightConfig::default();
-        config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
+        config.geometry = GeometryConfig::above(&config.field, config.camera.picture_px(), 2200.0);
         config.colors = (0..classes).map(color).collect();
         let order = BayerOrder::Rggb;
         let header = FrameHeader {

@@ -3,8 +3,8 @@
 use super::{CommandError, FEWEST_ROUNDS, median, timed};
 use crate::commands::output::Reader;
 use classifier::{Classifier, SimdLevel};
-use common::config::Config;
-use common::messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
+use config::Config;
+use messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
 use serde::Serialize;
 use std::hint::black_box;
 use std::io;

@@ -6,10 +6,10 @@
 //! ridge, the foot of a wall a step. The camera is fitted to the edges found, outliers are dropped
 //! (robots stand on lines), and the search is repeated with a shorter reach.
 
-use common::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
-use common::config::{Config, FieldConfig};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint};
+use config::{Config, FieldConfig};
+use geometry::{CameraModel, FieldPoint, ImagePoint};
 use image::RgbImage;
+use setup::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
 use std::f64::consts::TAU;
 
 /// A calibration refined on lines.

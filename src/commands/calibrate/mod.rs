@@ -7,17 +7,15 @@ mod points;
 use super::output::Rule;
 use super::{CommandError, load_config};
 use crate::cli::CalibrateArgs;
-use common::calibration::{
-    Calibration, CalibrationError, KnownLens, LensSource, Mark, calibrate as calibrate_by_points,
-    calibrated,
-};
-use common::config::{
-    Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml,
-};
+use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml};
 use grabber::pictures::read_picture;
 use image::RgbImage;
 use lines::Refined;
 use points::{NamedMark, PointsFile};
+use setup::calibration::{
+    Calibration, CalibrationError, KnownLens, LensSource, Mark, calibrate as calibrate_by_points,
+    calibrated,
+};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
@@ -67,7 +65,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let report = report(&points, &calibration, refinement.as_deref(), &config.warnings());
     match &args.output {
         None => {
-            common::tell_part!("{report}");
+            runtime::tell_part!("{report}");
             say!("{}", section(&calibration.geometry))?;
         }
         Some(path) => {

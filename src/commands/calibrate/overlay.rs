@@ -7,10 +7,10 @@
 //! * A cross at the point below the lens.
 
 use super::points::NamedMark;
-use common::calibration::Calibration;
-use common::config::FieldConfig;
-use common::geometry::{FieldPoint, ImagePoint};
+use config::FieldConfig;
+use geometry::{FieldPoint, ImagePoint};
 use image::RgbImage;
+use setup::calibration::Calibration;
 use std::f64::consts::TAU;
 use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 

@@ -1,9 +1,9 @@
 //! Points marked by a person: from a file and from the command line.
 
-use common::calibration::{LandmarkError, Mark, resolve_landmark};
-use common::config::{FieldConfig, Pair};
-use common::input;
+use config::input;
+use config::{FieldConfig, Pair};
 use serde::Deserialize;
+use setup::calibration::{LandmarkError, Mark, resolve_landmark};
 use std::path::{Path, PathBuf};
 
 /// A file of points.

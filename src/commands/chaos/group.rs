@@ -3,10 +3,10 @@
 use super::leaks::{self, Leftovers};
 use super::population;
 use crate::commands::CommandError;
-use common::descriptors;
-use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
-use common::messages::ProcessKind;
+use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use grabber::source::Source;
+use messages::ProcessKind;
+use runtime::descriptors;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::DirBuilderExt;

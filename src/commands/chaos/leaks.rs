@@ -1,8 +1,8 @@
 //! Measures the resources that a group uses, and those left after its end.
 
 use super::population::belongs_to;
-use common::instance::{Instance, Namespace};
-use common::memory::SHARED_MEMORY;
+use client::instance::{Instance, Namespace};
+use client::memory::SHARED_MEMORY;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;

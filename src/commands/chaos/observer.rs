@@ -5,11 +5,11 @@
 //! come from several processes of a stage; it checks that such a reader too gets them in order.
 
 use super::tally::{Order, Tally};
-use common::bus::{Bus, BusError, Subscriber};
-use common::clock::monotonic_ns;
-use common::instance::Instance;
-use common::messages::{FrameHeader, Heartbeat, WorldFrame};
-use common::topics;
+use client::bus::{Bus, BusError, Subscriber};
+use client::clock::monotonic_ns;
+use client::instance::Instance;
+use messages::topics;
+use messages::{FrameHeader, Heartbeat, WorldFrame};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

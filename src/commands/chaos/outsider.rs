@@ -7,8 +7,8 @@
 //! match has to itself ([`super::shortage`]).
 
 use crate::commands::CommandError;
-use common::instance::Instance;
-use common::memory::SHARED_MEMORY;
+use client::instance::Instance;
+use client::memory::SHARED_MEMORY;
 use rustix::process::{Gid, Uid};
 use rustix::thread::{set_thread_groups, set_thread_res_gid, set_thread_res_uid};
 use serde::Serialize;

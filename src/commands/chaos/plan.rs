@@ -1,7 +1,7 @@
 //! The random sequence of disturbances: what, to which stage and when; a seed repeats it exactly.
 
 use clap::ValueEnum;
-use common::messages::ProcessKind;
+use messages::ProcessKind;
 use serde::Serialize;
 use std::time::Duration;
 

@@ -4,7 +4,7 @@
 //! command line names the group under test, so that no signal reaches another process, even if the
 //! kernel reuses a process id.
 
-use common::messages::{Heartbeat, ProcessKind, ProcessState};
+use messages::{Heartbeat, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};

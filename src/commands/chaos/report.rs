@@ -7,7 +7,7 @@ use super::outsider::Deeds;
 use super::plan::Disturbance;
 use super::tally::Missing;
 use super::verdict::Promise;
-use common::messages::ProcessKind;
+use messages::ProcessKind;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 

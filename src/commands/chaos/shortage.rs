@@ -4,8 +4,8 @@
 //! the whole of `chaos` runs in a mount namespace with another file system mounted there.
 
 use crate::commands::CommandError;
-use common::config::Config;
-use common::memory::{GroupMemory, SHARED_MEMORY};
+use client::memory::{GroupMemory, SHARED_MEMORY};
+use config::Config;
 use grabber::source::Source;
 use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
 use std::fs::{self, File};
@@ -80,7 +80,8 @@ pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), CommandEr
     }
     // Enough for the old and the new processes of every stage.
     let frame_bytes = source.frame_capacity(&config.camera);
-    let bytes = GroupMemory::with_frames_of(config, frame_bytes).ample_bytes() * 2;
+    let bytes =
+        GroupMemory::with_larger_frames(config.camera.frame_bytes(), frame_bytes).ample_bytes() * 2;
     let megabytes = (bytes >> 20) + 64;
     let script =
         format!("mount -t tmpfs -o size={megabytes}m tmpfs {SHARED_MEMORY} && exec \"$@\"");

@@ -4,10 +4,11 @@
 use crate::cli::BystanderArgs;
 use crate::commands::CommandError;
 use bytemuck::{bytes_of_mut, cast_slice_mut};
-use common::bus::{Bus, BusError, Header, Message, Publisher, Subscriber};
-use common::descriptors;
-use common::instance::{Instance, RUNTIME_DIR_VARIABLE};
-use common::topics::{self, Topic};
+use client::bus::{Bus, BusError, Publisher, Subscriber};
+use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
+use messages::topics::{self, Topic};
+use messages::{Header, Message};
+use runtime::descriptors;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};

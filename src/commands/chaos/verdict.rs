@@ -345,7 +345,7 @@ mod tests {
     use super::super::leaks::{Leftovers, Usage};
     use super::super::report::{Ended, Frames, tests::done};
     use super::*;
-    use common::messages::ProcessKind;
+    use messages::ProcessKind;
     use touchline::monitor::Report;
 
     fn good() -> ChaosReport {

@@ -3,7 +3,7 @@
 //! Pixels: the centre of the top-left pixel is (0, 0). Angles are in degrees from 0 to 360; in the
 //! picture 0 is right and 90 up on the screen, on the field 0 is along x and 90 along y.
 
-use common::messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
+use messages::{DetectedBall, DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
 use serde::Serialize;
 use std::fmt::Write as _;
 

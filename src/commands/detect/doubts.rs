@@ -5,8 +5,8 @@
 //! error. So the first pictures are processed again under each of these assumptions.
 
 use crate::commands::CommandError;
-use common::config::{CameraConfig, Config};
-use common::messages::BayerOrder;
+use config::{CameraConfig, Config};
+use messages::BayerOrder;
 use touchline::chain::Chain;
 
 /// Most pictures kept for the second pass.

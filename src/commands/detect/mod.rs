@@ -13,17 +13,17 @@ use super::{CommandError, load_config};
 use crate::cli::DetectArgs;
 use answer::Answer;
 use classifier::{BayerImage, demosaic};
-use common::config::{CameraConfig, Config};
-use common::messages::{DetectionFrame, MAX_RUNS};
-use common::top_scale::{Scale, TopScale};
+use config::{CameraConfig, Config};
 use doubts::Doubts;
 use grabber::pictures::{Picture, list_pictures, load_picture};
+use messages::{DetectionFrame, MAX_RUNS};
 use overlay::Overlay;
 use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use touchline::chain::Chain;
+use touchline::top_scale::{Scale, TopScale};
 
 /// Processes every picture and prints its detections. A picture that cannot be used is reported and
 /// makes the exit code 1; the others are processed all the same.
@@ -42,7 +42,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         let answer = match looked {
             Ok(answer) => answer,
             Err(error) => {
-                common::tell!("touchline: {error}");
+                runtime::tell!("touchline: {error}");
                 all_good = false;
                 continue;
             }
@@ -53,10 +53,10 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
         }
     }
     if let Some(measured) = tops.measured().filter(Scale::is_off) {
-        common::tell!("touchline: {}", measured.advice());
+        runtime::tell!("touchline: {}", measured.advice());
     }
     if let Some(doubt) = doubts.say(&config)? {
-        common::tell!("touchline: {doubt}");
+        runtime::tell!("touchline: {doubt}");
     }
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -70,7 +70,7 @@ fn list(arguments: &[PathBuf]) -> (Vec<PathBuf>, bool) {
         match list_pictures(argument) {
             Ok(found) => pictures.extend(found),
             Err(error) => {
-                common::tell!("touchline: {error}");
+                runtime::tell!("touchline: {error}");
                 all_good = false;
             }
         }
@@ -90,13 +90,13 @@ fn look_at(
     let Picture { bayer, is_raw } = load_picture(path, &config.camera)?;
     let seen = chain.look_at(&bayer).map_err(|fault| format!("{name}: {fault}"))?;
     if seen.flags & DetectionFrame::INPUT_OVERFLOW != 0 {
-        common::tell!(
+        runtime::tell!(
             "touchline: {name}: more than {MAX_RUNS} stretches of colour; the lower part of the \
              picture was not looked at; make the colours narrower"
         );
     }
     if seen.flags & DetectionFrame::SEARCH_CUT != 0 {
-        common::tell!(
+        runtime::tell!(
             "touchline: {name}: so many patches that not all combinations could be tried, or not all \
              of them looked at closely; robots may be missing; make the colours narrower, or `tracker.patch_tolerance_mm` smaller"
         );

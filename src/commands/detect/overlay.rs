@@ -9,15 +9,12 @@
 //! * Every rejected candidate, crossed; with the reason as text where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
-use common::body::Body;
-use common::config::Config;
-use common::config::{PatchConfig, Top};
-use common::geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
-use common::layout::Layout;
-use common::messages::{
-    DetectedBall, DetectedRobot, DetectionFrame, Region, RejectReason, Rejected, Team,
-};
+use config::Config;
+use config::{PatchConfig, Top};
+use geometry::layout::Layout;
+use geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
 use image::RgbImage;
+use messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, RejectReason, Rejected, Team};
 use std::f32::consts::TAU;
 use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
@@ -220,7 +217,7 @@ impl Drawing<'_> {
             let point = pose.field_from_robot(point);
             overlay.image_spot(overlay.camera.image_from_field(point, top.height_mm))
         };
-        let outline = Body::new(config, top.patches).outline();
+        let outline = config.body(top.patches).outline();
         let body: Vec<CanvasPoint> = outline.into_iter().map(at).collect();
         self.canvas.polygon(&body, 1.0, overlay.team_color(robot.team));
 
@@ -417,7 +414,7 @@ fn ink_on([red, green, blue]: Color) -> Color {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::messages::Run;
+    use messages::Run;
 
     fn seen() -> Box<DetectionFrame> {
         let mut seen = Box::new(DetectionFrame::zeroed());

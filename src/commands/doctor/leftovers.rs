@@ -5,9 +5,9 @@
 //! file only if no other process has it open or mapped.
 
 use super::{Finding, bytes};
-use common::bus::participants;
-use common::instance::{Instance, InstanceError, Namespace, lock, namespace};
-use common::memory::SHARED_MEMORY;
+use client::bus::participants;
+use client::instance::{Instance, InstanceError, Namespace, lock, namespace};
+use client::memory::SHARED_MEMORY;
 use rustix::process::getuid;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -253,8 +253,8 @@ fn can_lease(file: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::bus::Bus;
-    use common::topics;
+    use client::bus::Bus;
+    use messages::topics;
 
     #[test]
     fn only_names_of_ours_count() {

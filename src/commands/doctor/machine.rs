@@ -1,8 +1,8 @@
 //! Checks processors, clock, and scheduling rights.
 
 use super::Finding;
-use common::config::Config;
-use common::scheduling;
+use config::Config;
+use runtime::scheduling;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
 use std::path::Path;

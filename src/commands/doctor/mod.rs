@@ -9,7 +9,7 @@ mod places;
 
 use super::{CommandError, load_config};
 use crate::cli::DoctorArgs;
-use common::instance::{Instance, runtime_base};
+use client::instance::{Instance, runtime_base};
 use serde::Serialize;
 use std::fmt;
 use std::process::ExitCode;

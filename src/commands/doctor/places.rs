@@ -2,10 +2,10 @@
 
 use super::{Finding, bytes};
 use crate::commands::group::strange_versions;
-use common::config::Config;
-use common::instance::Instance;
-use common::instance::namespace::IPC_VERSION;
-use common::memory::{GroupMemory, SHARED_MEMORY, check_place, free_bytes};
+use client::instance::Instance;
+use client::instance::namespace::IPC_VERSION;
+use client::memory::{GroupMemory, SHARED_MEMORY, check_place, free_bytes};
+use config::Config;
 use grabber::source::Source;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -27,9 +27,10 @@ pub fn shared_memory(instance: &Instance, config: &Config, source: &Source) -> F
     }
     let most_bytes = source.frame_capacity(&config.camera);
     match free_bytes() {
-        Ok(free) => {
-            fits(&GroupMemory::with_frames_of(config, most_bytes), free + used_by(instance))
-        }
+        Ok(free) => fits(
+            &GroupMemory::with_larger_frames(config.camera.frame_bytes(), most_bytes),
+            free + used_by(instance),
+        ),
         Err(error) => Finding::problem(
             "shared memory",
             format!("{SHARED_MEMORY}: {error}"),
@@ -47,7 +48,7 @@ fn fits(group: &GroupMemory, free: u64) -> Finding {
         bytes(least),
         bytes(ample)
     );
-    let advice = common::memory::advice(ample);
+    let advice = client::memory::advice(ample);
     if free < least {
         Finding::problem("shared memory", what, advice)
     } else if free < ample {
@@ -173,7 +174,7 @@ mod tests {
 
     #[test]
     fn too_little_shared_memory_is_a_problem_with_figures() {
-        let group = GroupMemory::new(&Config::default());
+        let group = GroupMemory::new(Config::default().camera.frame_bytes());
         let (least, ample) = (group.least_bytes(), group.ample_bytes());
         assert_eq!(fits(&group, ample).level, Level::Ok);
         assert_eq!(fits(&group, ample - 1).level, Level::Warning);

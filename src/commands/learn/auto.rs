@@ -11,12 +11,12 @@
 use super::floor;
 use super::lessons::Lessons;
 use super::{CommandError, learn_from};
-use common::config::{ColorConfig, Config};
-use common::messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
-use learning::candidates::guess;
-use learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
-use learning::palette::{LeastSaturation, by_tone};
-use learning::picture::Picture;
+use config::{ColorConfig, Config};
+use messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
+use setup::learning::candidates::guess;
+use setup::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
+use setup::learning::palette::{LeastSaturation, by_tone};
+use setup::learning::picture::Picture;
 use std::path::PathBuf;
 use touchline::chain::Chain;
 
@@ -118,7 +118,7 @@ fn climb(
     let mut with = begin;
     for round in 1..=rounds {
         let found = find(&with, lessons)?;
-        common::tell!(
+        runtime::tell!(
             "{name}, round {round}: {} robots and {} balls in {} pictures (score {:.2})",
             found.robots,
             found.balls,

@@ -5,12 +5,12 @@ use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
 use classifier::white_balance::{Gains, NO_GAINS, PitchProbe, WhiteBalance};
 use classifier::{BayerImage, ClassTables, Correction, Picture as Frame, demosaic};
-use common::config::Config;
+use config::Config;
 use grabber::pictures::load_bayer;
-use learning::labels::ImageLabels;
-use learning::picture::Picture;
-use learning::samples::{Gatherer, Samples};
-use learning::scene::Scene;
+use setup::learning::labels::ImageLabels;
+use setup::learning::picture::Picture;
+use setup::learning::samples::{Gatherer, Samples};
+use setup::learning::scene::Scene;
 use std::path::{Path, PathBuf};
 
 /// Pictures, and the data common to all of them.
@@ -77,7 +77,7 @@ impl Lessons {
         for lesson in &self.list {
             lattice.sample(&Frame::Bayer(lesson.image(config)?));
             let Some(rgb) = probe.measure(&lattice) else {
-                common::tell!(
+                runtime::tell!(
                     "touchline: {}: the pitch is too dark to tell the light from it; the colours \
                      will not follow the lamps",
                     lesson.file.display()

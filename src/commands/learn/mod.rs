@@ -11,12 +11,12 @@ mod unevenness;
 use super::output::Rule;
 use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
-use common::config::{ColorConfig, Config, LightConfig, commented_toml};
+use config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::list_pictures;
-use learning::labels::{ImageLabels, Labels};
-use learning::samples::Samples;
-use learning::separate::{self, Objective};
 use lessons::Lessons;
+use setup::learning::labels::{ImageLabels, Labels};
+use setup::learning::samples::Samples;
+use setup::learning::separate::{self, Objective};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -36,7 +36,7 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         true => without_labels(&configured, &lessons, args.fixed_light)?,
         false => (from_labels(&configured, &lessons, &labels, args.fixed_light)?, labels),
     };
-    common::tell!("{}", summary::text(&learned, &lessons, &labels)?);
+    runtime::tell!("{}", summary::text(&learned, &lessons, &labels)?);
     match &args.output {
         None => _ = say!("{}", fragment(&learned))?,
         Some(path) => {
@@ -134,7 +134,7 @@ fn warn_of_unlabelled_colors(config: &Config, samples: &Samples) -> Result<(), C
     for (class, color) in config.colors.iter().enumerate() {
         let is_shown = samples.pixels.iter().any(|sample| usize::from(sample.class) == class);
         if !is_shown && is_worn(config, &color.name) {
-            common::tell!(
+            runtime::tell!(
                 "touchline: nothing labelled shows the colour \"{}\": it keeps its configured bounds",
                 color.name
             );

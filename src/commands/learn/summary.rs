@@ -6,9 +6,9 @@ use super::floor::{Taken, covered_px};
 use super::lessons::Lessons;
 use crate::commands::second_look::Passing;
 use classifier::ClassTables;
-use common::config::Config;
-use learning::confusion::Confusion;
-use learning::labels::ImageLabels;
+use config::Config;
+use setup::learning::confusion::Confusion;
+use setup::learning::labels::ImageLabels;
 use touchline::chain::Chain;
 
 /// The whole report as text.

@@ -3,13 +3,12 @@
 
 use super::lessons::{Lesson, Lessons};
 use super::*;
-use common::body::Body;
-use common::config::{PatchRole, Preset};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::Outlines;
-use common::messages::Team;
-use learning::labels::{BallLabel, Quality, RobotLabel};
-use learning::scene::Scene;
+use config::{PatchRole, Preset};
+use geometry::layout::Outlines;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use messages::Team;
+use setup::learning::labels::{BallLabel, Quality, RobotLabel};
+use setup::learning::scene::Scene;
 use touchline::chain::Chain;
 
 type Rgb = [f64; 3];
@@ -117,7 +116,7 @@ impl Painter {
             (place, turn)
         };
         let outlines = Outlines::new(&robots.patches);
-        let body = Body::new(robots, &robots.patches);
+        let body = robots.body(&robots.patches);
         let mut labels = Vec::new();
         for identity in &robots.identities {
             let (position, orientation) = place();

@@ -6,10 +6,10 @@ use super::lessons::Lessons;
 use classifier::Picture as Frame;
 use classifier::lattice::Lattice;
 use classifier::shading::Shading;
-use common::config::Config;
-use learning::labels::ImageLabels;
-use learning::picture::Picture;
-use learning::samples::{Gatherer, Samples};
+use config::Config;
+use setup::learning::labels::ImageLabels;
+use setup::learning::picture::Picture;
+use setup::learning::samples::{Gatherer, Samples};
 use std::collections::BTreeMap;
 
 /// Fewest patches, and smallest standard deviation of the floor's brightness in octaves, for a
@@ -64,7 +64,7 @@ pub fn measure(
     }
     let share = apart.iter().map(|[floor, patch]| floor * patch).sum::<f64>() / floor2;
     let share = (share.clamp(0.0, 1.0) * 100.0).round() / 100.0;
-    common::tell!(
+    runtime::tell!(
         "{count} patches share {:.0} % of the unevenness of the pitch's brightness",
         100.0 * share
     );
@@ -99,10 +99,10 @@ mod tests {
     use super::super::lessons::Lesson;
     use super::*;
     use crate::commands::painted_light::painted;
-    use common::messages::Team;
     use grabber::synthetic::SyntheticMatch;
-    use learning::labels::{Quality, RobotLabel};
-    use learning::scene::Scene;
+    use messages::Team;
+    use setup::learning::labels::{Quality, RobotLabel};
+    use setup::learning::scene::Scene;
     use touchline::chain::Chain;
 
     /// Pictures of a match under a lamp, with their detections as labels.

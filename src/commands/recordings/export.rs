@@ -4,9 +4,9 @@ use super::tell_damages;
 use crate::cli::ExportArgs;
 use crate::commands::CommandError;
 use crate::commands::output::{Output, Rule};
-use common::messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
 use recording::{Channel, Entry, Frame, Reader, decode_frame, decode_message};
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -50,7 +50,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     if let Some(directory) = &args.png {
         say_line!("{}: {pictures} pictures", directory.display())?;
         if unknown > 0 {
-            common::tell!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
+            runtime::tell!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -22,7 +22,7 @@ const LISTED_PARTS: usize = 10;
 fn tell_damages(path: &Path, damages: &Damages) {
     tell_parts(path, damages);
     if damages.is_recoverable() {
-        common::tell!(
+        runtime::tell!(
             "touchline: `touchline recover {}` makes a proper recording of it",
             path.display()
         );
@@ -36,14 +36,14 @@ fn tell_parts(path: &Path, damages: &Damages) {
     }
     let shown = path.display();
     if !damages.is_finished {
-        common::tell!("touchline: {shown} was never finished");
+        runtime::tell!("touchline: {shown} was never finished");
     }
     for part in damages.parts.iter().take(LISTED_PARTS) {
-        common::tell!("touchline: {shown}: {part}");
+        runtime::tell!("touchline: {shown}: {part}");
     }
     let further = damages.count.saturating_sub(LISTED_PARTS as u64);
     if further > 0 {
-        common::tell!(
+        runtime::tell!(
             "touchline: {shown}: and {further} further parts; together {} are damaged, {:.2} s of the \
              recording",
             size_text(damages.bytes),

@@ -3,9 +3,9 @@
 use super::{size_text, time_text};
 use crate::cli::RecordArgs;
 use crate::commands::CommandError;
-use common::instance::Instance;
-use common::memory_rank::MemoryRank;
+use client::instance::Instance;
 use recording::Channel;
+use runtime::memory_rank::MemoryRank;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -21,7 +21,7 @@ const LINE_PERIOD: Duration = Duration::from_secs(10);
 /// Records a group.
 pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
     // If memory runs out, the recorder is killed before the stages. Recording works without a rank too.
-    let _ = common::memory_rank::set(MemoryRank::Recorder);
+    let _ = runtime::memory_rank::set(MemoryRank::Recorder);
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         // The first signal ends the recording in order, which may take long on a slow disk; the second
@@ -30,7 +30,7 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     for said in recorder::recover_family(&args.file) {
-        common::tell!("touchline: {said}");
+        runtime::tell!("touchline: {said}");
     }
     let mut channels = args.topics;
     if channels.contains(&Channel::Scene) {
@@ -116,10 +116,10 @@ impl Display {
         self.measure(progress);
         let line = self.line(progress);
         if self.is_terminal {
-            common::tell_part!("\r\x1b[K{line}");
+            runtime::tell_part!("\r\x1b[K{line}");
             let _ = std::io::stderr().flush();
         } else {
-            common::tell!("{line}");
+            runtime::tell!("{line}");
         }
     }
 
@@ -158,7 +158,7 @@ impl Display {
 
     fn clear(&self) {
         if self.is_terminal && self.shown.is_some() {
-            common::tell_part!("\r\x1b[K");
+            runtime::tell_part!("\r\x1b[K");
         }
     }
 }

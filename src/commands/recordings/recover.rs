@@ -41,12 +41,12 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
                 say_line!("{written}: recovered {messages} messages")?;
             }
             Ok(Recovery::BeingWritten) => {
-                common::tell!("touchline: {shown} is being written by a recorder");
+                runtime::tell!("touchline: {shown} is being written by a recorder");
                 code = ExitCode::FAILURE;
             }
             // A recording that cannot be recovered does not stop the others.
             Err(error) => {
-                common::tell!("touchline: {error}");
+                runtime::tell!("touchline: {error}");
                 code = ExitCode::FAILURE;
             }
         }
@@ -62,12 +62,12 @@ fn with_progress<T>(path: &Path, work: impl FnOnce(&mut dyn FnMut(u64, u64)) -> 
         if is_terminal && told.elapsed() > TELL_PERIOD {
             (told, is_shown) = (Instant::now(), true);
             let (done, total) = (size_text(done), size_text(total));
-            common::tell_part!("\r\x1b[K{}: {done} of {total} looked at", path.display());
+            runtime::tell_part!("\r\x1b[K{}: {done} of {total} looked at", path.display());
             let _ = std::io::stderr().flush();
         }
     });
     if is_shown {
-        common::tell_part!("\r\x1b[K");
+        runtime::tell_part!("\r\x1b[K");
     }
     outcome
 }

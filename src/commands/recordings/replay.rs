@@ -33,12 +33,12 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
         if is_terminal && told.elapsed() > TELL_PERIOD {
             told = Instant::now();
             let seconds = entry.t_sent_ns.saturating_sub(first_ns) as f64 / 1e9;
-            common::tell_part!("\r\x1b[K{} of the recording checked", time_text(seconds));
+            runtime::tell_part!("\r\x1b[K{} of the recording checked", time_text(seconds));
             let _ = std::io::stderr().flush();
         }
     }
     if is_terminal {
-        common::tell_part!("\r\x1b[K");
+        runtime::tell_part!("\r\x1b[K");
     }
     let findings = verifier.finish();
     say!("{}", text(&findings, began.elapsed()))?;

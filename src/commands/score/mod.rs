@@ -7,14 +7,14 @@ mod verdict;
 
 use super::{CommandError, load_config};
 use crate::cli::ScoreArgs;
-use common::config::Config;
-use common::geometry::CameraModel;
-use common::top_scale::TopScale;
+use config::Config;
+use geometry::CameraModel;
 use grabber::pictures::load_bayer;
-use learning::labels::{ImageLabels, Labels};
 use report::Report;
+use setup::learning::labels::{ImageLabels, Labels};
 use std::process::ExitCode;
 use touchline::chain::Chain;
+use touchline::top_scale::TopScale;
 use verdict::{Judge, PictureScore, Tolerances};
 
 /// Processes every labelled picture and prints its score. A picture that cannot be used is reported and
@@ -45,7 +45,7 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
                 pictures.push(score);
             }
             Err(error) => {
-                common::tell!("touchline: {error}");
+                runtime::tell!("touchline: {error}");
                 all_good = false;
             }
         }

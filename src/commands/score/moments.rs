@@ -1,10 +1,9 @@
 //! Moments of a synthetic match that form a scene of their own: the positions of robots and ball make
 //! them difficult, so the match runs until such a moment occurs.
 
-use common::body::Body;
-use common::config::Config;
-use common::geometry::FieldPoint;
-use common::messages::{TruthFrame, TruthRobot};
+use config::Config;
+use geometry::FieldPoint;
+use messages::{TruthFrame, TruthRobot};
 
 /// Whether a frame is such a moment.
 pub type Moment = fn(&Config, &TruthFrame) -> bool;
@@ -57,7 +56,7 @@ fn visible_share(config: &Config, truth: &TruthFrame) -> f64 {
 fn is_behind(config: &Config, robot: &TruthRobot, point: FieldPoint, height_mm: f64) -> bool {
     const STEPS: u32 = 8;
     let [lens_x, lens_y, lens_z] = config.geometry.camera_mm;
-    let body = Body::new(&config.robots, &config.robots.patches);
+    let body = config.robots.body(&config.robots.patches);
     let (sin, cos) = robot.orientation.sin_cos();
     (0..=STEPS).any(|step| {
         let up = f64::from(step) / f64::from(STEPS) * (config.robots.height_mm - height_mm);

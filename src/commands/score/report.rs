@@ -1,9 +1,9 @@
 //! The scores of all pictures together: as JSON and as text.
 
 use super::verdict::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
-use common::top_scale::Scale;
 use serde::Serialize;
 use std::fmt::Write as _;
+use touchline::top_scale::Scale;
 
 /// The output of `--json`. The names are part of the program's interface.
 #[derive(Debug, Clone, PartialEq, Serialize)]

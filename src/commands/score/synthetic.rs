@@ -7,9 +7,7 @@ use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
 use crate::commands::output::Reader;
 use crate::commands::painted_light::follow_painted_light;
-use common::config::{
-    Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset,
-};
+use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset};
 use grabber::synthetic::SyntheticMatch;
 use serde::Serialize;
 use touchline::chain::Chain;
@@ -58,7 +56,7 @@ const SCENES: &[(&str, Change)] = &[
         let large = Preset::MirosotLarge.config();
         config.robots = large.robots;
         config.camera = large.camera;
-        config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
+        config.geometry = GeometryConfig::above(&config.field, config.camera.picture_px(), 2200.0);
     }),
 ];
 

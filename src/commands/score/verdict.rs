@@ -1,10 +1,10 @@
 //! Compares the detections of a picture with its labels.
 
-use common::config::Config;
-use common::geometry::{CameraModel, ImagePoint, wrap_angle};
-use common::messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Run, Team};
-use learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
+use config::Config;
+use geometry::{CameraModel, ImagePoint, wrap_angle};
+use messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Run, Team};
 use serde::Serialize;
+use setup::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use std::collections::BTreeMap;
 
 /// Tolerances of a correct detection.
@@ -328,7 +328,7 @@ fn rounded(value: f64) -> f64 {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::messages::DetectedBall;
+    use messages::DetectedBall;
     use std::path::Path;
 
     const TOLERANCES: Tolerances = Tolerances { robot_px: 3.0, robot_deg: 6.0, ball_px: 2.0 };
@@ -349,7 +349,8 @@ mod tests {
         let config = Config::default();
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let text = format!(r#"{{"images": [{{"file": "a.png", {labels}}}]}}"#);
-        let labels = learning::labels::Labels::parse(&text, Path::new("labels.json")).unwrap();
+        let labels =
+            setup::learning::labels::Labels::parse(&text, Path::new("labels.json")).unwrap();
         let mut seen = Box::new(DetectionFrame::zeroed());
         fill(&mut seen);
         let judge = Judge { config: &config, camera: &camera, tolerances: TOLERANCES };

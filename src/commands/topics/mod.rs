@@ -5,10 +5,11 @@ mod python;
 
 use super::CommandError;
 use crate::cli::{TopicsArgs, TopicsFormat};
-use common::bus::{Bus, BusError, Header, Message, Subscriber};
-use common::instance::Instance;
-use common::messages::structure::{Structure, structures_of};
-use common::topics::{Topic, Visitor, visit_all};
+use client::bus::{Bus, BusError, Subscriber};
+use client::instance::Instance;
+use messages::structure::{Structure, structures_of};
+use messages::topics::{Topic, Visitor, visit_all};
+use messages::{Header, Message};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::process::ExitCode;
@@ -317,7 +318,7 @@ fn collect_types() -> Types {
 
 /// Enumerations, as `(enumeration, [(name, number)])`.
 fn enumerations() -> Vec<(&'static str, Vec<(String, u64)>)> {
-    use common::messages::*;
+    use messages::*;
     fn list<T: Copy + std::fmt::Debug>(
         items: impl IntoIterator<Item = T>,
         number: impl Fn(T) -> u64,

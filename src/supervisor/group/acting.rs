@@ -5,13 +5,13 @@ use crate::supervisor::SupervisorError;
 use crate::supervisor::children::{Launch, Process};
 use crate::supervisor::evidence;
 use crate::supervisor::policy::{Action, Cause, Event, MemberId};
-use common::clock::monotonic_ns;
-use common::config::Config;
-use common::handover::Handover;
-use common::memory::{self, GroupMemory};
-use common::messages::{EventKind, ProcessKind};
-use common::stages::{FrameId, StageId};
-use common::topics;
+use client::clock::monotonic_ns;
+use client::memory::{self, GroupMemory};
+use config::Config;
+use messages::stages::{FrameId, StageId};
+use messages::topics;
+use messages::{EventKind, ProcessKind};
+use runtime::handover::Handover;
 use rustix::process::Signal;
 use std::io;
 
@@ -163,7 +163,8 @@ fn room_for(launch: &Launch, config: &Config, stage: StageId) -> io::Result<()> 
         ProcessKind::Filter => topics::WORLD.name,
     };
     let frame_bytes = launch.source.frame_capacity(&config.camera);
-    let needed = GroupMemory::with_frames_of(config, frame_bytes).start_bytes(topic);
+    let needed = GroupMemory::with_larger_frames(config.camera.frame_bytes(), frame_bytes)
+        .start_bytes(topic);
     match memory::free_bytes() {
         Ok(free) if free < needed => Err(io::Error::other(format!(
             "not enough shared memory: it takes about {} kB, {} kB are free in {}, see `touchline doctor`",

@@ -6,9 +6,9 @@ use crate::supervisor::children::Process;
 use crate::supervisor::policy::{Degraded, Lack};
 use crate::supervisor::record::{Member, Record};
 use crate::supervisor::reserve::raise_limit;
-use common::clock::monotonic_ns;
-use common::messages::{Attendant, EventKind, ProcessState};
-use common::stages::StageId;
+use client::clock::monotonic_ns;
+use messages::stages::StageId;
+use messages::{Attendant, EventKind, ProcessState};
 use std::time::{Duration, Instant};
 
 /// Pause before a failed write of the record is retried.

@@ -2,7 +2,7 @@
 //! their input. The group goes on and reports it.
 
 use super::Policy;
-use common::stages::StageId;
+use messages::stages::StageId;
 
 /// Failed starts in a row after which a stage counts as not working instead of as being replaced.
 const DEGRADED: u32 = 3;

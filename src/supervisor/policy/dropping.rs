@@ -6,7 +6,7 @@
 //! group counts as degraded.
 
 use super::Policy;
-use common::stages::StageId;
+use messages::stages::StageId;
 
 /// Time and number of drops without an output that are not a coincidence.
 const ONLY_DROPS_NS: u64 = 2_000_000_000;

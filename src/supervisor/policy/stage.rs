@@ -3,7 +3,7 @@
 use super::MemberId;
 use super::dropping::Dropping;
 use super::intensity::Intensity;
-use common::stages::{FrameId, Numbers};
+use messages::stages::{FrameId, Numbers};
 
 /// Deaths in a row on the same input that are not a coincidence.
 const POISONOUS: u32 = 2;

@@ -1,7 +1,7 @@
 //! Stall detection: which stages are behind, and since when.
 
 use super::{MemberId, Policy};
-use common::stages::StageId;
+use messages::stages::StageId;
 
 /// A stage is late when it is behind for 1 / this of its deadline. Healthy stages never are.
 const LATE_PART: u64 = 4;

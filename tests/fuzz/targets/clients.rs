@@ -2,8 +2,8 @@
 //! without stale data. The effect of commands on a filter is tested by `detections`.
 #![no_main]
 
-use common::gateway::parse_commands;
-use common::messages::{ClearStale, Commands, MAX_COMMANDS, Team};
+use client::gateway::parse_commands;
+use messages::{ClearStale, Commands, MAX_COMMANDS, Team};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

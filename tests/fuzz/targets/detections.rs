@@ -3,8 +3,8 @@
 #![no_main]
 
 use bytemuck::{Pod, bytes_of_mut};
-use common::config::Config;
-use common::messages::{
+use config::Config;
+use messages::{
     Commands, DetectedBall, DetectedRobot, DetectionFrame, RobotId, TrackStatus, WorldFrame,
 };
 use filter::Filter;

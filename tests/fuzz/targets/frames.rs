@@ -3,8 +3,8 @@
 
 use bytemuck::{Zeroable, bytes_of_mut};
 use classifier::Classifier;
-use common::config::{Config, GeometryConfig};
-use common::messages::{FrameHeader, Run, RunsHeader};
+use config::{Config, GeometryConfig};
+use messages::{FrameHeader, Run, RunsHeader};
 use libfuzzer_sys::fuzz_target;
 use std::cell::RefCell;
 
@@ -17,7 +17,7 @@ thread_local! {
     static CLASSIFIER: RefCell<Classifier> = RefCell::new({
         let mut config = Config::default();
         (config.camera.width, config.camera.height) = (WIDTH, HEIGHT);
-        config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
+        config.geometry = GeometryConfig::above(&config.field, config.camera.picture_px(), 2200.0);
         Classifier::new(&config).expect("the default colours can be used")
     });
 }

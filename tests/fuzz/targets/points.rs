@@ -2,8 +2,8 @@
 //! mark, within the tolerance.
 #![no_main]
 
-use common::calibration::{KnownLens, Mark, calibrate, resolve_landmark};
-use common::config::Config;
+use setup::calibration::{KnownLens, Mark, calibrate, resolve_landmark};
+use config::Config;
 use libfuzzer_sys::fuzz_target;
 
 const WITHIN_PX: f64 = 3.0;

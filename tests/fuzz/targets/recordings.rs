@@ -1,8 +1,8 @@
 //! Reading recordings with any bytes: a damaged file, or one of another program.
 #![no_main]
 
-use common::config::Config;
-use common::messages::{Commands, DetectionFrame, Run, RunsHeader, TruthFrame, WorldFrame};
+use config::Config;
+use messages::{Commands, DetectionFrame, Run, RunsHeader, TruthFrame, WorldFrame};
 use libfuzzer_sys::fuzz_target;
 use recording::{
     Setup, ball_pose, decode_frame, decode_list, decode_message, encode_frame, encode_message,

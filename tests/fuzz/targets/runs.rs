@@ -3,8 +3,8 @@
 #![no_main]
 
 use bytemuck::{Zeroable, bytes_of_mut, pod_read_unaligned};
-use common::config::Config;
-use common::messages::{
+use config::Config;
+use messages::{
     DetectionFrame, PixelFormat, RejectReason, Run, RunsHeader, Team, WorldFrame,
 };
 use libfuzzer_sys::fuzz_target;

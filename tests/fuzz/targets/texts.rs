@@ -2,9 +2,9 @@
 //! configuration can be used, written and read again.
 #![no_main]
 
-use common::config::{Config, check, commented_toml};
+use config::{Config, check, commented_toml};
 use grabber::source::Source;
-use learning::labels::Labels;
+use setup::learning::labels::Labels;
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use std::sync::LazyLock;

@@ -38,7 +38,7 @@ use crate::edges::edge_pixels::PSF_SIGMA_PX;
 use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
 use crate::raw::{CHANNELS, RawFrame};
-use common::geometry::{CameraModel, FieldPoint, Pose};
+use geometry::{CameraModel, FieldPoint, Pose};
 use rim_samples::RimSamples;
 use shading::{Block, SHADES, solve};
 

@@ -19,8 +19,8 @@
 use super::sphere::{Outline, Sphere};
 use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
-use common::geometry::{CameraModel, FieldPoint, Pose};
-use common::messages::Run;
+use geometry::{CameraModel, FieldPoint, Pose};
+use messages::Run;
 
 /// Tolerance of points on the circle: the larger of these, in radii and in pixels.
 const ON_RIM: f64 = 0.07;

@@ -9,7 +9,7 @@
 //! short half axis H·sin α / √(cos²θ − sin²α)
 //! middle          H·sin θ·cos θ / (cos²θ − sin²α) from below the lens, where the ball is at H·tan θ
 
-use common::geometry::FieldPoint;
+use geometry::FieldPoint;
 
 /// A ball, and the lens that looks at it.
 #[derive(Debug, Clone, Copy)]

@@ -13,8 +13,8 @@
 
 use super::silhouette::Silhouette;
 use crate::raw::{CHANNELS, RawFrame};
-use common::geometry::ImagePoint;
-use common::messages::Run;
+use geometry::ImagePoint;
+use messages::Run;
 
 /// Least part of the ball's light in a pixel of the ball, and least tinge in grey levels (noise).
 const MIN_SHARE: f32 = 0.12;

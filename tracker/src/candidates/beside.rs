@@ -5,8 +5,8 @@ use super::candidate::{CUT_OUT, Part};
 use crate::pattern::footprint::{self, Footprint};
 use crate::pattern::{Kind, Pattern};
 use crate::regions::measure::Measure;
-use common::geometry::CameraModel;
-use common::messages::{DetectionFrame, Region};
+use geometry::CameraModel;
+use messages::{DetectionFrame, Region};
 
 /// Most candidates for team patches of a kind that footprints are placed for; those with the likeliest areas.
 const MAX_GUESSES: usize = 48;

@@ -5,8 +5,8 @@ use super::candidate::{MAX_PARTS, Part};
 use crate::pattern::{ExpectedPatch, Pattern, Top};
 use crate::regions::measure::{Measure, Moments};
 use crate::regions::measured_regions::MeasuredRegion;
-use common::geometry::CameraModel;
-use common::messages::DetectionFrame;
+use geometry::CameraModel;
+use messages::DetectionFrame;
 use std::ops::Range;
 
 /// Least area of a fragment, as a fraction of the patch's area.

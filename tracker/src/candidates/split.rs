@@ -5,7 +5,7 @@
 //! of each. Whether the pieces are patches is decided later, among all explanations of the picture.
 
 use crate::regions::measure::{MomentSums, Moments};
-use common::messages::{Region, Run};
+use messages::{Region, Run};
 
 /// Most pieces of a region.
 pub(crate) const MAX_PIECES: usize = 4;

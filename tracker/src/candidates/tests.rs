@@ -1,8 +1,8 @@
 use super::*;
 use crate::regions::RegionFinder;
 use bytemuck::Zeroable;
-use common::config::Config;
-use common::messages::{Run, Team};
+use config::Config;
+use messages::{Run, Team};
 
 /// Candidates for the yellow team patch among yellow rectangles [left, top, right, bottom), the
 /// right and bottom ends not included; nine pixels are about a patch.

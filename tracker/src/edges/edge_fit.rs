@@ -42,7 +42,7 @@ use super::local_map::LocalMap;
 use super::{EdgeMap, MAX_STRETCHES};
 use crate::linear::{UPPER, inverse, times};
 use crate::raw::{CHANNELS, RawFrame};
-use common::geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
+use geometry::{CameraModel, FieldPoint, Pose, wrap_angle};
 
 /// Noise of a sample, 1σ: of the sensor in grey levels, and of the model as a fraction of the edge's
 /// contrast b.

@@ -241,9 +241,9 @@ pub(crate) fn spread(inside: f32) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Pair;
-    use common::geometry::{CameraModel, FieldPoint, Pose};
-    use common::messages::{FrameHeader, PixelFormat};
+    use config::Pair;
+    use geometry::{CameraModel, FieldPoint, Pose};
+    use messages::{FrameHeader, PixelFormat};
     use proptest::prelude::*;
 
     #[test]
@@ -279,7 +279,7 @@ mod tests {
             orientation in -3.0..3.0f64,
             rgb in any::<bool>(),
         ) {
-            let config = common::config::Config::default();
+            let config = config::Config::default();
             let (width, height) = (config.camera.width, config.camera.height);
             let format = if rgb { PixelFormat::Rgb24 } else { PixelFormat::Bayer8 };
             let stride = format.row_bytes(width) as usize;

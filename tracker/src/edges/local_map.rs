@@ -1,6 +1,6 @@
 //! Local map: the camera model near one place as a polynomial of second order, cheap enough for every pixel.
 
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
 /// The map from pixels to millimetres in a body's frame, to second order around the body's place. The error
 /// of third order is some thousandths of a pixel.
@@ -85,7 +85,7 @@ pub(crate) fn mm_per_px(camera: &CameraModel, position: FieldPoint, height_mm: f
 mod tests {
     use super::*;
     use crate::pose::robot_from_field;
-    use common::config::Preset;
+    use config::Preset;
 
     #[test]
     fn it_agrees_with_the_camera_model() {

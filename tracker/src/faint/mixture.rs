@@ -27,11 +27,11 @@ mod tables;
 use crate::pattern::Top;
 use crate::raw::CHANNELS;
 use cholesky::{Factor, Square};
-use common::config::PatchConfig;
-use common::geometry::Pose;
-use common::messages::MAX_PATCHES;
+use config::PatchConfig;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
+use geometry::Pose;
+use messages::MAX_PATCHES;
 pub(crate) use samples::{Samples, has_hue};
 use tables::{Table, WHOLE};
 

@@ -4,7 +4,7 @@ use super::Wearer;
 use super::mixture::{Blur, Match, Mixture, Samples};
 use crate::pattern::Top;
 use crate::regions::measure::distance_mm;
-use common::geometry::{FieldPoint, Pose, wrap_angle};
+use geometry::{FieldPoint, Pose, wrap_angle};
 
 /// Headings of the first scan.
 const HEADINGS: usize = 24;

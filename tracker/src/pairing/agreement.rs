@@ -30,9 +30,9 @@ use crate::linear::{inverse, times};
 use crate::pattern::Top;
 use crate::pattern::shares::{PatchRow, ROW, Shares};
 use crate::regions::class_index::{CLASSES, ClassIndex};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::messages::{DetectionFrame, MAX_PATCHES};
 use fearless_simd::{Level, dispatch};
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use messages::{DetectionFrame, MAX_PATCHES};
 use std::ops::Range;
 
 /// α: weight of a pixel against a patch whose colour it does not have.
@@ -372,10 +372,10 @@ mod tests {
     use crate::pattern::Pattern;
     use crate::regions::RegionFinder;
     use bytemuck::Zeroable;
-    use common::config::{Config, Preset};
-    use common::geometry::wrap_angle;
-    use common::layout::topmost_patch;
-    use common::messages::Run;
+    use config::{Config, Preset};
+    use geometry::layout::topmost_patch;
+    use geometry::wrap_angle;
+    use messages::Run;
 
     /// A robot of the large league at a pose, as runs: class i for patch i. `shows` says which pixels
     /// are recognised.
@@ -410,7 +410,7 @@ mod tests {
         config.camera.width = 640;
         config.camera.height = 480;
         config.geometry =
-            common::config::GeometryConfig::above(&config.field, &config.camera, 4000.0);
+            config::GeometryConfig::above(&config.field, config.camera.picture_px(), 4000.0);
         let pattern = Pattern::new(&config).unwrap();
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let accepted = [1, 2, 4, 0, 0, 0];

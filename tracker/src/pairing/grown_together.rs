@@ -5,8 +5,8 @@ use super::{Pairing, Scene};
 use crate::pattern::Pattern;
 use crate::pose::robot_from_field;
 use crate::regions::measure::{Measure, MomentSums};
-use common::geometry::ImagePoint;
-use common::messages::DetectionFrame;
+use geometry::ImagePoint;
+use messages::DetectionFrame;
 
 impl Pairing {
     /// Where believed robots share a region that was taken apart, their poses now tell better

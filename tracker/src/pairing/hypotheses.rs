@@ -16,8 +16,8 @@ use crate::candidates::{Candidate, CandidateFinder};
 use crate::pattern::{Pattern, Top};
 use crate::pose::fit_pose;
 use crate::regions::measure::distance_mm;
-use common::geometry::{FieldPoint, Pose};
-use common::messages::MAX_PATCHES;
+use geometry::{FieldPoint, Pose};
+use messages::MAX_PATCHES;
 use std::cmp::Ordering;
 use std::ops::Range;
 

@@ -2,8 +2,8 @@
 //! edge fits begin there.
 
 use crate::pattern::Pattern;
-use common::geometry::{FieldPoint, Pose};
-use common::messages::{DetectionFrame, FrameHeader, RobotState, TrackStatus, WorldFrame};
+use geometry::{FieldPoint, Pose};
+use messages::{DetectionFrame, FrameHeader, RobotState, TrackStatus, WorldFrame};
 
 /// Largest age of a `world` that is used.
 const MAX_AGE_NS: u64 = 500_000_000;
@@ -79,8 +79,8 @@ fn expected_pose(robot: &RobotState, age_s: f64) -> Option<Pose> {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use common::config::Config;
-    use common::messages::Team;
+    use config::Config;
+    use messages::Team;
 
     fn world() -> Box<WorldFrame> {
         let mut world = Box::new(WorldFrame::zeroed());

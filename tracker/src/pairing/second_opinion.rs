@@ -19,12 +19,12 @@ use crate::pattern::footprint;
 use crate::pattern::{Pattern, Top};
 use crate::regions::class_index::ClassIndex;
 use crate::regions::measure::Measure;
-use common::geometry::Pose;
-use common::messages::{DetectionFrame, MAX_PATCHES};
+use geometry::Pose;
+use messages::{DetectionFrame, MAX_PATCHES};
 
 /// Most pixel visits of second opinions in a frame, about a millisecond; ten robots of 250 pixels take a
 /// tenth. Patches beyond it are listed with
-/// [`RejectReason::NotLookedAt`](common::messages::RejectReason::NotLookedAt).
+/// [`RejectReason::NotLookedAt`](messages::RejectReason::NotLookedAt).
 pub(crate) const WORK_PER_FRAME: u64 = 600_000;
 /// Largest distance of a start outside the pitch: the fitted pose may still lie on it.
 const START_SLACK_MM: f64 = 15.0;

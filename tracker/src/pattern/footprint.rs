@@ -8,10 +8,10 @@
 use super::{ExpectedPatch, Top};
 use crate::regions::measure::{Measure, MomentSums};
 use crate::regions::measured_regions::Bounds;
-use common::config::{Pair, PatchConfig};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::{reach_mm, topmost_patch};
-use common::messages::{DetectionFrame, Region};
+use config::{Pair, PatchConfig};
+use geometry::layout::{reach_mm, topmost_patch};
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use messages::{DetectionFrame, Region};
 
 /// Least ratio of the longer to the shorter deviation of a patch whose direction is known: by the layout, and
 /// as measured.
@@ -188,8 +188,8 @@ impl Footprint {
 mod tests {
     use super::*;
     use crate::pattern::Pattern;
-    use common::config::{Config, Preset};
-    use common::geometry::wrap_angle;
+    use config::{Config, Preset};
+    use geometry::wrap_angle;
 
     /// A stripe ahead and two squares behind.
     fn stripe() -> Config {

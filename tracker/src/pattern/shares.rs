@@ -2,9 +2,9 @@
 
 use super::cell_grid::CellGrid;
 use crate::linear::UPPER;
-use common::config::PatchConfig;
-use common::layout::{reach_mm, topmost_patch};
-use common::messages::MAX_PATCHES;
+use config::PatchConfig;
+use geometry::layout::{reach_mm, topmost_patch};
+use messages::MAX_PATCHES;
 
 /// Standard deviation of the fading: demosaicing mixes pixels with their neighbours, and a sum that changes
 /// gradually has a gradient towards its maximum.
@@ -171,7 +171,7 @@ fn fade(shares: &mut [[f32; MAX_PATCHES]], columns: usize, sigma_mm: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Config;
+    use config::Config;
 
     #[test]
     fn shares_add_up_to_the_patches() {

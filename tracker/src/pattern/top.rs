@@ -4,10 +4,10 @@ use super::Kind;
 use super::footprint::Footprints;
 use super::shares::Shares;
 use crate::error::TrackerError;
-use common::body::Body;
-use common::config::{self, Config, Pair, PatchConfig, PatchRole};
-use common::layout::{Layout, topmost_patch};
-use common::messages::MAX_PATCHES;
+use config::{self, Config, Pair, PatchConfig, PatchRole};
+use geometry::body::Body;
+use geometry::layout::{Layout, topmost_patch};
+use messages::MAX_PATCHES;
 
 /// Size of a core as a fraction of the body.
 const CORE_FRACTION: f64 = 0.8;
@@ -109,7 +109,7 @@ impl Top {
         let is_team = |patch: &PatchConfig| patch.role == PatchRole::Team;
         let team_patch =
             top.patches.iter().position(is_team).ok_or(TrackerError::TeamPatches(0))?;
-        let body = Body::new(&config.robots, top.patches);
+        let body = config.robots.body(top.patches);
         Ok(Self {
             patches,
             distances_mm,

@@ -1,6 +1,6 @@
 //! The regions of a frame by colour class.
 
-use common::messages::{DetectionFrame, Region};
+use messages::{DetectionFrame, Region};
 
 /// Number of colour classes.
 pub(crate) const CLASSES: usize = 32;
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
     use crate::regions::RegionFinder;
     use bytemuck::Zeroable;
-    use common::messages::Run;
+    use messages::Run;
 
     #[test]
     fn every_region_is_listed_once_under_its_class() {

@@ -1,8 +1,8 @@
 //! Measures: place, area and spread of a set of pixels, in the picture and on the field.
 
 use crate::pattern::{ExpectedPatch, principal_deviations};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint};
-use common::messages::{Region, Run};
+use geometry::{CameraModel, FieldPoint, ImagePoint};
+use messages::{Region, Run};
 
 /// Moments of a set of pixels, from which place and shape follow.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -193,7 +193,7 @@ const MIN_COMPACTNESS: f64 = 0.45;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::config::Config;
+    use config::Config;
 
     fn block(width: u16, height: u16) -> Vec<Run> {
         (0..height)

@@ -3,8 +3,8 @@
 use super::class_index::{CLASSES, ClassIndex};
 use super::measure::{Measure, Moments};
 use crate::pitch::Pitch;
-use common::geometry::CameraModel;
-use common::messages::{DetectionFrame, Region};
+use geometry::CameraModel;
+use messages::{DetectionFrame, Region};
 
 /// A region in a colour of some patch, and its measures.
 #[derive(Debug, Clone, Copy)]

@@ -9,7 +9,7 @@
 // Every test file uses its own part of this.
 #![allow(dead_code)]
 
-use common::config::{Config, DistortionConfig, GeometryConfig, PointPair};
+use config::{Config, DistortionConfig, GeometryConfig, PointPair};
 
 pub type Vec3 = [f64; 3];
 pub type Color = [f64; 3];

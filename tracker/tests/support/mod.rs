@@ -4,13 +4,10 @@
 #![allow(dead_code)] // Each test program uses a part of it.
 
 use bytemuck::Zeroable;
-use common::body::Body;
-use common::config::{Config, Pair, PatchConfig, PatchRole, Top};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
-use common::layout::topmost_patch;
-use common::messages::{
-    DetectedRobot, DetectionFrame, RejectReason, Run, RunsHeader, Team, WorldFrame,
-};
+use config::{Config, Pair, PatchConfig, PatchRole, Top};
+use geometry::layout::topmost_patch;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose, wrap_angle};
+use messages::{DetectedRobot, DetectionFrame, RejectReason, Run, RunsHeader, Team, WorldFrame};
 use touchline_tracker::Tracker;
 
 /// A robot to paint, or to look for.
@@ -119,7 +116,7 @@ impl Picture {
 
     fn paint_patches(&mut self, pose: &Pose, top: Top, classes: &[Option<u8>]) {
         let free = classes.get(top.patches.len()).copied().flatten();
-        let body = Body::new(&self.config.robots, top.patches);
+        let body = self.config.robots.body(top.patches);
         let reach = body.reach_mm().max(self.config.robots.size_mm * 0.75);
         self.paint(pose.position, reach, top.height_mm, |point| {
             let (dx, dy) = (point.x_mm - pose.position.x_mm, point.y_mm - pose.position.y_mm);
@@ -277,7 +274,7 @@ fn polygon(role: PatchRole, outline_mm: &[Pair]) -> PatchConfig {
 
 /// The whole top in the team's colour, an identification square in the front left corner.
 pub fn full_square_with_corner() -> Config {
-    let mut config = common::config::Preset::Vsss3v3.config();
+    let mut config = config::Preset::Vsss3v3.config();
     let square = |a: f64, b: f64| [[b, b], [a, b], [a, a], [b, a]];
     config.robots.patches = vec![
         polygon(PatchRole::Team, &square(-36.0, 36.0)),

@@ -2,10 +2,10 @@
 
 use super::super::render::BODY_COLOR;
 use super::*;
-use common::config::{PatchRole, Preset};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::Layout;
-use common::messages::{Team, TruthRobot};
+use config::{PatchRole, Preset};
+use geometry::layout::Layout;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
+use messages::{Team, TruthRobot};
 
 /// All colours except the named ones are those of a robot's body.
 fn only(config: &Config, names: &[&str]) -> Config {

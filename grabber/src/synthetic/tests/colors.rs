@@ -1,9 +1,9 @@
 //! The preset's colours on the synthetic pitch: each is found, with few false pixels.
 
 use super::*;
-use common::config::{ColorConfig, PatchRole, Preset};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
-use common::layout::topmost_patch;
+use config::{ColorConfig, PatchRole, Preset};
+use geometry::layout::topmost_patch;
+use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 
 /// The first colour whose box contains a value.
 fn class_of(colors: &[ColorConfig], rgb: [f64; 3]) -> Option<usize> {

@@ -3,9 +3,9 @@
 use super::super::motion::{Twist, drive};
 use super::*;
 use crate::synthetic::SyntheticError;
-use common::config::{DistortionConfig, GeometryConfig, IdentityConfig, Preset};
-use common::geometry::{FieldPoint, Pose, wrap_angle};
-use common::messages::{Team, TruthRobot};
+use config::{DistortionConfig, GeometryConfig, IdentityConfig, Preset};
+use geometry::{FieldPoint, Pose, wrap_angle};
+use messages::{Team, TruthRobot};
 
 fn pose_of(robot: &TruthRobot) -> Pose {
     Pose { position: FieldPoint::new(robot.x_mm, robot.y_mm), orientation: robot.orientation }
@@ -270,7 +270,7 @@ fn small_and_unusual_matches_work() {
     // A camera that sees all of it in six pixels.
     let mut config = Config::default();
     (config.camera.width, config.camera.height) = (2, 3);
-    config.geometry = GeometryConfig::above(&config.field, &config.camera, 2200.0);
+    config.geometry = GeometryConfig::above(&config.field, config.camera.picture_px(), 2200.0);
     run(&config);
 }
 

@@ -6,8 +6,8 @@ mod game;
 mod pixels;
 
 use super::SyntheticMatch;
-use common::config::Config;
-use common::messages::BayerOrder;
+use config::Config;
+use messages::BayerOrder;
 
 /// A picture with all three channels of every pixel.
 struct Picture {

@@ -1,7 +1,7 @@
 //! The bytes: reproducibility, borders, mosaic, noise.
 
 use super::*;
-use common::config::Preset;
+use config::Preset;
 
 fn quiet(config: &Config) -> Config {
     let mut config = config.clone();

@@ -1,9 +1,9 @@
 use super::*;
 use crate::edges::NO_EDGE;
-use common::config::{Config, Pair, Preset};
-use common::geometry::ImagePoint;
-use common::layout::topmost_patch;
-use common::messages::BayerOrder;
+use config::{Config, Pair, Preset};
+use geometry::ImagePoint;
+use geometry::layout::topmost_patch;
+use messages::BayerOrder;
 use proptest::prelude::*;
 
 /// Red, green, blue.

@@ -3,7 +3,7 @@
 use super::{LANES, MOST_PLACES, Mixture};
 use crate::pattern::Top;
 use crate::raw::{CHANNELS, RawFrame};
-use common::geometry::{CameraModel, FieldPoint, ImagePoint};
+use geometry::{CameraModel, FieldPoint, ImagePoint};
 
 /// Samples that are made of the pixels around a robot, about.
 const SAMPLES: f64 = 180.0;

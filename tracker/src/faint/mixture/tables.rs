@@ -4,8 +4,8 @@
 use super::{BODY, FLOOR, PARTS, Parts};
 use crate::pattern::Top;
 use crate::pattern::cell_grid::CellGrid;
-use common::config::PatchConfig;
-use common::layout::{reach_mm, topmost_patch};
+use config::PatchConfig;
+use geometry::layout::{reach_mm, topmost_patch};
 
 /// Standard deviations of the blurs that have tables, as multiples of the robot's size.
 pub(super) const SIGMAS: [f64; 5] = [0.035, 0.055, 0.085, 0.125, 0.18];

@@ -1,0 +1,22 @@
+//! What every process of a group runs in: heartbeats, signals, hand-over between a stage and its spare,
+//! scheduling, output that cannot block.
+//!
+//! * [`process`]: the process of a stage. [`attendant`]: that of an attendant.
+//! * [`stage_page`], [`handover`]: what a stage's processes leave each other.
+//! * [`scheduling`], [`memory_rank`], [`descriptors`]: what they ask of the system.
+//! * [`tell`]: output for the user.
+
+// A process must survive the reader of its output: see `tell`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+
+pub mod attendant;
+pub mod descriptors;
+pub mod handover;
+pub mod heap;
+pub mod memory_rank;
+pub mod orphan;
+pub mod prefetch;
+pub mod process;
+pub mod scheduling;
+pub mod stage_page;
+pub mod tell;
