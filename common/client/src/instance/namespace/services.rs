@@ -43,12 +43,15 @@ fn describe(text: &str) -> Option<Service> {
     let mut table = "";
     let mut name = None;
     let mut version = [None; 3];
-    for line in text.lines().map(str::trim) {
+    if !text.ends_with('\n') {
+        return None;
+    }
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
         if let Some(header) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
             table = header;
             continue;
         }
-        let Some((key, value)) = line.split_once('=') else { continue };
+        let (key, value) = line.split_once('=')?;
         let value = value.trim();
         match (table, key.trim()) {
             ("", "service_name") => name = value.strip_prefix('"')?.strip_suffix('"'),
