@@ -219,6 +219,11 @@ pub struct RunArgs {
     /// End after so many seconds of the clock, whatever the camera does
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pub seconds: Option<f64>,
+    /// Switch on protocols of the leagues besides those that the configuration enables, separated by
+    /// commas: ssl, tracked, firasim, vss and json are sent, commands are received
+    #[arg(long, value_name = "PROTOCOLS", value_delimiter = ',',
+        value_parser = PossibleValuesParser::new(PROTOCOLS))]
+    pub publish: Vec<String>,
     /// Name of the group; groups of different names never meet
     #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE)]
     pub instance: String,
@@ -229,9 +234,12 @@ pub struct RunArgs {
     #[arg(long)]
     pub quiet: bool,
     /// Take over the group that a dead supervisor has left behind, with its configuration and source
-    #[arg(long, conflicts_with_all = ["config", "source", "fps", "frames", "seconds"])]
+    #[arg(long, conflicts_with_all = ["config", "source", "fps", "frames", "seconds", "publish"])]
     pub adopt: bool,
 }
+
+/// Names for `run --publish`.
+const PROTOCOLS: [&str; 6] = ["ssl", "tracked", "firasim", "vss", "json", "commands"];
 
 /// Arguments of `cameras`.
 #[derive(Debug, Args)]

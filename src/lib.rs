@@ -2,7 +2,7 @@
 //!
 //! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
-//! [`attendants`] lists the processes that serve people, of which [`gateway`] is one. [`top_scale`] measures whether robot tops have the configured size. [`recorder`] and [`replay`] write
+//! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two. [`top_scale`] measures whether robot tops have the configured size. [`recorder`] and [`replay`] write
 //! recordings and compute them again. The command line and the commands are the program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
@@ -15,6 +15,7 @@ pub mod chain;
 pub mod drawing;
 pub mod gateway;
 pub mod monitor;
+pub mod publisher;
 pub mod recorder;
 pub mod replay;
 pub mod supervisor;

@@ -67,9 +67,17 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
 fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
     let mut config = match (&args.config, &args.source) {
         // A recording is normally played with the configuration it was made with.
-        (None, Source::Recording(playlist)) => grabber::playback::recorded_config(&playlist.path)?,
+        (None, Source::Recording(playlist)) => {
+            let mut config = grabber::playback::recorded_config(&playlist.path)?;
+            // Receivers must not take a recording for the match.
+            config.publish.disable_all();
+            config
+        }
         _ => load_config(args.config.as_deref())?,
     };
+    for protocol in &args.publish {
+        config.publish.enable(protocol);
+    }
     if let Some(fps) = args.fps {
         config.camera.fps = fps;
     }

@@ -14,7 +14,7 @@ mod clients;
 mod intake;
 pub mod permissions;
 pub mod place;
-mod ration;
+pub(crate) mod ration;
 mod seats;
 mod users;
 

@@ -6,6 +6,7 @@ use super::camera::CameraWatch;
 use super::commanders::CommanderWatch;
 use super::flow::{Flow, Sight};
 use super::latency::LatencyMeter;
+use super::publisher::PublisherWatch;
 use super::report::{
     Accuracy, AttendantState, Camera, Found, Gateway, Light, Process, Rate, Report, Resources,
     Stage, Tops,
@@ -47,6 +48,7 @@ pub struct Collector {
     truth: Subscriber<TruthFrame, ()>,
     health: Subscriber<Heartbeat, ()>,
     camera: CameraWatch,
+    publisher: PublisherWatch,
     strangers: StrangerWatch,
     commanders: CommanderWatch,
     view: Arc<GroupView>,
@@ -148,6 +150,7 @@ impl Collector {
             health: bus.subscriber(&topics::HEALTH)?,
             camera: CameraWatch::new(&bus)?,
             commanders: CommanderWatch::new(instance, config, &bus)?,
+            publisher: PublisherWatch::new(&bus, &config.publish)?,
             strangers: StrangerWatch::new(instance, &config.access.publishers, &bus)?,
             view,
             base,
@@ -223,6 +226,7 @@ impl Collector {
             }
         }
         self.camera.collect(&self.view)?;
+        self.publisher.collect(&self.view)?;
         while let Some(received) = self.health.receive()? {
             if let Some(beat) = received.message() {
                 if beat.process == Attendant::Gateway as u32 {
@@ -248,6 +252,7 @@ impl Collector {
             (topics::TRUTH.name, self.truth.take_strangers()),
             (topics::HEALTH.name, self.health.take_strangers()),
             (topics::CAMERA.name, self.camera.take_strangers()),
+            (topics::PUBLISHER.name, self.publisher.take_strangers()),
         ];
         self.strangers.collect(&self.bus, &self.view, met)
     }
@@ -507,6 +512,7 @@ impl Collector {
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
             gateway: self.gateway(&attendants),
+            publisher: self.publisher.report(&attendants),
             attendants,
             commanders: self.commanders.report(),
             strangers: self.strangers.report(),

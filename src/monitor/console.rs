@@ -1,6 +1,7 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
+use super::publisher::Published;
 use super::report::{
     Breakdown, CameraDevice, Commander, Errors, Found, Gateway, Light, Percentiles, Report,
     Stranger,
@@ -232,6 +233,9 @@ fn body(report: &Report) -> String {
     }
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
+    }
+    for line in report.publisher.iter().flat_map(Published::lines) {
+        let _ = writeln!(text, "  publisher    {line}");
     }
     for commander in &report.commanders {
         commander_line(&mut text, commander);

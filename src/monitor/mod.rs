@@ -13,6 +13,7 @@ mod console;
 mod containment;
 mod flow;
 mod latency;
+mod publisher;
 pub mod report;
 mod strangers;
 mod unknown;

@@ -1,6 +1,7 @@
 //! The report about a run, finished or in progress. The same document is written by `--report`,
 //! printed by `touchline status --json` and drawn by the console.
 
+use super::publisher::Published;
 use super::view::Event;
 use crate::top_scale::Scale;
 use hdrhistogram::Histogram;
@@ -60,6 +61,9 @@ pub struct Report {
     /// The gateway; absent if only the owner may attach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gateway: Option<Gateway>,
+    /// The publisher; absent if nothing is to be published.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub publisher: Option<Published>,
     /// Senders of commands, with the robots that they command at the moment.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub commanders: Vec<Commander>,

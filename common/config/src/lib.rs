@@ -17,6 +17,7 @@ mod load;
 mod presets;
 mod problem;
 mod processes;
+mod publish;
 mod robots;
 mod schema;
 mod synthetic;
@@ -38,6 +39,10 @@ pub use load::{ConfigError, check, check_file};
 pub use presets::Preset;
 pub use problem::Problem;
 pub use processes::{SchedulingConfig, SpareStage, StageCpus, SupervisorConfig, WakeUpStrategy};
+pub use publish::{
+    CommandsConfig, MarkingsConfig, Output, OutputConfig, PublishConfig, PublishedTopic, SslConfig,
+    TrackedConfig,
+};
 pub use robots::{IdentityConfig, RobotsConfig, TeamConfig, TeamsConfig, Top};
 pub use synthetic::SyntheticConfig;
 
@@ -76,6 +81,9 @@ pub struct Config {
     pub supervisor: SupervisorConfig,
     /// Which users and programs may attach to the group besides its owner.
     pub access: AccessConfig,
+    /// Which of the leagues' own protocols are sent to other programs, and received from them; see
+    /// docs/leagues.md. Nothing is sent unless a protocol is `enabled`.
+    pub publish: PublishConfig,
     /// How stages wait for their input, and how the system schedules them.
     pub scheduling: SchedulingConfig,
     /// The synthetic match (`--source synthetic`).

@@ -87,6 +87,7 @@ impl Preset {
             filter: FilterConfig::default(),
             supervisor: SupervisorConfig::default(),
             access: AccessConfig::default(),
+            publish: PublishConfig::default(),
             scheduling: SchedulingConfig::default(),
             synthetic: SyntheticConfig::default(),
         };
@@ -158,6 +159,7 @@ impl Preset {
                     report_unknown: false,
                     identities: identities_of_colors(standard_patterns()),
                 };
+                config.publish.markings = MarkingsConfig::ssl_division_b();
             }
         }
         config

@@ -1,6 +1,7 @@
 //! Checks beyond the schema: references between keys, contradictions, and robots that look alike.
 
 mod geometry;
+mod publish;
 mod robots;
 
 use super::problem::{Problem, listed, nearest, quoted};
@@ -19,6 +20,7 @@ impl Config {
         self.check_robots(&mut problems);
         self.check_identities(&mut problems);
         self.check_rest(&mut problems);
+        publish::check(self, &mut problems);
         // With absurd sizes a check of the geometry would only repeat the problem.
         if none_in(&problems, &["field", "camera", "geometry", "robots.height_mm"]) {
             geometry::check(self, &mut problems);
@@ -47,6 +49,7 @@ impl Config {
                 "counts only for users of a group that may attach; access.group names none";
             warnings.push(Problem::new("access.teams", message).related("access.group"));
         }
+        publish::warn(self, &mut warnings);
         geometry::warn(self, &mut warnings);
         warnings
     }

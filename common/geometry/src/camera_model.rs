@@ -121,6 +121,11 @@ impl CameraModel {
         })
     }
 
+    /// Position of the lens on the field: x, y and height.
+    pub fn position_mm(&self) -> [f64; 3] {
+        self.position.into()
+    }
+
     /// Image position of a point `height_mm` above `point` on the field.
     pub fn image_from_field(&self, point: FieldPoint, height_mm: f64) -> ImagePoint {
         let seen = self.lens.image_from_ray(&self.ray_from_field(point, height_mm));

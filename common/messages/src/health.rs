@@ -51,17 +51,20 @@ pub enum Attendant {
     Supervisor = 4,
     /// Lets other users attach.
     Gateway = 5,
+    /// Sends poses in the leagues' own protocols.
+    Publisher = 6,
 }
 
 impl Attendant {
     /// All attendants.
-    pub const ALL: [Self; 2] = [Self::Supervisor, Self::Gateway];
+    pub const ALL: [Self; 3] = [Self::Supervisor, Self::Gateway, Self::Publisher];
 
     /// Process name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Supervisor => "supervisor",
             Self::Gateway => "gateway",
+            Self::Publisher => "publisher",
         }
     }
 }
@@ -155,7 +158,8 @@ impl DropReason {
 ///
 /// The supervisor's heartbeat names the newest event, so a program that only follows `health` knows
 /// when to read `events`; its frame counters are 0. The gateway's input is `world`, and each copy sent
-/// to a client counts as one output. The classifier's heartbeat includes its correction of the light.
+/// to a client counts as one output; the publisher's is `world` or `detections`, and each packet counts.
+/// The classifier's heartbeat includes its correction of the light.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/Heartbeat/5")]
@@ -180,9 +184,9 @@ pub struct Heartbeat {
     /// Outputs published.
     pub frames_out: u64,
     /// Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not
-    /// reach a client because it was too slow.
+    /// reach a client because it was too slow. Publisher: packets that were refused.
     pub frames_missed: u64,
-    /// Inputs dropped, by [`DropReason`]. Gateway: dropped messages of clients.
+    /// Inputs dropped, by [`DropReason`]. Gateway and publisher: dropped messages of clients.
     pub dropped: [u64; DropReason::ALL.len()],
     /// Supervisor: events in the group so far, which is the number of the newest. 0 from other
     /// processes, as are the next three fields.

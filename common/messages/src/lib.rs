@@ -23,6 +23,7 @@ pub mod interface;
 mod light;
 mod message;
 mod pixel_format;
+mod publisher;
 mod run;
 pub mod stages;
 mod stale;
@@ -48,6 +49,7 @@ pub use health::{
 pub use light::LightCorrection;
 pub use message::{Described, Header, Message};
 pub use pixel_format::PixelFormat;
+pub use publisher::{MAX_OUTPUTS, OutputReport, PublisherReport};
 pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use stale::ClearStale;
 pub use truth::{TruthFrame, TruthRobot};

@@ -197,7 +197,7 @@ pub const RUNS: Topic<Run, RunsHeader> = work(
 pub const DETECTIONS: Topic<DetectionFrame> = work(
     "detections",
     "tracker",
-    "filter, monitor",
+    "filter, monitor, publisher",
     |elements, _| elements.first().map_or(0, |detections| detections.frame.seq),
     |elements, _| elements.first().map_or(0, |detections| detections.frame.t_capture_ns),
 );
@@ -209,13 +209,18 @@ pub const WORLD: Topic<WorldFrame> = Topic {
     subscribers: 24,
     seq: |elements, _| elements.first().map_or(0, |world| world.frame.seq),
     t_capture_ns: |elements, _| elements.first().map_or(0, |world| world.frame.t_capture_ns),
-    ..topic("world", "filter", "tracker, monitor, gateway, strategies", 64)
+    ..topic("world", "filter", "tracker, monitor, gateway, publisher, strategies", 64)
 };
 /// Wheel speeds that strategies have sent to the robots.
 pub const COMMANDS: Topic<Commands> = Topic {
     publishers: 8,
     is_open: true,
-    ..topic("commands", "strategies, gateway, synthetic match", "filter, synthetic match", 64)
+    ..topic(
+        "commands",
+        "strategies, gateway, publisher, synthetic match",
+        "filter, synthetic match",
+        64,
+    )
 };
 /// Heartbeats of all processes.
 pub const HEALTH: Topic<Heartbeat> =
@@ -224,6 +229,8 @@ pub const HEALTH: Topic<Heartbeat> =
 pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)", "monitor", 64);
 /// State of the grabber's real camera.
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
+/// State of the publisher.
+pub const PUBLISHER: Topic<PublisherReport> = topic("publisher", "publisher", "monitor", 16);
 /// Observations and actions of the supervisor. Late readers get the last events too.
 pub const EVENTS: Topic<GroupEvent> =
     Topic { history: 16, ..topic("events", "monitor", "loggers", 64) };
@@ -248,6 +255,7 @@ pub fn visit_all(visitor: &mut impl Visitor) {
     visitor.visit(&COMMANDS);
     visitor.visit(&TRUTH);
     visitor.visit(&CAMERA);
+    visitor.visit(&PUBLISHER);
     visitor.visit(&HEALTH);
     visitor.visit(&EVENTS);
     visitor.visit(&STATUS);

@@ -17,7 +17,7 @@ pub enum MemoryRank {
     Needed = 0,
     /// Needed when the active process dies: a spare.
     Spare = 100,
-    /// The match continues for everything but its clients: the gateway.
+    /// The match continues for everything but its clients: gateway and publisher.
     Attendant = 300,
     /// Needed only after the match: the recorder.
     Recorder = 500,

@@ -1,4 +1,4 @@
-//! Setting a pitch up, off line: nothing here runs during a match.
+//! Setting a pitch up, off line: nothing here runs for a frame of a match.
 //!
 //! * [`calibration`]: the camera's geometry from points marked in a picture.
 //! * [`learning`]: colours from pictures.

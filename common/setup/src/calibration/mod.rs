@@ -16,6 +16,7 @@ mod least_squares;
 mod parameters;
 mod perspective;
 mod physical;
+mod pinhole;
 mod suspects;
 
 use config::PointPair;
@@ -23,6 +24,7 @@ use config::{CameraConfig, Config, DistortionConfig, FieldConfig, GeometryConfig
 use geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 
 pub use landmarks::{Landmark, LandmarkError, landmark_names, resolve_landmark};
+pub use pinhole::{Pinhole, PinholeError};
 pub use suspects::Suspicion;
 
 /// A point of known position, and its pixel.
