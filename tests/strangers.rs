@@ -8,10 +8,11 @@ use client::consumer::{Consumer, Event};
 use config::Config;
 use grabber::synthetic::SyntheticMatch;
 use messages::topics;
-use messages::{DetectionFrame, FrameHeader, PixelFormat, WorldFrame};
+use messages::{Commands, DetectionFrame, FrameHeader, PixelFormat, WorldFrame};
 use rustix::process::Signal;
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{BufRead, BufReader};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -237,4 +238,178 @@ fn results_of_frames_that_do_not_exist_are_no_progress_even_from_the_group_itsel
     assert_eq!(pids(&after), pids(&before), "a process was replaced: {after:#}");
     assert_eq!(after["frames"]["missing_in_world"], 0, "{after:#}");
     assert_eq!(after["stages"]["filter"]["dropped"]["bad_header"], 1, "{after:#}");
+}
+
+/// Open descriptors of every process of the group, by stage and state.
+fn descriptors(status: &Value) -> BTreeMap<String, usize> {
+    let count = |pid: &Value| {
+        std::fs::read_dir(format!("/proc/{pid}/fd")).map_or(usize::MAX, Iterator::count)
+    };
+    let mut all = BTreeMap::from([("supervisor".into(), count(&status["supervisor_pid"]))]);
+    for (name, stage) in status["stages"].as_object().unwrap() {
+        for process in stage["processes"].as_array().unwrap() {
+            let state = process["state"].as_str().unwrap();
+            all.insert(format!("{name}, {state}"), count(&process["pid"]));
+        }
+    }
+    all
+}
+
+/// Starts a program that attaches, waits until it has, and kills it.
+fn attach_and_kill(group: &Group, args: &[&str]) {
+    let mut program = group.start_touchline(&[&["bystander"], args].concat());
+    let mut said = String::new();
+    let mut output = BufReader::new(program.stdout.take().unwrap());
+    output.read_line(&mut said).unwrap();
+    let is_attached = said.starts_with("attached");
+    let _ = program.kill();
+    let ended = program.wait_with_output().unwrap();
+    assert!(is_attached, "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+#[test]
+fn programs_that_attached_and_were_killed_leave_no_descriptor_open_in_any_process() {
+    let mut group = Group::start("strangers-killed", "", &[]);
+    group.wait_until_working();
+    // Once, so that everything is connected that will be.
+    attach_and_kill(&group, &[]);
+    attach_and_kill(&group, &["--rubbish", "60000"]);
+    std::thread::sleep(Duration::from_secs(3));
+    let before = descriptors(&group.wait_until_working());
+    for _ in 0..40 {
+        for _ in 0..4 {
+            attach_and_kill(&group, &[]);
+        }
+        attach_and_kill(&group, &["--rubbish", "60000"]);
+    }
+    let is_flat = |after: &BTreeMap<String, usize>| {
+        after.len() == before.len()
+            && after
+                .iter()
+                .all(|(process, count)| before.get(process).is_some_and(|before| count <= before))
+    };
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let status = group.wait_until_working();
+        let after = descriptors(&status);
+        if is_flat(&after) {
+            break;
+        }
+        assert!(Instant::now() < deadline, "{before:?} before, {after:?} after, {status:#}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    // The spares have kept nothing of the strangers, and everything of the group.
+    let witness = Witness::start(&group);
+    for stage in ["classifier", "tracker", "filter"] {
+        let status = group.wait_until_working();
+        group.signal(Group::pid_of(&status, stage), Signal::KILL);
+        let world = status["frames"]["world"].as_u64().unwrap();
+        let status = group.wait_for("further frames", |status| {
+            status["complete"] == true && status["frames"]["world"].as_u64() > Some(world + 80)
+        });
+        assert_eq!(status["frames"]["missing_in_world"], 0, "{stage}: {status:#}");
+        assert_eq!(status["frames"]["duplicates_in_world"], 0, "{stage}: {status:#}");
+    }
+    let (seen, missed) = witness.finish();
+    assert!(seen.len() > 100 && missed == 0, "{missed} of {} missed", seen.len());
+}
+
+#[test]
+fn strangers_on_the_monitor_s_topics_are_named_too() {
+    let mut group = Group::start("strangers-status", "", &[]);
+    group.wait_until_working();
+    let bus = Bus::join(&group.instance, "scribbler").unwrap();
+    let mut events = bus.publisher(&topics::EVENTS, 1).unwrap();
+    let mut status = bus.publisher(&topics::STATUS, 100).unwrap();
+    events.publish(&bytemuck::Zeroable::zeroed()).unwrap();
+    status.loan(100).unwrap().send().unwrap();
+    let own = std::process::id();
+    let both: BTreeSet<String> = ["events", "status"].map(String::from).into();
+    let status = group.wait_for("the scribbler named", |status| strangers_of(status, own) == both);
+    let strangers = status["strangers"].as_array().unwrap();
+    assert!(
+        strangers.iter().all(|it| it["name"] == "scribbler" && it["messages"] == 1),
+        "{status:#}"
+    );
+}
+
+/// Publishes commands for a robot, numbered from `first` on, in bursts, until told to stop.
+fn command(
+    group: &Group,
+    name: &'static str,
+    robot: (u32, u32),
+    first: u64,
+    (burst, pause): (u64, Duration),
+) -> (Arc<AtomicBool>, JoinHandle<u64>) {
+    let stop = Arc::new(AtomicBool::new(false));
+    let (instance, is_over) = (group.instance.clone(), Arc::clone(&stop));
+    let (to_tell, is_attached) = std::sync::mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let bus = Bus::join(&instance, name).unwrap();
+        let mut publisher = bus.publisher(&topics::COMMANDS, 1).unwrap();
+        let mut sent = 0;
+        to_tell.send(()).unwrap();
+        while !is_over.load(Ordering::Relaxed) {
+            for _ in 0..burst {
+                let mut commands = Commands { seq: first + sent, ..bytemuck::Zeroable::zeroed() };
+                commands.t_sent_ns = monotonic_ns();
+                commands.wheel_count = 1;
+                commands.wheels[0].team = robot.0;
+                commands.wheels[0].robot_id = robot.1;
+                publisher.publish(&commands).unwrap();
+                sent += 1;
+            }
+            std::thread::sleep(pause);
+        }
+        sent
+    });
+    is_attached.recv().unwrap();
+    (stop, thread)
+}
+
+#[test]
+fn a_program_that_floods_commands_keeps_no_other_out_and_is_named() {
+    const STRATEGY: u64 = 1 << 40;
+    let mut group = Group::start("commands-flood", "", &[]);
+    group.wait_until_working();
+    let bus = Bus::join(&group.instance, "reader").unwrap();
+    let worlds = bus.subscriber(&topics::WORLD).unwrap();
+    let deadline = Instant::now() + PATIENCE;
+    let robots: Vec<(u32, u32)> = loop {
+        assert!(Instant::now() < deadline, "no robots");
+        let newest = worlds.newest().unwrap();
+        let newest = newest.as_ref().and_then(|world| world.message());
+        match newest.filter(|world| world.robots().len() >= 10) {
+            Some(world) => break world.robots().iter().map(|it| (it.team, it.robot_id)).collect(),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    // Some 40,000 messages a second; the filter takes 2,560.
+    let flood = command(&group, "flood", robots[0], 1 << 20, (80, Duration::from_millis(2)));
+    group.wait_for("the flood named", |status| {
+        let commanders = status["commanders"].as_array().cloned().unwrap_or_default();
+        commanders.iter().any(|it| it["name"] == "flood" && it["floods"] == true)
+    });
+    let strategy =
+        command(&group, "strategy", robots[1], STRATEGY, (1, Duration::from_micros(12_500)));
+    let mut used = BTreeSet::new();
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(3) {
+        while let Some(world) = worlds.receive().unwrap() {
+            let world = world.message().unwrap();
+            let commands = &world.commands[..world.command_count as usize];
+            used.extend(commands.iter().map(|it| it.seq).filter(|&seq| seq >= STRATEGY));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    strategy.0.store(true, Ordering::Relaxed);
+    let sent = strategy.1.join().unwrap();
+    flood.0.store(true, Ordering::Relaxed);
+    flood.1.join().unwrap();
+    // The last ones may still be under way.
+    assert!(sent > 50 && used.len() as u64 + 20 >= sent, "{} of {sent} used", used.len());
+    let status = group.wait_until_working();
+    let text = status["events"].to_string();
+    assert!(text.contains("(flood) publishes commands faster"), "{text}");
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
 }

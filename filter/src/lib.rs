@@ -55,6 +55,7 @@ pub mod commands;
 pub mod constant_velocity;
 pub mod gaussian;
 pub mod imm;
+pub mod intake;
 mod message;
 pub mod process;
 pub mod robot;

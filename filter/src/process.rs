@@ -1,6 +1,7 @@
 //! The filter's process: detections and commands in, world out.
 
 use crate::Filter;
+use crate::intake::Intake;
 use client::bus::Received;
 use client::clock::monotonic_ns;
 use config::Config;
@@ -17,6 +18,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let commands = process.bus.subscriber(&topics::COMMANDS)?;
     let mut world = process.bus.publisher(&topics::WORLD, 1)?;
     let mut filter = Filter::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let mut intake = Intake::default();
     let mut wake_up = process.wake_up(&topics::DETECTIONS)?;
     if !process.activate()? {
         return Ok(());
@@ -32,16 +34,11 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             filter.resume(last);
         }
     }
-    drop(previous);
+    // The message too: it would keep the connections, and with them the predecessor's memory.
+    drop((last, previous));
 
     while process.keep_running()? {
-        while filter.takes_commands()
-            && let Some(command) = commands.receive()?
-        {
-            if let Some(command) = command.message() {
-                filter.command(command);
-            }
-        }
+        intake.collect(&commands)?;
         let Some(input) = detections.receive()? else {
             wake_up.wait(MAX_WAIT);
             continue;
@@ -55,6 +52,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         if process.is_done_by_predecessor(seq) || !process.accept(&detection.frame) {
             continue;
         }
+        intake.deliver(&mut filter);
         let mut output = world.loan(1)?;
         let state = &mut output.elements()[0];
         filter.step(detection, state);

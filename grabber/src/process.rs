@@ -11,6 +11,10 @@ use messages::topics;
 use messages::{DropReason, ProcessKind, ProcessState};
 use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
+/// Rounds in which commands are read before a frame: bounded, so that a flood of them cannot delay the
+/// camera.
+const COMMAND_ROUNDS: usize = 4;
+
 /// The grabber's own options.
 #[derive(Debug, Clone)]
 pub struct GrabberOptions {
@@ -57,15 +61,13 @@ pub fn run(
     let end = grabber.frames.unwrap_or(u64::MAX);
     let mut next_seq = last.map_or(0, |last| last.seq + 1);
     while process.keep_running()? && next_seq < end && !camera.is_over() {
-        // Bounded, so that a flood of commands cannot delay the camera.
-        for _ in 0..topics::COMMANDS.buffer {
-            let Some(received) = command_subscriber.receive()? else { break };
+        command_subscriber.receive_fairly(COMMAND_ROUNDS, |received| {
             if let Some(message) = received.message()
-                && !commands.has_sent(&received)
+                && !commands.has_sent(received)
             {
                 camera.obey(message);
             }
-        }
+        })?;
         if let Some(pacer) = &mut pacer
             && !pacer.may_show()?
         {

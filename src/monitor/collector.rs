@@ -244,7 +244,7 @@ impl Collector {
                 }
             }
         }
-        self.commanders.collect()?;
+        self.commanders.collect(&self.view)?;
         let met = [
             (topics::FRAMES.name, self.frames.take_strangers()),
             (topics::DETECTIONS.name, self.detections.take_strangers()),
@@ -286,6 +286,11 @@ impl Collector {
         connect_again(world, || bus.subscriber(&topics::WORLD));
         connect_again(truth, || bus.subscriber(&topics::TRUTH));
         connect_again(health, || bus.subscriber(&topics::HEALTH));
+    }
+
+    /// Drops connections to readers and writers that have ended.
+    pub fn refresh(&self) -> Result<(), BusError> {
+        self.bus.refresh(false)
     }
 
     /// Events not returned before.

@@ -1,19 +1,28 @@
-//! Senders of commands and the robots that obey them. Each robot obeys the command sent last.
+//! Senders of commands and the robots that obey them. Each robot obeys the command sent last. A sender that
+//! publishes faster than the group reads is named; the filter gives every sender the same share
+//! (`filter/src/intake.rs`).
 
 use super::report::Commander;
+use super::view::{Event, GroupView};
 use client::bus::{Bus, BusError, Subscriber, participants};
 use client::clock::monotonic_ns;
 use client::instance::Instance;
 use client::roster::NodeKey;
 use config::Config;
 use messages::topics;
-use messages::{Attendant, Commands, Team};
+use messages::{Attendant, Commands, EventKind, Team};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Largest lead of a command's time stamp; the filter rejects later ones too.
 const MOST_AHEAD_NS: u64 = 1_000_000_000;
 /// Most senders tracked; the one silent for longest is dropped first.
 const MOST_SENDERS: usize = 32;
+/// Messages of a sender in one round of reading that show that its buffer was full.
+const FLOOD: u64 = topics::COMMANDS.buffer as u64 - 4;
+/// Time after which a flood is over.
+const FLOOD_NS: u64 = 2_000_000_000;
+/// Shortest time between two events about a sender.
+const PAUSE_NS: u64 = 10_000_000_000;
 
 /// A sender: a process, or a user behind the gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -26,6 +35,9 @@ struct Sender {
 struct Known {
     messages: u64,
     heard_ns: u64,
+    /// When it last filled its buffer.
+    flooded_ns: Option<u64>,
+    told_ns: Option<u64>,
     name: String,
     /// Time of its last command to each robot, by team and number.
     robots: BTreeMap<(u32, u32), u64>,
@@ -54,32 +66,59 @@ impl CommanderWatch {
         })
     }
 
-    /// Reads new commands.
-    pub fn collect(&mut self) -> Result<(), BusError> {
+    /// Reads new commands, and reports senders that publish too many.
+    pub fn collect(&mut self, view: &GroupView) -> Result<(), BusError> {
         let now_ns = monotonic_ns();
-        while let Some(received) = self.commands.receive()? {
-            let Some(commands) = received.message() else { continue };
-            if commands.t_sent_ns > now_ns.saturating_add(MOST_AHEAD_NS) {
+        let mut received = Vec::new();
+        let rounds = topics::COMMANDS.buffer / topics::COMMANDS.borrowed + 1;
+        self.commands.receive_fairly(rounds, |message| {
+            received.extend(message.message().map(|commands| (message.sender(), *commands)));
+        })?;
+        let mut counts: HashMap<NodeKey, u64> = HashMap::new();
+        for (node, commands) in received {
+            *counts.entry(node).or_default() += 1;
+            self.take(node, &commands, now_ns);
+        }
+        for (sender, known) in &mut self.senders {
+            if counts.get(&sender.node).is_none_or(|&count| count < FLOOD) {
                 continue;
             }
-            let sender = Sender { node: received.sender(), user: commands.user };
-            if !self.senders.contains_key(&sender) {
-                self.make_room();
-                let name = participants::name_of(&self.instance, sender.node).unwrap_or_default();
-                self.senders.insert(sender, Known { name, ..Known::default() });
-            }
-            let Some(known) = self.senders.get_mut(&sender) else { continue };
-            known.messages += 1;
-            known.heard_ns = now_ns;
-            for wheels in commands.wheels() {
-                let robot = (wheels.team, wheels.robot_id);
-                if self.robots.contains(&robot) {
-                    let sent_ns = known.robots.entry(robot).or_default();
-                    *sent_ns = (*sent_ns).max(commands.t_sent_ns);
-                }
+            known.flooded_ns = Some(now_ns);
+            if known.told_ns.is_none_or(|told| now_ns.saturating_sub(told) >= PAUSE_NS) {
+                known.told_ns = Some(now_ns);
+                let what = format!(
+                    "process {} ({}) publishes commands faster than they can be used: the filter takes the \
+                     same share from every sender, and drops the rest of this one's",
+                    sender.node.pid(),
+                    known.name
+                );
+                let supervisor = Attendant::Supervisor.name();
+                view.log(Event::new(EventKind::Other, supervisor, sender.node.pid(), &what, ""));
             }
         }
         Ok(())
+    }
+
+    fn take(&mut self, node: NodeKey, commands: &Commands, now_ns: u64) {
+        if commands.t_sent_ns > now_ns.saturating_add(MOST_AHEAD_NS) {
+            return;
+        }
+        let sender = Sender { node, user: commands.user };
+        if !self.senders.contains_key(&sender) {
+            self.make_room();
+            let name = participants::name_of(&self.instance, sender.node).unwrap_or_default();
+            self.senders.insert(sender, Known { name, ..Known::default() });
+        }
+        let Some(known) = self.senders.get_mut(&sender) else { return };
+        known.messages += 1;
+        known.heard_ns = now_ns;
+        for wheels in commands.wheels() {
+            let robot = (wheels.team, wheels.robot_id);
+            if self.robots.contains(&robot) {
+                let sent_ns = known.robots.entry(robot).or_default();
+                *sent_ns = (*sent_ns).max(commands.t_sent_ns);
+            }
+        }
     }
 
     fn make_room(&mut self) {
@@ -126,6 +165,7 @@ fn commanders(senders: &HashMap<Sender, Known>, now_ns: u64, timeout_ns: u64) ->
                 robots: names(obeyed),
                 overruled: names(overruled),
                 messages: known.messages,
+                floods: known.flooded_ns.is_some_and(|at| now_ns.saturating_sub(at) < FLOOD_NS),
             };
             let commands_any = !(commander.robots.is_empty() && commander.overruled.is_empty());
             commands_any.then_some(commander)

@@ -364,7 +364,7 @@ fn gateway_line(text: &mut String, gateway: &Gateway) {
 
 /// A sender of commands and the robots that obey it.
 fn commander_line(text: &mut String, commander: &Commander) {
-    let Commander { pid, name, robots, overruled, .. } = commander;
+    let Commander { pid, name, robots, overruled, floods, .. } = commander;
     let sender = match commander.user {
         Some(user) => format!("user {user}"),
         None => format!("{name} (process {pid})"),
@@ -376,6 +376,9 @@ fn commander_line(text: &mut String, commander: &Commander) {
     let _ = write!(text, "  commands     {sender}: {robots}");
     if !overruled.is_empty() {
         let _ = write!(text, "; overruled at {}", overruled.join(", "));
+    }
+    if *floods {
+        text.push_str("; sends more than can be used, the rest is dropped");
     }
     text.push('\n');
 }

@@ -163,6 +163,8 @@ fn watch(
         if beat.elapsed() >= HEARTBEAT || !events.is_empty() {
             beat = Instant::now();
             let _ = collector.heartbeat().map(|beat| outlets.health.publish(&beat));
+            // An error is that of a reader or writer, and the next round of reading meets it too.
+            let _ = collector.refresh();
         }
         let is_due = published.elapsed() >= STATUS_PERIOD;
         if is_due || asked.is_to_answer(outlets.requests.as_ref()) || last_round {

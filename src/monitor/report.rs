@@ -307,6 +307,9 @@ pub struct Commander {
     pub overruled: Vec<String>,
     /// Its messages so far.
     pub messages: u64,
+    /// It publishes faster than its commands can be used; the rest is dropped.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub floods: bool,
 }
 
 /// A foreign program that publishes on a protected topic.

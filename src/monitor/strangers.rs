@@ -8,7 +8,7 @@ use client::clock::monotonic_ns;
 use client::instance::Instance;
 use client::roster::NodeKey;
 use messages::topics::{self, TopicName};
-use messages::{Attendant, EventKind, Run, RunsHeader};
+use messages::{Attendant, EventKind, GroupEvent, Run, RunsHeader, StatusHeader};
 
 /// Shortest time between two events about a program.
 const PAUSE_NS: u64 = 10_000_000_000;
@@ -20,8 +20,10 @@ pub struct StrangerWatch {
     instance: Instance,
     /// Names of programs that may publish on any topic.
     permitted: Vec<String>,
-    /// Read only to detect strangers on `runs`.
+    // Read only to detect strangers.
     runs: Subscriber<Run, RunsHeader>,
+    events: Subscriber<GroupEvent, ()>,
+    status: Subscriber<u8, StatusHeader>,
     known: Vec<Known>,
 }
 
@@ -40,12 +42,14 @@ impl StrangerWatch {
             instance: instance.clone(),
             permitted: permitted.to_vec(),
             runs: bus.subscriber(&topics::RUNS)?,
+            events: bus.subscriber(&topics::EVENTS)?,
+            status: bus.subscriber(&topics::STATUS)?,
             known: Vec::new(),
         })
     }
 
-    /// Records the strangers on `runs`, and those that other readers have met on a topic since the
-    /// last call.
+    /// Records the strangers on `runs`, `events` and `status`, and those that other readers have met on
+    /// a topic since the last call.
     pub fn collect(
         &mut self,
         bus: &Bus,
@@ -53,8 +57,14 @@ impl StrangerWatch {
         met: impl IntoIterator<Item = (TopicName, Vec<Stranger>)>,
     ) -> Result<(), BusError> {
         while self.runs.receive()?.is_some() {}
-        let on_runs = (topics::RUNS.name, self.runs.take_strangers());
-        for (topic, strangers) in met.into_iter().chain([on_runs]) {
+        while self.events.receive()?.is_some() {}
+        while self.status.receive()?.is_some() {}
+        let own = [
+            (topics::RUNS.name, self.runs.take_strangers()),
+            (topics::EVENTS.name, self.events.take_strangers()),
+            (topics::STATUS.name, self.status.take_strangers()),
+        ];
+        for (topic, strangers) in met.into_iter().chain(own) {
             for stranger in strangers {
                 self.note(topic, stranger);
             }

@@ -27,12 +27,12 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     }
     let seq_of = |detections: &DetectionFrame| detections.frame.seq;
     let now_ns = monotonic_ns();
-    let seen = previous.newest_that(|seen| {
+    let last = previous.newest_that(|seen| {
         seen.message().is_some_and(|detections| detections.frame.is_present(now_ns))
     })?;
-    let seen = seen.as_ref().and_then(Received::message).map(seq_of);
-    process.resume_after_seen(seen);
-    drop(previous);
+    process.resume_after_seen(last.as_ref().and_then(Received::message).map(seq_of));
+    // The message too: it would keep the connections, and with them the predecessor's memory.
+    drop((last, previous));
 
     let mut prior = None;
     let mut frame: Option<Received<u8, FrameHeader>> = None;

@@ -9,10 +9,13 @@
 
 pub mod participants;
 mod ports;
+mod standby;
 mod strangers;
+mod subscriber;
 
-pub use ports::{Loan, Publisher, Received, Subscriber};
+pub use ports::{Loan, Publisher, Received};
 pub use strangers::Stranger;
+pub use subscriber::Subscriber;
 
 use crate::eventcount::EventCount;
 use crate::instance::namespace::IPC_VERSION;
@@ -29,11 +32,14 @@ use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribeFactory;
 use messages::topics::{Topic, TopicName};
 use messages::{Header, Message};
+use standby::Port;
+use std::cell::RefCell;
 use std::fmt::Debug;
-use std::rc::Rc;
+use std::rc::{Rc, Weak};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use subscriber::Parts;
 
 /// Errors of the communication between processes.
 #[derive(Debug, thiserror::Error)]
@@ -159,6 +165,8 @@ pub struct Bus {
     roster: Rc<Roster>,
     /// Time for which a full topic is retried.
     patience: Duration,
+    /// Ports of this process.
+    ports: RefCell<Vec<Weak<dyn Port>>>,
 }
 
 /// Keeps the topic's service alive until dropped.
@@ -196,7 +204,7 @@ impl Bus {
             .map_err(failed("node", "join the instance"))?;
         let roster = Roster::open(instance).map_err(failed("node", "map the roster"))?;
         let roster = Rc::new(roster);
-        Ok(Self { node, namespace, roster, patience: FULL_TIMEOUT })
+        Ok(Self { node, namespace, roster, patience: FULL_TIMEOUT, ports: RefCell::default() })
     }
 
     /// The group's names in shared memory.
@@ -208,6 +216,19 @@ impl Bus {
     /// Only for processes of the group, before they publish anything.
     pub fn enter_roster(&self) {
         self.roster.enter(NodeKey::of(self.node.id()));
+    }
+
+    /// Connects all ports to new processes and drops connections to processes that have ended, which a
+    /// port that is not used would keep. To be called with every heartbeat; `stands_by` if the process
+    /// reads nothing at the moment.
+    pub fn refresh(&self, stands_by: bool) -> Result<(), BusError> {
+        let mut ports = self.ports.borrow_mut();
+        ports.retain(|port| port.strong_count() > 0);
+        ports.iter().filter_map(Weak::upgrade).try_for_each(|port| port.refresh(stands_by))
+    }
+
+    fn remember(&self, port: &Rc<dyn Port>) {
+        self.ports.borrow_mut().push(Rc::downgrade(port));
     }
 
     /// Makes readers accept the messages of a program outside the group, because the user permits it.
@@ -247,7 +268,9 @@ impl Bus {
         populate(&port, topic, capacity)?;
         let published = self.event_count(topic.name)?;
         let notifier = topic.notifies.then(|| self.notifier(topic.name)).transpose()?;
-        Ok(Publisher::new(port, published, notifier, topic.name))
+        let publisher = Publisher::new(port, published, notifier, topic.name);
+        self.remember(&publisher.as_port());
+        Ok(publisher)
     }
 
     /// Creates a subscriber. It is connected at once: the newest messages are kept for it from now on.
@@ -286,7 +309,7 @@ impl Bus {
         let is_full = |error: &SubscriberCreateError| {
             *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
         };
-        let (port, borrowed) = retry_while_full(self.patience, || {
+        let (port, service, borrowed) = retry_while_full(self.patience, || {
             let service = self.open(topic)?;
             // An existing topic may have been made with less; then less is available.
             let made = service.static_config();
@@ -303,12 +326,17 @@ impl Bus {
                 })
                 .create()
                 .map_err(refused(topic.name, action, is_full))?;
-            Ok((port, made.subscriber_max_borrowed_samples()))
+            let borrowed = made.subscriber_max_borrowed_samples();
+            Ok((port, service, borrowed))
         })?;
         // One message is with the caller, and the caller may keep another.
         let capacity = borrowed.min(topic.borrowed).saturating_sub(2).clamp(1, topic.buffer);
         let roster = (!topic.is_open).then(|| Rc::clone(&self.roster));
-        Ok(Subscriber::new(port, topic, capacity, misses_a_writer, roster))
+        let published = self.event_count(topic.name)?;
+        let parts = Parts { port, service, published, capacity, misses_a_writer, roster };
+        let subscriber = Subscriber::new(topic, parts);
+        self.remember(&subscriber.as_port());
+        Ok(subscriber)
     }
 
     /// Keeps a topic's service alive without writing or reading. A service ends with its last process,

@@ -42,7 +42,7 @@ unsafe impl Shareable for Entries {}
 
 /// A node as one number, which is read and written atomically: process id in the upper half, digest of
 /// the time at which it joined in the lower.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeKey(u64);
 
 impl NodeKey {

@@ -24,7 +24,7 @@ use crate::wire::{
 };
 use config::input;
 use rustix::fs::{FlockOperation, flock};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
@@ -248,6 +248,7 @@ impl Plan {
     fn take_chunk(&mut self, piece: Piece, header: ChunkHeader, is_framed: bool, records: &[u8]) {
         let mut messages = BTreeMap::<u16, Vec<(u64, u64)>>::new();
         let mut times_ns = None;
+        let (mut unknown, mut knows_any) = (BTreeSet::new(), false);
         let mut cursor = Cursor(records);
         while !cursor.0.is_empty() {
             let place = (records.len() - cursor.0.len()) as u64;
@@ -261,11 +262,23 @@ impl Plan {
             let Some((header, _)) = message(body) else {
                 return self.fence_off(piece, Fault::Records);
             };
-            if !self.summary.channels.contains_key(&header.channel_id) {
-                return self.fence_off(piece, Fault::UnknownChannel);
+            match self.summary.channels.contains_key(&header.channel_id) {
+                true => knows_any = true,
+                false => _ = unknown.insert(header.channel_id),
             }
             messages.entry(header.channel_id).or_default().push((header.log_ns, place));
             times_ns = Some(widened(times_ns, header.log_ns));
+        }
+        if !unknown.is_empty() {
+            if !knows_any {
+                return self.fence_off(piece, Fault::UnknownChannel);
+            }
+            self.damages.add(Fault::UnknownChannel, piece.at, piece.length);
+            // The other messages of the chunk can be read, so it stays. Viewers show these ones without
+            // a meaning.
+            for id in unknown {
+                self.summary.channels.insert(id, unknown_channel(id));
+            }
         }
         let (start_ns, end_ns) = times_ns.unwrap_or_default();
         let is_right = is_framed && (header.start_ns, header.end_ns) == (start_ns, end_ns);
@@ -457,6 +470,13 @@ impl Plan {
         self.summary.write(data_end, index, &mut end)?;
         Ok(end)
     }
+}
+
+/// Describes a channel of which nothing but its messages is left.
+fn unknown_channel(id: u16) -> Vec<u8> {
+    let mut body = Encoder::default();
+    body.u16(id).u16(0).prefixed(format!("unknown-{id}").as_bytes()).prefixed(b"").prefixed(b"");
+    body.0
 }
 
 /// Offset of a position after the parts before it have been left out.

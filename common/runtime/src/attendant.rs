@@ -78,6 +78,7 @@ impl AttendantProcess {
         count(&mut self.counters);
         self.counters.t_sent_ns = now_ns;
         self.health.publish(&self.counters)?;
+        self.bus.refresh(false)?;
         Ok(self.orphan_timer.may_continue(now_ns))
     }
 }

@@ -245,7 +245,9 @@ impl Process {
         self.beat_ns = now;
         self.beat_dropped = self.counters.dropped;
         self.counters.t_sent_ns = now;
-        Ok(self.health.publish(&self.counters)?)
+        self.health.publish(&self.counters)?;
+        let stands_by = self.spare && !self.is_at_work;
+        Ok(self.bus.refresh(stands_by)?)
     }
 
     fn promoted_within(&self, timeout: Duration) -> Result<bool, ProcessError> {

@@ -9,6 +9,7 @@ use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use messages::topics::{self, Topic};
 use messages::{Header, Message};
 use runtime::descriptors;
+use std::io::Write as _;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
@@ -111,10 +112,14 @@ pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode,
         std::thread::sleep(Duration::from_millis(1));
     }
     let begun = Instant::now();
+    let mut is_told = false;
     for kind in KINDS.into_iter().cycle() {
         for lane in &mut lanes {
             lane.learn()?;
             lane.publish(&bus, kind, &mut noise)?;
+        }
+        if !std::mem::replace(&mut is_told, true) {
+            writeln!(std::io::stdout(), "attached")?;
         }
         if begun.elapsed() >= time || rustix::process::getppid() != parent {
             break;

@@ -1,27 +1,23 @@
-//! Writing messages into shared memory, and reading them in place.
+//! Writing messages into shared memory.
 
-use super::strangers::{Stranger, Strangers};
+use super::standby::Port;
 use super::{BusError, failed};
 use crate::eventcount::EventCount;
-use crate::roster::{NodeKey, Roster};
+use crate::roster::NodeKey;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IpcPublisher;
-use iceoryx2::port::subscriber::Subscriber as IpcSubscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample as IpcSample;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
-use messages::topics::{Topic, TopicName};
+use messages::topics::TopicName;
 use messages::{Header, Message};
-use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Writes messages into shared memory and wakes the processes that sleep on the topic.
 pub struct Publisher<E: Message, H: Header> {
-    port: IpcPublisher<ipc::Service, [E], H>,
+    port: Rc<IpcPublisher<ipc::Service, [E], H>>,
     bell: Rc<Bell>,
     topic: TopicName,
 }
@@ -52,7 +48,12 @@ impl<E: Message, H: Header> Publisher<E, H> {
         notifier: Option<Notifier<ipc::Service>>,
         topic: TopicName,
     ) -> Self {
-        Self { port, bell: Rc::new(Bell { published, notifier }), topic }
+        Self { port: Rc::new(port), bell: Rc::new(Bell { published, notifier }), topic }
+    }
+
+    /// The port, for [`Bus::refresh`](super::Bus::refresh).
+    pub(super) fn as_port(&self) -> Rc<dyn Port> {
+        Rc::clone(&self.port) as Rc<dyn Port>
     }
 
     /// Whether this publisher has sent the message.
@@ -117,126 +118,15 @@ impl<E: Message, H: Header> Loan<E, H> {
     }
 }
 
-/// Reads messages in place and in order: from the group's own processes, and on open topics from every
-/// program.
-///
-/// iceoryx2 keeps one queue per writer and empties them in no particular order. After a hand-over, a
-/// reader that has fallen behind finds messages of the dead process and of its successor, and must get
-/// them in the order of their numbers. So all received messages are first moved into an ordered queue
-/// of our own.
-pub struct Subscriber<E: Message, H: Header> {
-    port: IpcSubscriber<ipc::Service, [E], H>,
-    topic: TopicName,
-    seq: fn(&[E], &H) -> u64,
-    /// Most messages in the queue.
-    capacity: usize,
-    queue: RefCell<VecDeque<Received<E, H>>>,
-    misses_a_writer: Arc<AtomicBool>,
-    /// Trusted senders; `None` on a topic that is open to every program.
-    roster: Option<Rc<Roster>>,
-    /// The node last found on the roster. The next message nearly always comes from the same node.
-    believed: Cell<u128>,
-    strangers: RefCell<Strangers>,
-}
-
-impl<E: Message, H: Header> Subscriber<E, H> {
-    /// Creates a subscriber that holds up to `capacity` messages besides those its caller holds.
-    /// `misses_a_writer` becomes true when it could not connect to a writer.
-    pub(super) fn new(
-        port: IpcSubscriber<ipc::Service, [E], H>,
-        topic: &Topic<E, H>,
-        capacity: usize,
-        misses_a_writer: Arc<AtomicBool>,
-        roster: Option<Rc<Roster>>,
-    ) -> Self {
-        Self {
-            port,
-            topic: topic.name,
-            seq: topic.seq,
-            capacity,
-            queue: RefCell::new(VecDeque::with_capacity(capacity)),
-            misses_a_writer,
-            roster,
-            believed: Cell::new(0),
-            strangers: RefCell::default(),
-        }
-    }
-
-    /// Whether there is, or was, a writer whose messages are not received, because descriptors or
-    /// memory did not suffice to connect to it. iceoryx2 does not retry; only a new subscriber helps.
-    pub fn misses_a_writer(&self) -> bool {
-        self.misses_a_writer.load(Ordering::Relaxed)
-    }
-
-    /// The oldest unread message, if there is one.
-    pub fn receive(&self) -> Result<Option<Received<E, H>>, BusError> {
-        let mut queue = self.queue.borrow_mut();
-        while queue.len() < self.capacity {
-            let Some(sample) = self.port.receive().map_err(failed(self.topic, "receive"))? else {
-                break;
-            };
-            if !self.believes(&sample) {
-                continue;
-            }
-            let received = Received { sample };
-            let seq = self.seq_of(&received);
-            // Nearly always the message belongs at the end.
-            let before = queue.iter().rev().take_while(|queued| self.seq_of(queued) > seq).count();
-            let place = queue.len() - before;
-            queue.insert(place, received);
-        }
-        Ok(queue.pop_front())
-    }
-
-    /// Whether a message comes from a process of the group, or the topic is open to every program.
-    /// Other messages are counted.
-    fn believes(&self, sample: &IpcSample<ipc::Service, [E], H>) -> bool {
-        let Some(roster) = &self.roster else { return true };
-        let node = sample.header().node_id();
-        if node.value() == self.believed.get() {
-            return true;
-        }
-        let key = NodeKey::of(&node);
-        let is_of_group = roster.has(key);
-        match is_of_group {
-            true => self.believed.set(node.value()),
-            false => self.strangers.borrow_mut().count(key),
-        }
-        is_of_group
-    }
-
-    /// Senders of the messages rejected since the last call.
-    pub fn take_strangers(&self) -> Vec<Stranger> {
-        self.strangers.borrow_mut().take()
-    }
-
-    fn seq_of(&self, received: &Received<E, H>) -> u64 {
-        (self.seq)(received.elements(), received.header())
-    }
-
-    /// The newest message; all others are skipped.
-    pub fn newest(&self) -> Result<Option<Received<E, H>>, BusError> {
-        self.newest_that(|_| true)
-    }
-
-    /// The newest message that passes the check; all others are skipped.
-    pub fn newest_that(
-        &self,
-        is_believed: impl Fn(&Received<E, H>) -> bool,
-    ) -> Result<Option<Received<E, H>>, BusError> {
-        let mut newest = None;
-        while let Some(received) = self.receive()? {
-            if is_believed(&received) {
-                newest = Some(received);
-            }
-        }
-        Ok(newest)
+impl<E: Message, H: Header> Port for IpcPublisher<ipc::Service, [E], H> {
+    fn refresh(&self, _stands_by: bool) -> Result<(), BusError> {
+        self.update_connections().map_err(failed("any", "connect to the readers"))
     }
 }
 
 /// A message in shared memory; given back when dropped.
 pub struct Received<E: Message, H: Header> {
-    sample: IpcSample<ipc::Service, [E], H>,
+    pub(super) sample: IpcSample<ipc::Service, [E], H>,
 }
 
 impl<E: Message, H: Header> Received<E, H> {
