@@ -26,8 +26,8 @@ use crate::regions::class_index::ClassIndex;
 use crate::regions::measure::Measure;
 use crate::regions::measured_regions::{MeasuredRegion, MeasuredRegions};
 use beside::Place;
-use candidate::Part;
-use geometry::CameraModel;
+use candidate::{MAX_PARTS, Part};
+use geometry::{CameraModel, FieldPoint};
 use messages::DetectionFrame;
 use parts::{MAX_MERGED_RATIO, SPLIT_RATIO};
 use split::{MAX_PIECES, Splitter};
@@ -36,17 +36,23 @@ use std::ops::Range;
 /// Most candidates of one kind; of more, those with the likeliest areas are kept. Thirty-two robots with two
 /// dots of a colour each have 64, and a few more for fragments.
 const MAX_CANDIDATES: usize = 192;
+
 /// Finds candidates, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CandidateFinder {
     /// For each height of the pattern, the measured regions.
     by_height: Vec<MeasuredRegions>,
     candidates: Vec<Candidate>,
+    /// While they are sorted: the misfit's bits and the index of each, and the sorted ones.
+    order: Vec<(u64, u32)>,
+    sorted: Vec<Candidate>,
     /// For each kind of the pattern, its part of `candidates`.
     ranges: Vec<Range<usize>>,
     splitter: Splitter,
     /// Squared distance and index of the fragments near a region.
     near: Vec<(f64, usize)>,
+    /// Regions within the bounds of a footprint.
+    meeting: Vec<u32>,
     /// There were more than [`MAX_CANDIDATES`] of a kind.
     pub is_cut: bool,
     /// Places of other patches that the candidates for team patches predict.
@@ -66,6 +72,27 @@ impl CandidateFinder {
     /// The regions of one class, largest first.
     pub fn measured_of(&self, top: &Top, class: u32) -> &[MeasuredRegion] {
         self.by_height.get(top.height).map_or(&[], |regions| regions.of_class(class))
+    }
+
+    /// Calls `take` with each region of [`measured_on`](Self::measured_on) within reach of a place, in order.
+    pub fn near<'a>(
+        &'a self,
+        top: &Top,
+        place: FieldPoint,
+        reach_mm: f64,
+        mut take: impl FnMut(&'a MeasuredRegion),
+    ) {
+        let Some(regions) = self.by_height.get(top.height) else { return };
+        let all = regions.all();
+        regions.near(0..all.len(), place, reach_mm, |index, _| take(&all[index]));
+    }
+
+    /// Whether a region of one class is within reach of a place.
+    pub fn is_any_near(&self, top: &Top, class: u32, place: FieldPoint, reach_mm: f64) -> bool {
+        let Some(regions) = self.by_height.get(top.height) else { return false };
+        let mut is_any = false;
+        regions.near(regions.range(class), place, reach_mm, |_, _| is_any = true);
+        is_any
     }
 
     /// Candidates of a kind, the likeliest area first; those of footprints among them.
@@ -95,11 +122,7 @@ impl CandidateFinder {
                 Some(alike) => self.copy_kind(*alike),
                 None => self.find_kind(pattern, kind, camera, frame),
             }
-            // A total order: no two candidates are equal.
-            let by_misfit = |a: &Candidate, b: &Candidate| {
-                a.misfit.total_cmp(&b.misfit).then_with(|| a.parts().cmp(b.parts()))
-            };
-            self.candidates[begin..].sort_unstable_by(by_misfit);
+            self.sort_from(begin);
             self.is_cut |= self.candidates.len() > begin + MAX_CANDIDATES;
             self.candidates.truncate(begin + MAX_CANDIDATES);
             // The kinds of team patches come first, so all their candidates are known.
@@ -109,10 +132,26 @@ impl CandidateFinder {
                     is_guessed = true;
                 }
                 self.look_beside_team_patches(pattern, kind, camera, frame);
-                self.candidates[begin..].sort_unstable_by(by_misfit);
+                self.sort_from(begin);
             }
             self.ranges.push(begin..self.candidates.len());
         }
+    }
+
+    /// Sorts the candidates from an index on, the likeliest area first. Each is moved once.
+    fn sort_from(&mut self, begin: usize) {
+        let candidates = &self.candidates[begin..];
+        self.order.clear();
+        // Positive numbers are in the order of their bits.
+        self.order.extend((0..).zip(candidates).map(|(index, it)| (it.misfit.to_bits(), index)));
+        // A total order: no two candidates are equal.
+        self.order.sort_unstable_by(|&(a_misfit, a), &(b_misfit, b)| {
+            let parts = |index: u32| candidates[index as usize].parts();
+            a_misfit.cmp(&b_misfit).then_with(|| parts(a).cmp(parts(b)))
+        });
+        self.sorted.clear();
+        self.sorted.extend(self.order.iter().map(|&(_, index)| candidates[index as usize]));
+        self.candidates[begin..].copy_from_slice(&self.sorted);
     }
 
     fn measure_regions(
@@ -160,7 +199,9 @@ impl CandidateFinder {
             }
             let ratio = measured.measure.area_mm2 / patch.area_mm2;
             self.push(pattern, patch, &[Part::whole(measured.region)], measured.measure);
-            if ratio < MAX_MERGED_RATIO {
+            // Fragments are smaller than the region.
+            let most = MAX_PARTS as f64 * ratio;
+            if ratio < MAX_MERGED_RATIO && most >= pattern.limits.min_area_ratio {
                 self.merge(pattern, top, patch, kind.class, seed);
             }
             for pieces in 2..=MAX_PIECES {

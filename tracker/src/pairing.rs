@@ -330,12 +330,9 @@ impl Pairing {
                 .any(|(&kind, &candidate)| self.finder.of_kind(kind)[candidate].uses_region(region))
         };
         let mut count = 0;
-        for measured in self.finder.measured_on(top) {
-            let place = measured.measure.position;
-            if distance_mm(place, hypothesis.pose.position) > top.core.reach_mm() {
-                continue;
-            }
-            let place = robot_from_field(&hypothesis.pose, place);
+        let reach_mm = top.core.reach_mm();
+        self.finder.near(top, hypothesis.pose.position, reach_mm, |measured| {
+            let place = robot_from_field(&hypothesis.pose, measured.measure.position);
             let could_be_patch = || {
                 let same_height = pattern.tops.iter().filter(|other| other.height == top.height);
                 same_height.flat_map(|top| &top.patches).any(|patch| {
@@ -346,7 +343,7 @@ impl Pairing {
             if top.core.contains(place) && !is_own(measured.region) && could_be_patch() {
                 count += 1;
             }
-        }
+        });
         count
     }
 

@@ -150,11 +150,6 @@ fn explain_lonely_patches(
     let is_of_team = |class: u32| Team::ALL.iter().any(|&team| pattern.team_class(team) == class);
     // Where teams have different heights, the error of each place is small.
     let top = first_top(pattern, Team::Yellow);
-    // Regions of any size: a bad team patch is listed with a reason of its own.
-    let team_spots = || {
-        let of = |team| pairing.finder.measured_of(top, pattern.team_class(team)).iter();
-        Team::ALL.into_iter().flat_map(of)
-    };
     for measured in pairing.finder.measured_on(top) {
         if measured.outside
             || is_of_team(measured.class)
@@ -172,10 +167,11 @@ fn explain_lonely_patches(
         });
         let farthest = could_be.map(|kind| reach_mm(pattern, kind)).reduce(f64::max);
         let is_lonely = farthest.is_some_and(|farthest| {
-            let distance = |team: &MeasuredRegion| {
-                distance_mm(team.measure.position, measured.measure.position)
-            };
-            team_spots().all(|team| distance(team) > farthest)
+            // Regions of any size: a bad team patch is listed with a reason of its own.
+            let place = measured.measure.position;
+            !Team::ALL.iter().any(|&team| {
+                pairing.finder.is_any_near(top, pattern.team_class(team), place, farthest)
+            })
         });
         if is_lonely {
             let (reason, measure) = (RejectReason::NoTeamPatch, &measured.measure);

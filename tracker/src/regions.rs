@@ -21,9 +21,11 @@
 //! The paper joins the region of fewer pixels to the one of more, since it relabels pixels. Nothing is
 //! relabelled here, so the direction does not matter for the result.
 
+pub(crate) mod bounds;
 pub(crate) mod class_index;
 pub(crate) mod measure;
 pub(crate) mod measured_regions;
+pub(crate) mod places;
 
 use bytemuck::{Zeroable, zeroed_box};
 use messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};

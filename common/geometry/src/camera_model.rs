@@ -157,6 +157,33 @@ impl CameraModel {
         })
     }
 
+    /// The point of a plane `height_mm` above the floor that is seen at `point`, and the millimetres [x, y] by
+    /// which it moves with a pixel to the right and with a pixel down. Takes a third of the time of measuring
+    /// these at neighbouring pixels.
+    pub fn field_and_slopes(
+        &self,
+        point: ImagePoint,
+        height_mm: f64,
+    ) -> (FieldPoint, [[f64; 2]; 2]) {
+        let lift = height_mm / self.position.z;
+        let (ray, slopes) = self.lens.ray_and_slopes(Vector2::new(point.x_px, point.y_px));
+        let floor = self.floor_from_ray * ray;
+        let is_floor = floor.z > self.horizon;
+        let depth = if is_floor { floor.z } else { self.horizon };
+        let place = floor.xy() / depth;
+        let slopes = slopes.map(|slope| {
+            let moved = self.floor_from_ray * slope;
+            let deeper = if is_floor { moved.z } else { 0.0 };
+            let [x, y] = [0, 1].map(|axis| (moved[axis] - place[axis] * deeper) / depth);
+            [x * (1.0 - lift), y * (1.0 - lift)]
+        });
+        let place = FieldPoint::new(
+            place.x + (self.position.x - place.x) * lift,
+            place.y + (self.position.y - place.y) * lift,
+        );
+        (place, slopes)
+    }
+
     /// Whether the lens model is valid where the point is seen. Farther out its polynomial would turn
     /// back, and is replaced by a straight line.
     pub fn is_within_lens(&self, point: FieldPoint, height_mm: f64) -> bool {
@@ -175,12 +202,8 @@ impl CameraModel {
 
     /// Area covered by one pixel at `point`, mm² of a plane `height_mm` above the floor.
     pub fn pixel_area_mm2(&self, point: ImagePoint, height_mm: f64) -> f64 {
-        let around = [(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)];
-        let around = around.map(|(dx, dy)| ImagePoint::new(point.x_px + dx, point.y_px + dy));
-        let [left, right, up, down] = self.fields_from_image(around, height_mm);
-        let across = (right.x_mm - left.x_mm, right.y_mm - left.y_mm);
-        let along = (down.x_mm - up.x_mm, down.y_mm - up.y_mm);
-        (across.0 * along.1 - across.1 * along.0).abs()
+        let (_, [across, along]) = self.field_and_slopes(point, height_mm);
+        (across[0] * along[1] - across[1] * along[0]).abs()
     }
 }
 

@@ -138,6 +138,51 @@ impl Lens {
         rays
     }
 
+    /// The ray seen at a pixel, and its derivatives by the pixel's column and row.
+    #[inline]
+    pub fn ray_and_slopes(&self, pixel: Vector2<f64>) -> (Vector3<f64>, [Vector3<f64>; 2]) {
+        let offset = pixel - self.center;
+        let seen = offset.norm() / self.scale_px;
+        let [radius] = self.undistort([seen]);
+        let is_center = seen < 1e-12;
+        // How the radius grows with the one that is seen, and the ratio of the two.
+        let (growth, ratio) = if is_center {
+            (1.0, 1.0)
+        } else if radius > self.limit {
+            (1.0 / self.limit_slope, radius / seen)
+        } else {
+            (1.0 / slope(&self.k, radius), radius / seen)
+        };
+        let direction = if is_center { Vector2::zeros() } else { offset / offset.norm() };
+        // d(offset·f)/d(axis) = f·e + offset·(df/d seen)·direction / scale, for a factor f of the radius.
+        let scaled = |factor: f64, bend: f64, axis: usize| {
+            let mut slope = direction * (direction[axis] * bend);
+            slope[axis] += factor;
+            slope
+        };
+        match self.model {
+            DistortionModel::Polynomial => {
+                let ray = (self.center + offset * ratio).push(1.0);
+                // offset·f = radius·scale·direction.
+                let slopes = [0, 1].map(|axis| scaled(ratio, growth - ratio, axis).push(0.0));
+                (ray, slopes)
+            }
+            DistortionModel::Fisheye => {
+                let angle = radius.min(PI);
+                let (sin, cos) = angle.sin_cos();
+                let turn = if radius > PI { 0.0 } else { growth };
+                let ratio = if is_center { 1.0 } else { sin / seen };
+                let ray = (offset * ratio + self.center * cos).push(cos);
+                let slopes = [0, 1].map(|axis| {
+                    // The angle grows by `turn` / scale for a pixel along `direction`.
+                    let falls = -sin * turn * direction[axis] / self.scale_px;
+                    (scaled(ratio, cos * turn - ratio, axis) + self.center * falls).push(falls)
+                });
+                (ray, slopes)
+            }
+        }
+    }
+
     /// Distance of a ray from the axis, as radius or as angle.
     fn radius(&self, ray: &Vector3<f64>) -> f64 {
         match self.model {
@@ -272,6 +317,30 @@ mod tests {
             prop_assert!((back - pixel).norm() < 1e-6, "{back:?} {ray:?}");
             let [_, both] = lens.rays_from_image([Vector2::new(10.0, 20.0), pixel]);
             prop_assert_eq!(ray, both);
+        }
+
+        /// Derivatives are the limits of differences, except at the radius where the polynomial ends.
+        #[test]
+        fn slopes_are_those_of_the_rays(
+            distortion in any_lens(), x in -300.0..900.0f64, y in -300.0..800.0f64,
+        ) {
+            let lens = Lens::new(&distortion, PICTURE);
+            for pixel in [Vector2::new(x, y), Vector2::from(distortion.center_px)] {
+                let (ray, slopes) = lens.ray_and_slopes(pixel);
+                let [same] = lens.rays_from_image([pixel]);
+                prop_assert!((ray - same).norm() < 1e-9, "{ray:?} {same:?}");
+                const STEP_PX: f64 = 0.01;
+                let steps = [Vector2::new(STEP_PX, 0.0), Vector2::new(0.0, STEP_PX)];
+                for (step, slope) in steps.into_iter().zip(slopes) {
+                    let [before, after] = lens.rays_from_image([pixel - step, pixel + step]);
+                    prop_assume!(
+                        [before, after].iter().all(|it| (lens.radius(it) - lens.limit).abs() > 0.001)
+                    );
+                    let measured = (after - before) / (2.0 * STEP_PX);
+                    let off = (slope - measured).norm();
+                    prop_assert!(off < 2e-4 * (1.0 + measured.norm()), "{slope:?} {measured:?}");
+                }
+            }
         }
 
         /// A ray farther from the axis is seen farther from the centre.

@@ -1,7 +1,7 @@
 //! The camera model with the geometry of the presets.
 
 use config::{Config, Preset};
-use touchline_geometry::{CameraModel, FieldPoint, GeometryError};
+use touchline_geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 
 fn model(config: &Config) -> CameraModel {
     CameraModel::new(&config.geometry, config.camera.width, config.camera.height).unwrap()
@@ -31,6 +31,26 @@ fn field_and_image_are_inverses_at_any_height() {
                 let point = FieldPoint::new(x, y);
                 let back = model.field_from_image(model.image_from_field(point, height), height);
                 assert!(point.distance(back) < 1e-6, "{point:?} {back:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn slopes_are_differences_between_neighbouring_pixels() {
+    for preset in Preset::ALL {
+        let model = model(&preset.config());
+        for (x, y) in [(3.0, 5.0), (211.0, 187.0), (333.0, 250.0)] {
+            let at =
+                |dx: f64, dy: f64| model.field_from_image(ImagePoint::new(x + dx, y + dy), 75.0);
+            let (place, [right, down]) = model.field_and_slopes(ImagePoint::new(x, y), 75.0);
+            assert!(place.distance(at(0.0, 0.0)) < 1e-9, "{place:?}");
+            let between = |a: FieldPoint, b: FieldPoint| [b.x_mm - a.x_mm, b.y_mm - a.y_mm];
+            let expected =
+                [between(at(-0.5, 0.0), at(0.5, 0.0)), between(at(0.0, -0.5), at(0.0, 0.5))];
+            for (slope, expected) in [right, down].into_iter().zip(expected) {
+                let off = (slope[0] - expected[0]).hypot(slope[1] - expected[1]);
+                assert!(off < 1e-4, "{preset:?}: {slope:?} {expected:?}");
             }
         }
     }

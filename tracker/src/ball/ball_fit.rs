@@ -125,6 +125,8 @@ pub(crate) struct BallFitter {
     sphere: Sphere,
     samples: RimSamples,
     rim: [Sector; SECTORS],
+    /// Normal equations of the current pass, by sector and channel. They do not depend on the weights.
+    blocks: Box<[[Block; CHANNELS]; SECTORS]>,
     /// Reused allocation for [`BallFitter::background`].
     residuals: Vec<f32>,
 }
@@ -162,6 +164,7 @@ impl BallFitter {
             sphere,
             samples: RimSamples::new(),
             rim: [Sector::default(); SECTORS],
+            blocks: Box::new([[Block::default(); CHANNELS]; SECTORS]),
             residuals: Vec::with_capacity(256),
         }
     }
@@ -251,6 +254,7 @@ impl BallFitter {
         shown: &[f64; SECTORS],
         pass: &Pass,
     ) -> Option<Step> {
+        self.eliminate_backgrounds(pass);
         let mut weights = *shown;
         let mut weighings = 0;
         loop {
@@ -328,27 +332,33 @@ impl BallFitter {
         }
     }
 
+    /// Fills `blocks` from the sums of a pass.
+    fn eliminate_backgrounds(&mut self, pass: &Pass) {
+        for channel in 0..CHANNELS {
+            let (level, variance) = self.background(channel, pass);
+            for (sector, blocks) in self.blocks.iter_mut().enumerate() {
+                let sums = self.samples.sums(sector, channel);
+                blocks[channel] = Block::new(sums, level, SAMPLE_NOISE.powi(2) / variance);
+            }
+        }
+    }
+
     /// Fits the shading to the weighted sectors, then the rim's offset in each sector. Returns the relative
     /// excess of the point spread function's size.
     fn measure_rim(&mut self, weights: &[f64; SECTORS], pass: &Pass) -> Option<f64> {
-        let mut blocks = [[Block::default(); CHANNELS]; SECTORS];
         let mut shades = [[0.0; SHADES]; CHANNELS];
         for (channel, shades) in shades.iter_mut().enumerate() {
-            let (level, variance) = self.background(channel, pass);
             let mut normal = [[0.0; SHADES + 1]; SHADES];
             for (row, term) in normal.iter_mut().enumerate() {
                 term[row] = if row == 0 { 1e-6 } else { (SAMPLE_NOISE / SHADE_SPREAD).powi(2) };
             }
-            for (sector, weight) in weights.iter().enumerate() {
-                let sums = self.samples.sums(sector, channel);
-                let block = &mut blocks[sector][channel];
-                *block = Block::new(sums, level, SAMPLE_NOISE.powi(2) / variance);
-                block.add_to(&mut normal, *weight);
+            for (blocks, weight) in self.blocks.iter().zip(weights) {
+                blocks[channel].add_to(&mut normal, *weight);
             }
             *shades = solve(normal)?;
         }
         let mut softer = [0.0, PSF_NOISE.powi(-2)];
-        for (sector, by_channel) in blocks.iter().enumerate() {
+        for (sector, by_channel) in self.blocks.iter().enumerate() {
             let direction = self.samples.directions[sector];
             let rim = &mut self.rim[sector];
             rim.samples = self.samples.counts[sector];

@@ -244,7 +244,7 @@ fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<Circle> {
     let twice = 2.0 * (p[0] * q[1] - p[1] * q[0]);
     let x = (q[1] * pp - p[1] * qq) / twice;
     let y = (p[0] * qq - q[0] * pp) / twice;
-    let radius = x.hypot(y);
+    let radius = (x * x + y * y).sqrt();
     RADII.contains(&radius).then_some(Circle { center: [a[0] + x, a[1] + y], radius })
 }
 

@@ -81,17 +81,19 @@ impl CandidateFinder {
         let mut sums = footprint.sums();
         // Pixels of the region that has most of them, and the region.
         let mut most = (0, 0);
-        let regions =
-            self.by_height.get(top.height).map_or(&[][..], |regions| regions.of_class(kind.class));
-        for measured in regions.iter().filter(|measured| measured.bounds.meets(&footprint.bounds)) {
-            let Some(region) = frame.regions().get(measured.region as usize) else { continue };
+        let Some(measured) = self.by_height.get(top.height) else { return };
+        let of_class = measured.of_class(kind.class);
+        measured.meeting(kind.class, &footprint.bounds, &mut self.meeting);
+        for &index in &self.meeting {
+            let index = of_class[index as usize].region;
+            let Some(region) = frame.regions().get(index as usize) else { continue };
             self.cut_work += cut_work(region);
             if self.cut_work > CUT_WORK_PER_FRAME {
                 return;
             }
             let pixels = footprint.add(top, region, frame, &mut sums);
             if pixels > most.0 {
-                most = (pixels, measured.region);
+                most = (pixels, index);
             }
         }
         let Some(cut) = self.cuts.checked_add(1).filter(|_| most.0 > 0) else { return };

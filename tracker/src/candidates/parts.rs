@@ -33,19 +33,18 @@ impl CandidateFinder {
         let measured = self.measured_of(top, class)[seed];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
-        let reach2 = (MERGE_REACH * patch.reach_mm).powi(2);
-        // Largest first, so all that follow are too small as well.
-        for (index, other) in self.measured_of(top, class).iter().enumerate().skip(seed + 1) {
-            if other.measure.area_mm2 < MIN_FRAGMENT_RATIO * patch.area_mm2 {
-                break;
-            }
-            let (here, there) = (measured.measure.position, other.measure.position);
-            let (dx, dy) = (here.x_mm - there.x_mm, here.y_mm - there.y_mm);
-            let distance2 = dx * dx + dy * dy;
-            if distance2 < reach2 {
-                near.push((distance2, index));
-            }
-        }
+        let of_class = self.measured_of(top, class);
+        // Largest first.
+        let is_large =
+            |other: &MeasuredRegion| other.measure.area_mm2 >= MIN_FRAGMENT_RATIO * patch.area_mm2;
+        let fragments = seed + 1..of_class.partition_point(is_large).max(seed + 1);
+        let regions = &self.by_height[top.height];
+        let first = regions.range(class).start;
+        let fragments = first + fragments.start..first + fragments.end;
+        let reach_mm = MERGE_REACH * patch.reach_mm;
+        regions.near(fragments, measured.measure.position, reach_mm, |index, distance2| {
+            near.push((distance2, index - first));
+        });
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 
         let mut parts = [Part::whole(measured.region); MAX_PARTS];

@@ -41,26 +41,27 @@ impl Splitter {
         if self.work.saturating_add(round) > WORK_PER_FRAME {
             return None;
         }
-        self.pixels.clear();
-        for run in runs {
-            let row = f64::from(run.row);
-            self.pixels.extend((run.begin..run.end).map(|column| (f64::from(column), row)));
+        // Two centres need only the whole's moments.
+        if count > 2 {
+            self.pixels.clear();
+            for run in runs {
+                let row = f64::from(run.row);
+                self.pixels.extend((run.begin..run.end).map(|column| (f64::from(column), row)));
+            }
         }
-
         let mut centers = self.first_centers(whole, count);
         let mut pieces = [Moments::default(); MAX_PIECES];
         for _ in 0..MAX_ROUNDS {
             self.work += round;
             let mut sums = centers.map(MomentSums::around);
-            for &(x, y) in &self.pixels {
-                let (mut nearest, mut least) = (0, f64::INFINITY);
-                for (piece, &center) in centers[..count].iter().enumerate() {
-                    let distance = distance2(center, (x, y));
-                    if distance < least {
-                        (nearest, least) = (piece, distance);
-                    }
+            for run in runs {
+                let mut begin = run.begin;
+                while begin < run.end {
+                    let (nearest, end) = stretch(&centers[..count], run.row, begin);
+                    let end = end.clamp(begin + 1, run.end);
+                    sums[nearest].add_run(&Run { begin, end, ..*run });
+                    begin = end;
                 }
-                sums[nearest].add_pixel(x, y);
             }
             let mut settled = true;
             for piece in 0..count {
@@ -101,15 +102,48 @@ impl Splitter {
                     f64::min,
                 )
             };
-            let farthest = self
-                .pixels
-                .iter()
-                .copied()
-                .max_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b)));
-            centers[chosen] = farthest.unwrap_or(middle);
+            let mut farthest = (f64::NEG_INFINITY, middle);
+            for &pixel in &self.pixels {
+                let remoteness = remoteness(pixel);
+                if remoteness >= farthest.0 {
+                    farthest = (remoteness, pixel);
+                }
+            }
+            centers[chosen] = farthest.1;
         }
         centers
     }
+}
+
+/// The centre that is nearest to a pixel, of equals the first, and the column from which on another one of
+/// the row's pixels is nearer.
+///
+/// Along a row the difference of two squared distances is linear in the column x:
+///
+/// d₂²(x) − d₁²(x) = d₂²(x₀) − d₁²(x₀) − 2·(x₂ − x₁)·(x − x₀)
+///
+/// so another centre can become the nearest only once, and only if it lies farther to the right.
+fn stretch(centers: &[(f64, f64)], row: u16, begin: u16) -> (usize, u16) {
+    let pixel = (f64::from(begin), f64::from(row));
+    let (mut nearest, mut least) = (0, f64::INFINITY);
+    for (piece, &center) in centers.iter().enumerate() {
+        let distance = distance2(center, pixel);
+        if distance < least {
+            (nearest, least) = (piece, distance);
+        }
+    }
+    let mut columns = f64::from(u16::MAX);
+    for (piece, &center) in centers.iter().enumerate() {
+        let right = center.0 - centers[nearest].0;
+        if right > 0.0 {
+            let equal = (distance2(center, pixel) - least) / (2.0 * right);
+            // Of equals the first is taken.
+            let first = if piece < nearest { equal.ceil() } else { equal.floor() + 1.0 };
+            columns = columns.min(first);
+        }
+    }
+    // The conversion saturates.
+    (nearest, (f64::from(begin) + columns) as u16)
 }
 
 fn distance2(a: (f64, f64), b: (f64, f64)) -> f64 {

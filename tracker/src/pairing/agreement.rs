@@ -29,6 +29,7 @@
 use crate::linear::{inverse, times};
 use crate::pattern::Top;
 use crate::pattern::shares::{PatchRow, ROW, Shares};
+use crate::regions::bounds::Bounds;
 use crate::regions::class_index::{CLASSES, ClassIndex};
 use fearless_simd::{Level, dispatch};
 use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
@@ -79,6 +80,8 @@ pub(crate) struct NearbyPixels {
     /// Area that each pixel stands for.
     pixel_mm2: f32,
     origin: FieldPoint,
+    /// Regions of a class in the window.
+    meeting: Vec<u32>,
     /// At the pose of the last evaluation: the cell of each pixel, and its place in the robot's frame.
     cells: Vec<u32>,
     ahead_mm: Vec<f32>,
@@ -143,6 +146,7 @@ impl Default for NearbyPixels {
             classes: Vec::new(),
             pixel_mm2: 0.0,
             origin: FieldPoint::default(),
+            meeting: Vec::new(),
             cells: Vec::new(),
             ahead_mm: Vec::new(),
             aside_mm: Vec::new(),
@@ -202,20 +206,19 @@ impl NearbyPixels {
             [down.x_mm - origin.x_mm, down.y_mm - origin.y_mm],
         );
         let off = [place.x_mm - origin.x_mm, place.y_mm - origin.y_mm];
+        let right2 = right[0] * right[0] + right[1] * right[1];
         // The window in the picture.
         let (left, first_row) = (column - steps * step, row - steps * step);
         let (last, bottom) = (column + steps * step, row + steps * step);
+        let regions = frame.regions();
+        let clip = |side: i64| side.clamp(-1, i64::from(u16::MAX)) as i32;
+        let window =
+            Bounds { columns: [left, last].map(clip), rows: [first_row, bottom].map(clip) };
         for class in 0..CLASSES {
             let begin = self.x_mm.len();
-            for &region in index.of_class(class) {
-                let region = &frame.regions()[region as usize];
-                let apart = i64::from(region.left) > last
-                    || i64::from(region.right) < left
-                    || i64::from(region.top) > bottom
-                    || i64::from(region.bottom) < first_row;
-                if apart {
-                    continue;
-                }
+            index.meeting(class, &window, &mut self.meeting);
+            for &number in &self.meeting {
+                let region = &regions[index.of_class(class)[number as usize] as usize];
                 for run in frame.runs_of(region) {
                     let y = i64::from(run.row);
                     if y < first_row || y > bottom || (y - first_row) % step != 0 {
@@ -223,16 +226,26 @@ impl NearbyPixels {
                     }
                     let first = (i64::from(run.begin) - left).max(0);
                     let end = (i64::from(run.end) - left).min(last - left + 1);
-                    let first = first + (step - first % step) % step;
-                    for x in (first..end).step_by(step as usize) {
-                        let (dx, dy) = ((left + x - column) as f64, (y - row) as f64);
-                        let at = [0, 1].map(|axis| dx * right[axis] + dy * down[axis]);
-                        let [dx, dy] = [at[0] - off[0], at[1] - off[1]];
-                        if dx * dx + dy * dy <= reach_mm * reach_mm {
-                            self.x_mm.push(at[0] as f32);
-                            self.y_mm.push(at[1] as f32);
-                        }
+                    // The part of the row within reach: |p + dx·r|² ≤ reach², p its point in the middle column.
+                    let dy = (y - row) as f64;
+                    let from = [0, 1].map(|axis| dy * down[axis] - off[axis]);
+                    let along = from[0] * right[0] + from[1] * right[1];
+                    let left_over = reach_mm * reach_mm - from[0] * from[0] - from[1] * from[1];
+                    let root = along * along + right2 * left_over;
+                    if root < 0.0 {
+                        continue;
                     }
+                    let (middle, half) = (-along / right2, root.sqrt() / right2);
+                    let to_left = column - left;
+                    let first = first.max((middle - half).ceil() as i64 + to_left);
+                    let end = end.min((middle + half).floor() as i64 + to_left + 1);
+                    let first = first + (step - first % step) % step;
+                    let columns = || {
+                        let steps = ((end - first + step - 1) / step).max(0);
+                        (0..steps).map(|index| (first + index * step - to_left) as f64)
+                    };
+                    self.x_mm.extend(columns().map(|dx| (dx * right[0] + dy * down[0]) as f32));
+                    self.y_mm.extend(columns().map(|dx| (dx * right[1] + dy * down[1]) as f32));
                 }
             }
             if self.x_mm.len() > begin {

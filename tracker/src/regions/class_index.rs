@@ -1,5 +1,6 @@
 //! The regions of a frame by colour class.
 
+use super::bounds::{Bounds, BoundsByClass};
 use messages::{DetectionFrame, Region};
 
 /// Number of colour classes.
@@ -10,6 +11,7 @@ pub(crate) const CLASSES: usize = 32;
 pub(crate) struct ClassIndex {
     /// Indices of regions, class by class.
     regions: Vec<u32>,
+    bounds: BoundsByClass,
     /// End of each class in `regions`, and begin of the next.
     ends: [usize; CLASSES],
 }
@@ -34,6 +36,21 @@ impl ClassIndex {
             }
         }
         self.ends = next;
+        self.bounds.clear();
+        let regions = frame.regions();
+        for class in 0..CLASSES {
+            let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
+            for &index in &self.regions[begin..self.ends[class]] {
+                self.bounds.push(&regions[index as usize]);
+            }
+            self.bounds.end_class(class);
+        }
+    }
+
+    /// Finds the regions of a class that have a pixel within `bounds`: their numbers in
+    /// [`of_class`](Self::of_class), in order.
+    pub fn meeting(&self, class: usize, bounds: &Bounds, found: &mut Vec<u32>) {
+        self.bounds.meeting(class, bounds, found);
     }
 
     /// Indices of the regions of a class.

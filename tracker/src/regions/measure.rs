@@ -106,12 +106,8 @@ impl Measure {
     /// beyond the horizon.
     pub fn new(moments: &Moments, camera: &CameraModel, height_mm: f64) -> Option<Self> {
         let image = ImagePoint::new(moments.x_px, moments.y_px);
-        let points = [(0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)]
-            .map(|(dx, dy)| ImagePoint::new(image.x_px + dx, image.y_px + dy));
-        let [position, left, right, up, down] = camera.fields_from_image(points, height_mm);
         // Millimetres per pixel along a row (u) and along a column (v).
-        let u = [right.x_mm - left.x_mm, right.y_mm - left.y_mm];
-        let v = [down.x_mm - up.x_mm, down.y_mm - up.y_mm];
+        let (position, [u, v]) = camera.field_and_slopes(image, height_mm);
         let [xx, xy, yy] = moments.covariance;
         let turned = |i: usize, j: usize| {
             u[i] * u[j] * xx + (u[i] * v[j] + v[i] * u[j]) * xy + v[i] * v[j] * yy

@@ -1,10 +1,15 @@
 //! The regions of a frame in colours of patches, measured on the plane of the tops.
 
+pub(crate) use super::bounds::Bounds;
+use super::bounds::BoundsByClass;
 use super::class_index::{CLASSES, ClassIndex};
 use super::measure::{Measure, Moments};
+use super::places::Places;
 use crate::pitch::Pitch;
-use geometry::CameraModel;
-use messages::{DetectionFrame, Region};
+use geometry::{CameraModel, FieldPoint};
+use messages::DetectionFrame;
+use std::cmp::Reverse;
+use std::ops::Range;
 
 /// A region in a colour of some patch, and its measures.
 #[derive(Debug, Clone, Copy)]
@@ -12,40 +17,24 @@ pub(crate) struct MeasuredRegion {
     /// Index of the region in the message.
     pub region: u32,
     pub class: u32,
-    pub bounds: Bounds,
     pub measure: Measure,
     /// Whether it lies too far outside the pitch to belong to a robot on it.
     pub outside: bool,
-}
-
-/// The columns and rows of a region, both ends included.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Bounds {
-    pub columns: [i32; 2],
-    pub rows: [i32; 2],
 }
 
 /// The measured regions at one height, class by class, in each class the largest first.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MeasuredRegions {
     list: Vec<MeasuredRegion>,
+    bounds: BoundsByClass,
+    /// Places of the regions in `list`.
+    places: Places,
+    /// The regions of a class before they are sorted.
+    unsorted: Vec<MeasuredRegion>,
+    /// Their order by area: the area's bits, the region, and its index in `unsorted`.
+    order: Vec<(Reverse<u64>, u32, u32)>,
     /// End of each class in `list`, and begin of the next.
     ends: [usize; CLASSES],
-}
-
-impl Bounds {
-    fn of_region(region: &Region) -> Self {
-        Self {
-            columns: [i32::from(region.left), i32::from(region.right)],
-            rows: [i32::from(region.top), i32::from(region.bottom)],
-        }
-    }
-
-    /// Whether two rectangles have a pixel in common.
-    pub fn meets(&self, other: &Self) -> bool {
-        let meets = |a: [i32; 2], b: [i32; 2]| a[0] <= b[1] && b[0] <= a[1];
-        meets(self.columns, other.columns) && meets(self.rows, other.rows)
-    }
 }
 
 impl MeasuredRegions {
@@ -62,22 +51,34 @@ impl MeasuredRegions {
         pitch: &Pitch,
         slack_mm: f64,
     ) {
+        let regions = frame.regions();
         self.list.clear();
+        self.bounds.clear();
+        self.places.clear();
         for class in 0..CLASSES {
-            let begin = self.list.len();
-            let regions = if classes >> class & 1 == 1 { index.of_class(class) } else { &[] };
-            for &index in regions {
-                let region = &frame.regions()[index as usize];
+            self.unsorted.clear();
+            self.order.clear();
+            let of_class = if classes >> class & 1 == 1 { index.of_class(class) } else { &[] };
+            for &index in of_class {
+                let region = &regions[index as usize];
                 let moments = Moments::of_region(region, frame.runs_of(region));
                 let Some(measure) = Measure::new(&moments, camera, height_mm) else { continue };
                 let outside = !pitch.contains(measure.position, slack_mm);
-                let (class, bounds) = (region.class, Bounds::of_region(region));
-                self.list.push(MeasuredRegion { region: index, class, bounds, measure, outside });
+                // Positive numbers are in the order of their bits.
+                let area = Reverse(measure.area_mm2.to_bits());
+                self.order.push((area, index, self.unsorted.len() as u32));
+                let class = region.class;
+                self.unsorted.push(MeasuredRegion { region: index, class, measure, outside });
             }
-            self.list[begin..].sort_unstable_by(|a, b| {
-                b.measure.area_mm2.total_cmp(&a.measure.area_mm2).then(a.region.cmp(&b.region))
-            });
+            self.order.sort_unstable();
+            for &(_, _, place) in &self.order {
+                let measured = self.unsorted[place as usize];
+                self.bounds.push(&regions[measured.region as usize]);
+                self.places.push(measured.measure.position);
+                self.list.push(measured);
+            }
             self.ends[class] = self.list.len();
+            self.bounds.end_class(class);
         }
     }
 
@@ -88,8 +89,30 @@ impl MeasuredRegions {
 
     /// The measured regions of a class, largest first.
     pub fn of_class(&self, class: u32) -> &[MeasuredRegion] {
+        &self.list[self.range(class)]
+    }
+
+    /// Finds the regions of a class whose bounds meet others: their indices in [`of_class`](Self::of_class).
+    pub fn meeting(&self, class: u32, others: &Bounds, found: &mut Vec<u32>) {
+        self.bounds.meeting(class as usize, others, found);
+    }
+
+    /// Calls `take` with the index, and the square of the distance, of each region that is at most `reach_mm`
+    /// from a place, among those with these indices in [`all`](Self::all).
+    pub fn near(
+        &self,
+        range: Range<usize>,
+        place: FieldPoint,
+        reach_mm: f64,
+        take: impl FnMut(usize, f64),
+    ) {
+        self.places.near(range, place, reach_mm, take);
+    }
+
+    /// Indices in [`all`](Self::all) of the regions of a class.
+    pub fn range(&self, class: u32) -> Range<usize> {
         let class = class as usize;
         let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
-        &self.list[begin..self.ends[class]]
+        begin..self.ends[class]
     }
 }

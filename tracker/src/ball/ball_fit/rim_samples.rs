@@ -9,6 +9,7 @@ use crate::ball::sphere::Outline;
 use crate::edges::edge_pixels::{SPLINE_DEVIATIONS, spread};
 use crate::edges::local_map::LocalMap;
 use crate::raw::{CHANNELS, RawFrame};
+use fearless_simd::{Level, dispatch};
 use std::f64::consts::TAU;
 
 /// Terms of a sample: shares of the background and of the four shades, derivatives by the rim's offset and by
@@ -33,6 +34,7 @@ pub(super) type Sums = [[f32; TERMS]; TERMS];
 /// Accumulates the sums, reusing its memory.
 #[derive(Debug, Clone)]
 pub(super) struct RimSamples {
+    level: Level,
     /// Indexed by sector, then by channel.
     sums: Box<[Sums; SECTORS * CHANNELS]>,
     /// Samples in each sector.
@@ -50,6 +52,7 @@ impl RimSamples {
     pub fn new() -> Self {
         let step = TAU / SECTORS as f64;
         Self {
+            level: Level::new(),
             sums: Box::new([[[0.0; TERMS]; TERMS]; SECTORS * CHANNELS]),
             counts: [0.0; SECTORS],
             per_px: [0.0; SECTORS],
@@ -70,6 +73,20 @@ impl RimSamples {
     /// Adds up the samples of the band. Returns a weight for each sector: 1 if the ball's colour shows in its
     /// inner pixels, else [`HIDDEN`].
     pub fn sum_up(
+        &mut self,
+        frame: &RawFrame,
+        map: &LocalMap,
+        outline: &Outline,
+        pass: &Pass,
+        shows: Option<&impl Fn(usize, usize) -> bool>,
+    ) -> [f64; SECTORS] {
+        dispatch!(self.level, _simd => self.add_band(frame, map, outline, pass, shows))
+    }
+
+    /// The compiler makes vector instructions of the sums. The order of additions does not depend on their
+    /// width.
+    #[inline(always)]
+    fn add_band(
         &mut self,
         frame: &RawFrame,
         map: &LocalMap,
@@ -144,6 +161,7 @@ impl RimSamples {
     }
 
     /// √max(depth, 0) convolved with the point spread function.
+    #[inline(always)]
     fn root(&self, depth: f32) -> f32 {
         let place = ((depth + ROOTS_FROM) * ROOTS_PER_DEVIATION).max(0.0);
         let index = (place as usize).min(ROOTS - 1);

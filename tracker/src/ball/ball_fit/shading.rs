@@ -8,6 +8,8 @@ use super::{SAMPLE_NOISE, SHADE_NOISE};
 pub(super) const SHADES: usize = 4;
 /// Terms without the background.
 const LEFT: usize = TERMS - 1;
+/// Keeps the elimination of the rim's offset from dividing by zero where no sample shows it.
+const LEAST_SLOPE: f64 = 1e-3;
 
 /// Sums of a sector and channel after the background has been eliminated.
 #[derive(Debug, Clone, Copy, Default)]
@@ -15,6 +17,8 @@ pub(super) struct Block {
     sums: [[f64; LEFT]; LEFT],
     /// Background as a linear function of the other terms: a = levels[value] − levels[shades] · shades.
     levels: [f64; LEFT],
+    /// Normal equations of the shading and their right side, the rim's offset eliminated as well.
+    shading: [[f64; SHADES + 1]; SHADES],
 }
 
 impl Block {
@@ -24,25 +28,33 @@ impl Block {
         let own = f(BACKGROUND, BACKGROUND) + samples;
         let mut shares: [f64; LEFT] = std::array::from_fn(|index| f(BACKGROUND, index + 1));
         shares[VALUE - 1] += samples * level;
+        let levels = shares.map(|share| share / own);
         let mut left = [[0.0; LEFT]; LEFT];
         for (row, left) in left.iter_mut().enumerate() {
             for (column, left) in left.iter_mut().enumerate() {
-                *left = f(row + 1, column + 1) - shares[row] * shares[column] / own;
+                *left = f(row + 1, column + 1) - levels[row] * shares[column];
             }
         }
         left[VALUE - 1][VALUE - 1] += samples * level * level;
-        Self { sums: left, levels: shares.map(|share| share / own) }
+        let offset = left[SLOPE - 1];
+        let factor = offset.map(|sum| sum / (offset[SLOPE - 1] + LEAST_SLOPE));
+        let mut shading = [[0.0; SHADES + 1]; SHADES];
+        for (row, shading) in shading.iter_mut().enumerate() {
+            for (column, shading) in shading.iter_mut().enumerate() {
+                // Shades, then the value.
+                let column = if column == SHADES { VALUE - 1 } else { column };
+                *shading = left[row][column] - factor[row] * offset[column];
+            }
+        }
+        Self { sums: left, levels, shading }
     }
 
     /// Adds the normal equations of the shading, the rim's offset eliminated.
     pub fn add_to(&self, normal: &mut [[f64; SHADES + 1]; SHADES], weight: f64) {
-        let mut left = self.sums;
-        eliminate(&mut left, SLOPE - 1, 1e-3);
-        for (normal, left) in normal.iter_mut().zip(&left) {
-            for (normal, left) in normal.iter_mut().zip(&left[..SHADES]) {
-                *normal += weight * left;
+        for (normal, shading) in normal.iter_mut().zip(&self.shading) {
+            for (normal, shading) in normal.iter_mut().zip(shading) {
+                *normal += weight * shading;
             }
-            normal[SHADES] += weight * left[VALUE - 1];
         }
     }
 
@@ -80,7 +92,7 @@ impl Block {
             eliminate(&mut left, 0, (SAMPLE_NOISE / deviation).powi(2));
         }
         let ([ee, er], rr) = ([left[1][1], left[1][3]], left[3][3].max(0.0));
-        eliminate(&mut left, 1, 1e-3);
+        eliminate(&mut left, 1, LEAST_SLOPE);
         [ee, er, rr, left[2][2], left[2][3]]
     }
 }
@@ -89,8 +101,8 @@ impl Block {
 fn eliminate<const N: usize>(sums: &mut [[f64; N]; N], index: usize, samples: f64) {
     let by = sums[index];
     let own = by[index] + samples;
-    for (row, factor) in sums.iter_mut().zip(by) {
-        row.iter_mut().zip(by).for_each(|(sum, by)| *sum -= factor * by / own);
+    for (row, factor) in sums.iter_mut().zip(by.map(|factor| factor / own)) {
+        row.iter_mut().zip(by).for_each(|(sum, by)| *sum -= factor * by);
     }
 }
 
