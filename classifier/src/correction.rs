@@ -8,24 +8,22 @@ use crate::white_balance::{self, Gains};
 pub struct Correction {
     /// White light, grey levels.
     pub(crate) haze: u8,
-    /// Gain of red, green and blue, 256ths.
+    /// Gain of red, green and blue, 256ths; at most [`MOST`].
     pub(crate) gains: [u16; 3],
-    /// Highest value of each channel that can be multiplied without overflow; higher ones become white.
-    pub(crate) most: [u8; 3],
 }
 
 /// Gain 1.
 const UNITY: u16 = 256;
+/// Largest gain: the kernels multiply signed integers.
+const MOST: u16 = i16::MAX as u16;
 
 impl Correction {
     /// Changes nothing.
-    pub const NONE: Self = Self { haze: 0, gains: [UNITY; 3], most: [u8::MAX; 3] };
+    pub const NONE: Self = Self { haze: 0, gains: [UNITY; 3] };
 
     /// For these gains and `haze` grey levels of white light.
     pub fn new(gains: Gains, haze: u8) -> Self {
-        let gains = gains.map(white_balance::gain_in_256ths);
-        let most = gains.map(|gain| ((u16::MAX - UNITY / 2) / gain).min(u8::MAX.into()) as u8);
-        Self { haze, gains, most }
+        Self { haze, gains: gains.map(|steps| white_balance::gain_in_256ths(steps).min(MOST)) }
     }
 
     /// The corrected value of a channel: 0 red, 1 green, 2 blue.

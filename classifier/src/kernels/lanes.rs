@@ -8,9 +8,9 @@ use fearless_simd::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512, Sse4_2};
 #[cfg(target_arch = "aarch64")]
-use fearless_simd::{aarch64::Neon, u8x16};
+use fearless_simd::{aarch64::Neon, u8x16, u16x8};
 #[cfg(target_arch = "x86_64")]
-use fearless_simd::{u8x16, u8x32, u8x64};
+use fearless_simd::{u8x16, u8x32, u8x64, u16x8, u16x16, u16x32};
 #[cfg(target_arch = "aarch64")]
 use std::arch::aarch64::*;
 #[cfg(target_arch = "x86_64")]
@@ -40,6 +40,13 @@ pub trait Lanes: Simd {
     /// (a + b + 1) / 2, rounded down, of each pair of bytes. A single instruction on every supported machine,
     /// which the library does not offer; four of those that it offers.
     fn mean(self, a: Self::u8s, b: Self::u8s) -> Self::u8s;
+
+    /// Each byte times its gain in 256ths, rounded, at most 255. Gains are below 2¹⁵, those of the lower half of
+    /// the bytes first.
+    ///
+    /// With v the byte and g the gain, machines round and saturate in the same steps:
+    /// (2⁷·v·g + 2¹⁴) / 2¹⁵ = (v·g + 128) / 256 is one instruction, and so is the conversion to bytes.
+    fn scaled(self, values: Self::u8s, gains: [Self::u16s; 2]) -> Self::u8s;
 
     /// The entry for each key, below [`KEYS`].
     fn look_up_key(self, table: Self::Table, keys: Self::u8s) -> Self::u8s;
@@ -174,6 +181,29 @@ impl Lanes for Avx512 {
         );
         mean(self, a, b)
     }
+
+    #[inline(always)]
+    fn scaled(self, values: Self::u8s, gains: [Self::u16s; 2]) -> Self::u8s {
+        fearless_simd::kernel!(
+            #[inline(always)]
+            fn scaled(
+                simd: Avx512,
+                values: u8x64<Avx512>,
+                low_gains: u16x32<Avx512>,
+                high_gains: u16x32<Avx512>,
+            ) -> u8x64<Avx512> {
+                let values = values.into();
+                let low = _mm512_cvtepu8_epi16(_mm512_castsi512_si256(values));
+                let high = _mm512_cvtepu8_epi16(_mm512_extracti64x4_epi64::<1>(values));
+                let low = _mm512_mulhrs_epi16(_mm512_slli_epi16::<7>(low), low_gains.into());
+                let high = _mm512_mulhrs_epi16(_mm512_slli_epi16::<7>(high), high_gains.into());
+                // Packs within each 16 bytes; the words of 8 bytes are put in order.
+                let order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
+                _mm512_permutexvar_epi64(order, _mm512_packus_epi16(low, high)).simd_into(simd)
+            }
+        );
+        scaled(self, values, gains[0], gains[1])
+    }
 }
 
 /// The entry of a 256-entry table for each value: two look-ups among 128 entries by the lower seven bits.
@@ -218,6 +248,29 @@ impl Lanes for Avx2 {
         );
         mean(self, a, b)
     }
+
+    #[inline(always)]
+    fn scaled(self, values: Self::u8s, gains: [Self::u16s; 2]) -> Self::u8s {
+        fearless_simd::kernel!(
+            #[inline(always)]
+            fn scaled(
+                simd: Avx2,
+                values: u8x32<Avx2>,
+                low_gains: u16x16<Avx2>,
+                high_gains: u16x16<Avx2>,
+            ) -> u8x32<Avx2> {
+                let values = values.into();
+                let low = _mm256_cvtepu8_epi16(_mm256_castsi256_si128(values));
+                let high = _mm256_cvtepu8_epi16(_mm256_extracti128_si256::<1>(values));
+                let low = _mm256_mulhrs_epi16(_mm256_slli_epi16::<7>(low), low_gains.into());
+                let high = _mm256_mulhrs_epi16(_mm256_slli_epi16::<7>(high), high_gains.into());
+                // Packs within each 16 bytes; the words of 8 bytes are put in order.
+                let packed = _mm256_packus_epi16(low, high);
+                _mm256_permute4x64_epi64::<0b11_01_10_00>(packed).simd_into(simd)
+            }
+        );
+        scaled(self, values, gains[0], gains[1])
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -234,6 +287,28 @@ impl Lanes for Sse4_2 {
         );
         mean(self, a, b)
     }
+
+    #[inline(always)]
+    fn scaled(self, values: Self::u8s, gains: [Self::u16s; 2]) -> Self::u8s {
+        fearless_simd::kernel!(
+            #[inline(always)]
+            fn scaled(
+                simd: Sse4_2,
+                values: u8x16<Sse4_2>,
+                low_gains: u16x8<Sse4_2>,
+                high_gains: u16x8<Sse4_2>,
+            ) -> u8x16<Sse4_2> {
+                let (values, zero) = (values.into(), _mm_setzero_si128());
+                // 2⁸·v, and half of it.
+                let low = _mm_srli_epi16::<1>(_mm_unpacklo_epi8(zero, values));
+                let high = _mm_srli_epi16::<1>(_mm_unpackhi_epi8(zero, values));
+                let low = _mm_mulhrs_epi16(low, low_gains.into());
+                let high = _mm_mulhrs_epi16(high, high_gains.into());
+                _mm_packus_epi16(low, high).simd_into(simd)
+            }
+        );
+        scaled(self, values, gains[0], gains[1])
+    }
 }
 
 #[cfg(target_arch = "aarch64")]
@@ -249,5 +324,26 @@ impl Lanes for Neon {
             }
         );
         mean(self, a, b)
+    }
+
+    #[inline(always)]
+    fn scaled(self, values: Self::u8s, gains: [Self::u16s; 2]) -> Self::u8s {
+        fearless_simd::kernel!(
+            #[inline(always)]
+            fn scaled(
+                simd: Neon,
+                values: u8x16<Neon>,
+                low_gains: u16x8<Neon>,
+                high_gains: u16x8<Neon>,
+            ) -> u8x16<Neon> {
+                let values = values.into();
+                let low = vreinterpretq_s16_u16(vshll_n_u8::<7>(vget_low_u8(values)));
+                let high = vreinterpretq_s16_u16(vshll_n_u8::<7>(vget_high_u8(values)));
+                let low = vqrdmulhq_s16(low, vreinterpretq_s16_u16(low_gains.into()));
+                let high = vqrdmulhq_s16(high, vreinterpretq_s16_u16(high_gains.into()));
+                vcombine_u8(vqmovun_s16(low), vqmovun_s16(high)).simd_into(simd)
+            }
+        );
+        scaled(self, values, gains[0], gains[1])
     }
 }

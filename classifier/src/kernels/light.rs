@@ -11,7 +11,6 @@ use fearless_simd::prelude::*;
 pub struct RowLight {
     haze: Vec<u8>,
     gains: [Vec<u16>; 3],
-    most: [Vec<u8>; 3],
     is_corrected: bool,
     /// Valid for rows `< end_row`.
     end_row: usize,
@@ -25,7 +24,6 @@ impl RowLight {
         if self.haze.len() < entries {
             self.haze.resize(entries, 0);
             self.gains.iter_mut().for_each(|gains| gains.resize(entries, 0));
-            self.most.iter_mut().for_each(|most| most.resize(entries, 0));
         }
     }
 
@@ -50,16 +48,15 @@ impl RowLight {
             return;
         }
         for (index, &zone) in tiles.iter().enumerate() {
-            let Correction { haze, gains, most } = correction(zone);
+            let Correction { haze, gains } = correction(zone);
             let entries = self.haze.len();
             let begin = (index * tile / 2).min(entries);
             // The last tile also fills the last register.
             let end =
                 if index + 1 == tiles.len() { entries } else { (begin + tile / 2).min(entries) };
             self.haze[begin..end].fill(haze);
-            for channel in 0..3 {
-                self.gains[channel][begin..end].fill(gains[channel]);
-                self.most[channel][begin..end].fill(most[channel]);
+            for (list, gain) in self.gains.iter_mut().zip(gains) {
+                list[begin..end].fill(gain);
             }
         }
     }
@@ -75,8 +72,7 @@ impl RowLight {
         };
         let [red, green, blue] = &self.gains;
         let gains = [words(red), words(green), words(blue)];
-        let [red, green, blue] = &self.most;
-        Light { haze: bytes(&self.haze), gains, most: [bytes(red), bytes(green), bytes(blue)] }
+        Light { haze: bytes(&self.haze), gains }
     }
 }
 
@@ -85,18 +81,15 @@ impl RowLight {
 pub struct Light<S: Lanes> {
     haze: S::u8s,
     gains: [[S::u16s; 2]; 3],
-    most: [S::u8s; 3],
 }
 
 impl<S: Lanes> Light<S> {
     /// The same correction for all pixels.
     #[inline(always)]
-    pub fn everywhere(simd: S, Correction { haze, gains, most }: Correction) -> Self {
+    pub fn everywhere(simd: S, Correction { haze, gains }: Correction) -> Self {
         let [red, green, blue] = gains;
         let word = |value: u16| [S::u16s::splat(simd, value); 2];
-        let byte = |value: u8| S::u8s::splat(simd, value);
-        let most = [byte(most[0]), byte(most[1]), byte(most[2])];
-        Self { haze: byte(haze), gains: [word(red), word(green), word(blue)], most }
+        Self { haze: S::u8s::splat(simd, haze), gains: [word(red), word(green), word(blue)] }
     }
 
     /// Corrects each pixel as [`Correction::apply`] does.
@@ -107,12 +100,6 @@ impl<S: Lanes> Light<S> {
 
     #[inline(always)]
     fn channel(&self, simd: S, channel: usize, values: S::u8s) -> S::u8s {
-        let (most, [low_gains, high_gains]) = (self.most[channel], self.gains[channel]);
-        let values = values.saturating_sub(self.haze);
-        let (low, high) = values.min(most).widen();
-        let low = (low * low_gains + 128) >> 8;
-        let high = (high * high_gains + 128) >> 8;
-        let white = S::u8s::splat(simd, u8::MAX);
-        values.simd_gt(most).select(white, low.narrow(high))
+        simd.scaled(values.saturating_sub(self.haze), self.gains[channel])
     }
 }
