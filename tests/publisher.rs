@@ -226,7 +226,10 @@ fn every_protocol_says_what_world_says() {
         );
         assert_eq!(protocol["problem"], "", "{publisher:#}");
     }
-    assert_eq!((&publisher["rivals"], &publisher["problem"]), (&0.into(), &"".into()));
+    assert_eq!(publisher["rivals"], 0, "{publisher:#}");
+    // The clock of a test machine may not be synchronised.
+    let problem = publisher["problem"].as_str().unwrap();
+    assert!(problem.is_empty() || problem.starts_with("the clock"), "{problem}");
     let text = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
     assert!(text.contains("publisher    packets: firasim "), "{text}");
 }
@@ -458,6 +461,73 @@ fn one_option_makes_a_simulator() {
     let status = group.try_status().unwrap();
     let protocols = status["publisher"]["protocols"].as_object().unwrap();
     assert_eq!(protocols.keys().collect::<Vec<_>>(), ["firasim"]);
+}
+
+/// A recording becomes a log file of the SSL; played again, it is not published.
+#[test]
+#[ignore = "needs root, for a network of its own"]
+fn a_recording_becomes_a_log_and_is_not_published_again() {
+    own_network();
+    let config = "preset = \"vsss-3v3\"\n[camera]\nfps = 40\n";
+    let (group, _) = start("publish-log", config, &["--publish", "json"]);
+    let recording = group.scratch.path.join("match.mcap");
+    let recording = recording.to_str().unwrap();
+    let record =
+        ["record", recording, "--seconds", "3", "--topics", "frames,detections,world", "--quiet"];
+    let output = group.touchline(&record);
+    assert!(output.status.success(), "{output:?}");
+    let run = |arguments: &[&str]| {
+        let output = output_of(&group.scratch, arguments);
+        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        output.stdout
+    };
+    let recorded: Value = serde_json::from_slice(&run(&["info", "--json", recording])).unwrap();
+    let messages = |channel: &str| recorded["channels"][channel]["messages"].as_u64().unwrap();
+    let mut sizes = vec![];
+    for name in ["match.log", "match.log.gz"] {
+        let log = group.scratch.path.join(name);
+        let log = log.to_str().unwrap();
+        run(&["export", recording, "--ssl-log", log]);
+        let info: Value = serde_json::from_slice(&run(&["info", "--json", log])).unwrap();
+        let packets = |kind: &str| info["packets"][kind]["packets"].as_u64().unwrap();
+        let geometries = info["geometries"].as_u64().unwrap();
+        assert!((2..=4).contains(&geometries), "{info:#}");
+        assert_eq!(packets("vision_2014"), messages("detections") + geometries, "{info:#}");
+        assert_eq!(packets("tracker_2020"), messages("world"), "{info:#}");
+        assert_eq!((&info["has_index"], &info["is_complete"]), (&true.into(), &true.into()));
+        assert_eq!((&info["unreadable"], &info["cameras"]["0"]["missing"]), (&0.into(), &0.into()));
+        assert!(info["seconds"].as_f64() > Some(2.0), "{info:#}");
+        sizes.push(std::fs::metadata(log).unwrap().len());
+        let text = String::from_utf8(run(&["info", log])).unwrap();
+        assert!(
+            text.contains("log file of the SSL") && text.contains("camera 0: frames"),
+            "{text}"
+        );
+    }
+    assert!(sizes[1] < sizes[0], "{sizes:?} bytes");
+    // Cut off in the middle, it is read as far as it goes.
+    let whole = std::fs::read(group.scratch.path.join("match.log")).unwrap();
+    let cut = group.scratch.path.join("cut.log");
+    std::fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    let info = run(&["info", "--json", cut.to_str().unwrap()]);
+    let info: Value = serde_json::from_slice(&info).unwrap();
+    assert_eq!((&info["has_index"], &info["is_complete"]), (&false.into(), &false.into()));
+
+    let replayed = [
+        "run",
+        "--quiet",
+        "--instance",
+        "again",
+        "--source",
+        &format!("recording:{recording},fast"),
+    ];
+    let report = group.scratch.path.join("report.json");
+    run(&[&replayed[..], &["--report", report.to_str().unwrap()]].concat());
+    let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    assert!(
+        report["frames"]["world"].as_u64() > Some(50) && report["publisher"].is_null(),
+        "{report:#}"
+    );
 }
 
 /// Runs a program of `tests/data/publisher` in Python, with the address as its argument.

@@ -54,8 +54,8 @@ pub struct RecoverArgs {
 /// Arguments of `info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The recording
-    #[arg(value_name = "FILE.mcap")]
+    /// The recording, or a log file of the SSL, compressed or not
+    #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Print JSON instead of text
     #[arg(long)]
@@ -86,6 +86,10 @@ pub struct ExportArgs {
     /// Write robots and ball of detections, world and truth to a table, one row each
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Write detections and world as a log file of the SSL, with the field's geometry; compressed if the
+    /// name ends in .gz
+    #[arg(long, value_name = "FILE")]
+    pub ssl_log: Option<PathBuf>,
     /// Write the frames to this folder; Bayer frames as grey pictures, as `detect` reads them
     #[arg(long, value_name = "DIR")]
     pub png: Option<PathBuf>,

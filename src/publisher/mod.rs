@@ -9,6 +9,7 @@
 //! reads commands, [`listening`] receives them, and [`rivals`] looks for other publishers on the same
 //! addresses. This file is the process.
 
+mod clock;
 pub mod convert;
 mod intake;
 mod interfaces;
@@ -51,6 +52,9 @@ const LOOK_NS: u64 = 1_000_000_000;
 const LONGEST_ROUND_NS: u64 = 2_000_000_000;
 /// Most lines in the log.
 const MOST_LINES: u32 = 200;
+/// Said when nothing keeps the clock right.
+const UNSYNCHRONISED: &str = "the clock of this computer is not synchronised, and receivers compare times: run \
+                              chrony or systemd-timesyncd";
 /// Distance between our camera model and the published pinhole above which the user is told.
 const NOTICED_PX: f64 = 1.0;
 
@@ -141,6 +145,7 @@ fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), Pub
         rivals,
         own,
         wanted: config.publish.interfaces.clone(),
+        clock_is_right: true,
         report_ns: 0,
         look_ns: 0,
         told: BTreeMap::new(),
@@ -199,6 +204,7 @@ struct Desk {
     rivals: RivalWatch,
     own: Arc<OwnPorts>,
     wanted: Vec<String>,
+    clock_is_right: bool,
     report_ns: u64,
     look_ns: u64,
     /// The problems last written to the log.
@@ -223,6 +229,7 @@ impl Desk {
             if now_ns.saturating_sub(self.look_ns) > LOOK_NS {
                 self.look_ns = now_ns;
                 self.commands.refresh();
+                self.clock_is_right = self.lines.is_empty() || clock::is_synchronised();
                 let all = interfaces::list().unwrap_or_default();
                 self.rivals.refresh(&interfaces::choose(&all, &self.wanted).0);
             }
@@ -280,7 +287,9 @@ impl Desk {
         }
         report.output_count = self.lines.len().min(MAX_OUTPUTS) as u32;
         let rivals = self.rivals.present().map(rival_words);
-        let problems: Vec<String> = rivals.chain(self.commands.problem.clone()).collect();
+        let clock = (!self.clock_is_right).then(|| UNSYNCHRONISED.to_string());
+        let problems: Vec<String> =
+            rivals.chain(self.commands.problem.clone()).chain(clock).collect();
         write_text(&mut report.problem, &problems.join("; "));
         report
     }

@@ -9,11 +9,14 @@
 //! | [`ssl_tracked`] | trackers of the SSL | m | rad | s since 1970 |
 //! | [`firasim`] | FIRASim, IEEE VSSS | m | rad | – |
 //!
+//! [`ssl_log`] is the file format in which the SSL keeps packets.
+//!
 //! In all of them the origin is the centre of the field, x points along it, y to the left of x, and
 //! angles are counted counter-clockwise from x, as in Touchline.
 
 pub mod firasim;
 pub mod ssl_geometry;
+pub mod ssl_log;
 pub mod ssl_tracked;
 pub mod ssl_vision;
 

@@ -1,5 +1,6 @@
 //! `touchline export`: converts a recording to formats that other tools read.
 
+use super::ssl_log::SslLog;
 use super::tell_damages;
 use crate::cli::ExportArgs;
 use crate::commands::CommandError;
@@ -17,12 +18,13 @@ const COLUMNS: &str = "source,seq,t_capture_ns,what,robot_id,x_mm,y_mm,orientati
 
 /// Writes poses as a table, frames as pictures, or both.
 pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
-    if args.csv.is_none() && args.png.is_none() {
-        return Err("say what to export: --csv FILE, --png DIR, or both".into());
+    if args.csv.is_none() && args.png.is_none() && args.ssl_log.is_none() {
+        return Err("say what to export: --csv FILE, --png DIR, --ssl-log FILE".into());
     }
     let mut reader = Reader::open(&args.file)?;
     let rule = Rule { inputs: &[&args.file], force: args.force };
     let mut table = args.csv.as_deref().map(|path| Table::create(path, rule)).transpose()?;
+    let mut log = args.ssl_log.as_deref().map(|path| SslLog::create(path, rule)).transpose()?;
     if let Some(directory) = &args.png {
         std::fs::create_dir_all(directory)
             .map_err(|error| format!("{}: {error}", directory.display()))?;
@@ -32,6 +34,9 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
         let entry = entry?;
         if let Some(table) = &mut table {
             table.take(&entry)?;
+        }
+        if let Some(log) = &mut log {
+            log.take(&entry)?;
         }
         if let (Some(directory), Channel::Frames) = (&args.png, entry.channel) {
             frames += 1;
@@ -45,6 +50,9 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     }
     if let (Some(table), Some(path)) = (table, &args.csv) {
         say_line!("{}: {} rows", path.display(), table.finish()?)?;
+    }
+    if let (Some(log), Some(path)) = (log, &args.ssl_log) {
+        say_line!("{}: {} packets", path.display(), log.finish()?)?;
     }
     tell_damages(&args.file, reader.damages());
     if let Some(directory) = &args.png {

@@ -41,6 +41,9 @@ struct Content {
 
 /// Prints the contents of a recording.
 pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
+    if super::ssl_log::is_log(&args.file) {
+        return super::ssl_log::info(&args);
+    }
     let mut reader = Reader::open(&args.file)?;
     let mut info = Info { bytes: args.file.metadata()?.len(), ..Default::default() };
     let (mut begin, mut end) = (u64::MAX, 0);

@@ -5,6 +5,7 @@ mod info;
 mod record;
 mod recover;
 mod replay;
+mod ssl_log;
 
 use recording::Damages;
 use std::path::Path;
