@@ -1,11 +1,12 @@
 //! The classifier's process: frames in, runs out.
 
 use crate::{Classifier, SimdChoice};
+use client::bus::Publisher;
 use client::clock::monotonic_ns;
 use config::Config;
 use messages::topics;
-use messages::{DropReason, FrameHeader, MAX_RUNS, ProcessKind};
-use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
+use messages::{DropReason, FrameHeader, LightReport, MAX_RUNS, ProcessKind};
+use runtime::process::{HEARTBEAT, MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// Runs until asked to end.
 pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError> {
@@ -19,7 +20,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let mut classifier =
         Classifier::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
     let mut wake_up = process.wake_up(&input)?;
-    process.counters.light = classifier.light();
+    let mut light_reports = LightReports::new(&process)?;
+    let revision = process.revision();
     runtime::tell!("{}: {}", ProcessKind::Classifier.name(), SimdChoice::of_process());
     if !process.activate()? {
         return Ok(());
@@ -54,10 +56,34 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
             continue;
         }
         header.t_frame_taken_ns = taken_ns;
+        header.revision = revision.number;
+        header.classes_since = revision.classes_since;
         header.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);
-        process.counters.light = classifier.light();
+        light_reports.publish_when_due(seq, &classifier)?;
     }
     Ok(())
+}
+
+/// Reports the light at the pace of heartbeats.
+struct LightReports {
+    publisher: Publisher<LightReport, ()>,
+    t_sent_ns: u64,
+}
+
+impl LightReports {
+    fn new(process: &Process) -> Result<Self, ProcessError> {
+        Ok(Self { publisher: process.bus.publisher(&topics::LIGHT, 1)?, t_sent_ns: 0 })
+    }
+
+    fn publish_when_due(&mut self, seq: u64, classifier: &Classifier) -> Result<(), ProcessError> {
+        let now_ns = monotonic_ns();
+        if now_ns.saturating_sub(self.t_sent_ns) < HEARTBEAT.as_nanos() as u64 {
+            return Ok(());
+        }
+        self.t_sent_ns = now_ns;
+        let report = LightReport { t_sent_ns: now_ns, seq, correction: classifier.light() };
+        Ok(self.publisher.publish(&report)?)
+    }
 }

@@ -129,6 +129,8 @@ impl Classifier {
             class_table_version,
             run_count: written.count,
             flags: if written.is_cut_off { RunsHeader::OVERFLOW } else { 0 },
+            revision: 0,
+            classes_since: 0,
         };
         Ok(())
     }

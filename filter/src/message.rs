@@ -50,6 +50,8 @@ impl RobotTrack {
             orientation,
             v_mm_s,
             omega,
+            vx_mm_s: v_mm_s * orientation.cos(),
+            vy_mm_s: v_mm_s * orientation.sin(),
             covariance: merged.covariance_rows(),
             predicted_x_mm: predicted[0],
             predicted_y_mm: predicted[1],

@@ -57,6 +57,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let state = &mut output.elements()[0];
         filter.step(detection, state);
         state.t_detections_taken_ns = taken_ns;
+        state.revision = process.revision().number;
         state.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

@@ -282,7 +282,10 @@ impl Filter {
             *memory = robot.memory();
         }
         (out.unknown_robot_count, out.unknown_memory_count) = (0, 0);
-        (out.last_track_id, out.reserved) = (0, 0);
+        out.last_track_id = 0;
+        out.classifier_revision = detections.classifier_revision;
+        out.tracker_revision = detections.revision;
+        out.revision = 0;
         if let Some(unknown) = &self.unknown {
             unknown.write(t_ns, t_predicted_ns, &self.rules, out);
         }

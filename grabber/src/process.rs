@@ -107,7 +107,8 @@ pub fn run(
         for message in camera.commands() {
             commands.publish(message)?;
         }
-        let header = captured.header(monotonic_ns());
+        let mut header = captured.header(monotonic_ns());
+        header.revision = process.revision().number;
         *captured.frame.parts().1 = header;
         captured.frame.send()?;
         process.sent(exposure.seq);

@@ -114,7 +114,13 @@ class Group:
         """Reads a topic: messages of the group, and on `commands` of every program."""
         roster = None if name in OPEN_TOPICS else self.roster
         port = self._open(name).subscriber_builder().create()
-        return Reader(port, TOPICS[name].header is not None, roster)
+        listener = self._listener(name) if TOPICS[name].notifies else None
+        return Reader(port, TOPICS[name].header is not None, roster, listener)
+
+    def _listener(self, name):
+        """Wakes a reader of a topic whose writers also notify an event of the same name."""
+        service = self.node.service_builder(iox2.ServiceName.new(name)).event().open()
+        return service.listener_builder().create()
 
     def writer(self, name):
         """Publishes on a topic whose messages have one element."""
@@ -125,10 +131,17 @@ class Group:
 
 
 class Reader:
-    """Reads messages in place: they are valid until the next one is requested."""
+    """Reads messages in place: they are valid until the next one is requested.
 
-    def __init__(self, port, has_header=False, roster=None):
+    It sleeps until a writer notifies it; on topics without an event it looks each millisecond.
+    """
+
+    #: A writer may end between a message and its notification.
+    LONGEST_SLEEP_S = 0.05
+
+    def __init__(self, port, has_header=False, roster=None, listener=None):
         self.port = port
+        self.listener = listener
         self.has_header = has_header
         self.roster = roster
         self.sample = None
@@ -141,10 +154,17 @@ class Reader:
             if self.sample is not None and self._is_believed():
                 header = self.sample.user_header().contents if self.has_header else None
                 return self.sample.payload(), header
-            if time.monotonic() > ends:
+            left_s = ends - time.monotonic()
+            if left_s < 0:
                 return None
             if self.sample is None:
-                time.sleep(0.001)
+                self._sleep(min(left_s, self.LONGEST_SLEEP_S))
+
+    def _sleep(self, longest_s):
+        if self.listener is None:
+            time.sleep(0.001)
+        else:
+            self.listener.timed_wait(iox2.Duration.from_micros(max(1, int(longest_s * 1e6))))
 
     def _is_believed(self):
         return self.roster is None or self.roster.has(self.sample.header.node_id.value)

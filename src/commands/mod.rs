@@ -97,8 +97,8 @@ fn stage(
     instance.create_directory()?;
     let stage = StageId::new(kind, args.lane);
     name_process(&stage.to_string());
-    let StageArgs { lane, spare, supervised, .. } = args;
-    run(&ProcessOptions { instance, lane, spare, supervised }, &config)
+    let StageArgs { lane, revision, spare, supervised, .. } = args;
+    run(&ProcessOptions { instance, lane, revision, spare, supervised }, &config)
         .map_err(|error| format!("{stage}: {error}"))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -19,6 +19,7 @@ mod seats;
 mod users;
 
 use crate::attendants::Row;
+use bytemuck::Zeroable;
 use client::bus::{Bus, BusError, Publisher};
 use client::clock::monotonic_ns;
 use client::gateway::Greeting;
@@ -27,11 +28,11 @@ use clients::{Arrival, Clients, Heard, Interest};
 use config::Config;
 use intake::Said;
 use messages::topics;
-use messages::{Attendant, Commands, DropReason, FrameHeader, Heartbeat};
+use messages::{Attendant, Commands, DropReason, FrameHeader, GatewayReport, Heartbeat};
 use permissions::Permissions;
 use place::PlaceError;
 use runtime::attendant::AttendantProcess;
-use runtime::process::{MAX_WAIT, ProcessError};
+use runtime::process::{HEARTBEAT, MAX_WAIT, ProcessError};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{SendFlags, SocketFlags, accept_with, send, sockopt};
@@ -212,7 +213,25 @@ impl Listener {
         given: &Given,
         is_finished: impl Fn() -> bool,
     ) -> Result<(), GatewayError> {
+        let mut reports = process.bus.publisher(&topics::GATEWAY, 1)?;
+        let mut report = GatewayReport { pid: std::process::id(), ..Zeroable::zeroed() };
         while process.keep_running(|beat| self.count(given, beat))? {
+            let now_ns = monotonic_ns();
+            let counters = self.clients.counters();
+            if counters.clients != report.clients
+                || now_ns.saturating_sub(report.t_sent_ns) >= HEARTBEAT.as_nanos() as u64
+            {
+                report = GatewayReport {
+                    t_sent_ns: now_ns,
+                    given: counters.given,
+                    lost: counters.lost,
+                    not_permitted: counters.not_permitted,
+                    refused: counters.wrong_size + counters.impossible + counters.not_permitted,
+                    clients: counters.clients,
+                    ..report
+                };
+                reports.publish(&report)?;
+            }
             if is_finished() {
                 return Err(GatewayError::Stuck("has ended"));
             }
@@ -332,7 +351,6 @@ impl Listener {
     /// Writes the counters into a heartbeat.
     fn count(&self, given: &Given, beat: &mut Heartbeat) {
         let counters = self.clients.counters();
-        beat.clients = counters.clients;
         beat.frames_in = given.frames.load(Ordering::Relaxed);
         beat.frames_out = counters.given;
         beat.frames_missed = counters.lost;

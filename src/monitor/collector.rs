@@ -76,7 +76,8 @@ pub struct Collector {
     tops: Option<TopScale>,
     rejected: BTreeMap<String, u64>,
     processes: HashMap<u32, ProcessRecord>,
-    gateway: Option<Heartbeat>,
+    light: Subscriber<LightReport, ()>,
+    gateway: GatewayWatch,
     rate: RateMeter,
     /// Processor time of this process before the run.
     supervisor_cpu_before: f64,
@@ -84,6 +85,12 @@ pub struct Collector {
     memory_due_ns: u64,
     // Last, so that it outlives the ports.
     bus: Bus,
+}
+
+/// What is known of the gateway, from any of its processes.
+struct GatewayWatch {
+    reports: Subscriber<GatewayReport, ()>,
+    newest: Option<GatewayReport>,
 }
 
 /// Latest state and counters of a process, kept after its end.
@@ -174,7 +181,8 @@ impl Collector {
             tops: TopScale::new(config).ok(),
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
-            gateway: None,
+            light: bus.subscriber(&topics::LIGHT)?,
+            gateway: GatewayWatch { reports: bus.subscriber(&topics::GATEWAY)?, newest: None },
             rate: RateMeter::default(),
             supervisor_cpu_before: own_cpu_seconds(),
             memory_bytes: 0,
@@ -229,20 +237,21 @@ impl Collector {
         self.publisher.collect(&self.view)?;
         while let Some(received) = self.health.receive()? {
             if let Some(beat) = received.message() {
-                if beat.process == Attendant::Gateway as u32 {
-                    self.gateway = Some(*beat);
-                }
                 // Only processes of the group: foreign pids would pile up.
                 let is_of_group = self.processes.contains_key(&beat.pid)
                     || self.view.processes().0.iter().any(|process| process.pid == beat.pid);
                 if is_of_group {
-                    let is_classifier = beat.process == ProcessKind::Classifier as u32;
-                    if is_classifier && beat.state == ProcessState::Active as u32 {
-                        self.base.light = Some(Light::from(&beat.light));
-                    }
                     self.processes.entry(beat.pid).or_default().beat = Some(*beat);
                 }
             }
+        }
+        while let Some(received) = self.light.receive()? {
+            if let Some(report) = received.message() {
+                self.base.light = Some(Light::from(&report.correction));
+            }
+        }
+        while let Some(received) = self.gateway.reports.receive()? {
+            self.gateway.newest = received.message().copied().or(self.gateway.newest);
         }
         self.commanders.collect(&self.view)?;
         let met = [
@@ -304,18 +313,18 @@ impl Collector {
         self.view.is_watched(now_ns).then(|| self.view.heartbeat(now_ns))
     }
 
-    /// State of the gateway, from the supervisor's view and its own heartbeats.
+    /// State of the gateway, from the supervisor's view and its own reports.
     fn gateway(&self, attendants: &BTreeMap<String, AttendantState>) -> Option<Gateway> {
         let known = attendants.get(Attendant::Gateway.name()).copied().unwrap_or_default();
-        let own = self.gateway.filter(|beat| Some(beat.pid) == known.pid);
+        let own = self.gateway.newest.filter(|report| Some(report.pid) == known.pid);
         Some(Gateway {
             pid: known.pid,
             restarts: known.restarts,
-            clients: own.map_or(0, |beat| beat.clients),
-            given: own.map_or(0, |beat| beat.frames_out),
-            lost: own.map_or(0, |beat| beat.frames_missed),
-            not_permitted: own.map_or(0, |beat| beat.dropped[DropReason::NotPermitted as usize]),
-            refused: own.map_or(0, |beat| beat.dropped.iter().fold(0, |a, b| b.saturating_add(a))),
+            clients: own.map_or(0, |report| report.clients),
+            given: own.map_or(0, |report| report.given),
+            lost: own.map_or(0, |report| report.lost),
+            not_permitted: own.map_or(0, |report| report.not_permitted),
+            refused: own.map_or(0, |report| report.refused),
             ..self.base.gateway.clone()?
         })
     }

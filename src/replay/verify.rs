@@ -226,6 +226,8 @@ impl Stages {
         let (mut header, runs) = self.classify(inputs, seq)?;
         header.t_frame_taken_ns = recorded.t_frame_taken_ns;
         header.t_sent_ns = recorded.t_sent_ns;
+        header.revision = recorded.revision;
+        header.classes_since = recorded.classes_since;
         if bytemuck::bytes_of(&header) != bytemuck::bytes_of(&recorded) {
             return Err(Verdict::Different(format!(
                 "runs of frame {seq}: recorded {recorded:?}, now {header:?}"
@@ -242,6 +244,7 @@ impl Stages {
         let (mut header, runs) = self.classify(inputs, seq)?;
         header.t_frame_taken_ns = recorded.t_frame_taken_ns;
         header.t_sent_ns = recorded.t_runs_ns;
+        header.revision = recorded.classifier_revision;
         let prior = match recorded.prior_world_seq {
             DetectionFrame::NO_WORLD => None,
             prior => Some(inputs.world(prior).ok_or(Verdict::Without("the world it used"))?),
@@ -253,6 +256,7 @@ impl Stages {
         self.detections.clear_stale();
         self.detections.t_runs_taken_ns = recorded.t_runs_taken_ns;
         self.detections.t_sent_ns = recorded.t_sent_ns;
+        self.detections.revision = recorded.revision;
         compare("detections", seq, &*self.detections, recorded, &self.detection_structures)
     }
 
@@ -273,6 +277,7 @@ impl Stages {
         self.world.clear_stale();
         self.world.t_detections_taken_ns = recorded.t_detections_taken_ns;
         self.world.t_sent_ns = recorded.t_sent_ns;
+        self.world.revision = recorded.revision;
         compare("world", seq, &*self.world, recorded, &self.world_structures)
     }
 }

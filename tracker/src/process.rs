@@ -64,6 +64,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let prior = prior.as_ref().and_then(Received::message);
         tracker.step(header, header.valid(input.elements()), pixels, prior, detection);
         detection.t_runs_taken_ns = taken_ns;
+        detection.revision = process.revision().number;
         detection.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

@@ -98,6 +98,8 @@ impl Tracker {
         out.t_runs_taken_ns = 0;
         out.t_sent_ns = 0;
         out.class_table_version = header.class_table_version;
+        out.classifier_revision = header.revision;
+        out.revision = 0;
         out.prior_world_seq = self.prior.update(&self.pattern, prior, &header.frame);
         if header.flags & RunsHeader::OVERFLOW != 0 || runs.len() > MAX_RUNS {
             out.flags |= DetectionFrame::INPUT_OVERFLOW;

@@ -27,7 +27,7 @@ impl Frame {
             pixel_format: PixelFormat::Bayer8 as u32,
             bayer_order: order as u32,
             exposure_us: 2_000,
-            reserved: 0,
+            revision: 0,
         };
         Self { header, pixels }
     }

@@ -1,19 +1,22 @@
 //! Wheel speeds that strategies send to the robots: the input u of the extended Kalman filter.
 
 use super::filled;
+use super::json;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Most robots one message commands.
 pub const MAX_COMMANDS: usize = 32;
 
 /// Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11).
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/WheelCommand/1")]
 #[repr(C)]
 pub struct WheelCommand {
     /// A [`Team`](super::Team) number.
+    #[serde(serialize_with = "json::team")]
     pub team: u32,
     /// Number of the robot in its team.
     pub robot_id: u32,

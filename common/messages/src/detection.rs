@@ -1,8 +1,10 @@
 //! The tracker's output: regions, and the robots and balls made of them.
 
+use super::json;
 use super::{FrameHeader, Run, filled, push};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Most regions a message carries; beyond it the smallest are left out and
 /// [`DetectionFrame::REGIONS_OVERFLOW`] is set.
@@ -18,7 +20,7 @@ pub const MAX_PATCHES: usize = 6;
 
 /// A connected set of pixels of one class (section 5 of the paper). Its pixels are
 /// `runs[first_run..first_run + run_count]` of the same message.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/Region/1")]
 #[repr(C)]
@@ -46,12 +48,13 @@ pub struct Region {
 }
 
 /// A robot found in this frame alone.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/DetectedRobot/2")]
 #[repr(C)]
 pub struct DetectedRobot {
     /// A [`Team`](super::Team) number.
+    #[serde(serialize_with = "json::team")]
     pub team: u32,
     /// Number of the robot in its team; 4294967295 when unknown.
     pub robot_id: RobotId,
@@ -115,7 +118,7 @@ impl From<u32> for RobotId {
 }
 
 /// A ball candidate.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/DetectedBall/2")]
 #[repr(C)]
@@ -208,14 +211,16 @@ impl RejectReason {
 }
 
 /// A rejected candidate and the reason.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/Rejected/1")]
 #[repr(C)]
 pub struct Rejected {
     /// A [`Team`](super::Team) number, [`Rejected::BALL`], or [`Rejected::UNKNOWN_TEAM`].
+    #[serde(serialize_with = "json::candidate")]
     pub team: u32,
     /// A [`RejectReason`] number.
+    #[serde(serialize_with = "json::reject_reason")]
     pub reason: u32,
     /// Centroid in the image.
     pub x_px: f32,
@@ -233,7 +238,7 @@ impl Rejected {
 /// Everything the tracker found in one frame, with the reasons for rejections.
 #[derive(Debug, Clone, Copy, Pod, Zeroable, ZeroCopySend)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/DetectionFrame/3")]
+#[type_name("touchline/DetectionFrame/4")]
 #[repr(C)]
 pub struct DetectionFrame {
     /// The frame this was found in.
@@ -250,6 +255,10 @@ pub struct DetectionFrame {
     pub class_table_version: u64,
     /// Frame number of the `world` used as prediction; [`DetectionFrame::NO_WORLD`] for none.
     pub prior_world_seq: u64,
+    /// Revision of the classifier's configuration.
+    pub classifier_revision: u32,
+    /// Revision of the tracker's configuration.
+    pub revision: u32,
     /// Bit set of the flags below.
     pub flags: u32,
     /// Valid elements of `robots`.
@@ -287,7 +296,7 @@ const _: () = assert!(size_of::<Region>() == 32);
 const _: () = assert!(size_of::<DetectedRobot>() == 92);
 const _: () = assert!(
     size_of::<DetectionFrame>()
-        == 136
+        == 144
             + MAX_ROBOTS * 92
             + MAX_BALLS * 40
             + MAX_REJECTED * 16

@@ -49,6 +49,11 @@ impl EventKind {
         Self::Camera,
         Self::Stranger,
     ];
+
+    /// The kind with this number in a message, if there is one.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&kind| kind as u32 == number)
+    }
 }
 
 /// Published when the supervisor notices or does something: a process ended, was replaced, killed or

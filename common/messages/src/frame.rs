@@ -1,8 +1,10 @@
 //! The raw frame: header, pixel layout, and the checks a reader makes.
 
 use super::PixelFormat;
+use super::json;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Colours of the top-left 2×2 pixels of a Bayer frame, read row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -49,9 +51,9 @@ impl BayerOrder {
 }
 
 /// Header of a raw frame; the payload is the pixels, laid out as [`PixelFormat`] says.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/FrameHeader/1")]
+#[type_name("touchline/FrameHeader/2")]
 #[repr(C)]
 pub struct FrameHeader {
     /// Number of the frame since the group started; a gap means frames that were never captured.
@@ -71,13 +73,15 @@ pub struct FrameHeader {
     /// Bytes from the start of a row to the start of the next; in planar formats, of the first plane.
     pub stride: u32,
     /// A [`PixelFormat`] number.
+    #[serde(serialize_with = "json::pixel_format")]
     pub pixel_format: u32,
     /// A [`BayerOrder`] number; meaningless unless the format is a Bayer one.
+    #[serde(serialize_with = "json::bayer_order")]
     pub bayer_order: u32,
     /// Exposure time; 0 when unknown.
     pub exposure_us: u32,
-    /// Reserved, 0.
-    pub reserved: u32,
+    /// Revision of the configuration of the grabber, see [`Revision`](super::Revision).
+    pub revision: u32,
 }
 
 const _: () = assert!(size_of::<FrameHeader>() == 64);

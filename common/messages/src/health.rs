@@ -1,8 +1,10 @@
 //! Heartbeats: state and counters of every process.
 
-use super::{FrameFault, LightCorrection};
+use super::FrameFault;
+use super::json;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// The stages of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -97,6 +99,16 @@ impl ProcessState {
             .into_iter()
             .find(|&state| state as u32 == number)
     }
+
+    /// Name in reports and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Spare => "spare",
+            Self::Active => "active",
+            Self::Finished => "finished",
+            Self::Waiting => "waiting",
+        }
+    }
 }
 
 /// Reason why a stage dropped an input.
@@ -156,13 +168,11 @@ impl DropReason {
 /// Published by every process about ten times a second and at every change of state. Counters start at
 /// zero with the process.
 ///
-/// The supervisor's heartbeat names the newest event, so a program that only follows `health` knows
-/// when to read `events`; its frame counters are 0. The gateway's input is `world`, and each copy sent
-/// to a client counts as one output; the publisher's is `world` or `detections`, and each packet counts.
-/// The classifier's heartbeat includes its correction of the light.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+/// The supervisor's frame counters are 0. The gateway's input is `world`, and each copy sent to a client
+/// counts as one output; the publisher's is `world` or `detections`, and each packet counts.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/Heartbeat/5")]
+#[type_name("touchline/Heartbeat/6")]
 #[repr(C)]
 pub struct Heartbeat {
     /// Time of publication.
@@ -170,11 +180,13 @@ pub struct Heartbeat {
     /// Process id.
     pub pid: u32,
     /// A [`ProcessKind`] or [`Attendant`] number.
+    #[serde(serialize_with = "json::process")]
     pub process: u32,
     /// A [`ProcessState`] number.
+    #[serde(serialize_with = "json::process_state")]
     pub state: u32,
-    /// Gateway: attached clients. 0 from other processes.
-    pub clients: u32,
+    /// [Revision](super::Revision) of the configuration it runs with.
+    pub revision: u32,
     /// Newest frame number received; `u64::MAX` before the first.
     pub seq_in: u64,
     /// Newest frame number published; `u64::MAX` before the first.
@@ -188,21 +200,9 @@ pub struct Heartbeat {
     pub frames_missed: u64,
     /// Inputs dropped, by [`DropReason`]. Gateway and publisher: dropped messages of clients.
     pub dropped: [u64; DropReason::ALL.len()],
-    /// Supervisor: events in the group so far, which is the number of the newest. 0 from other
-    /// processes, as are the next three fields.
-    pub events: u64,
-    /// When the newest event happened, nanoseconds since 1970.
-    pub t_event_wall_ns: u64,
-    /// Kind of the newest event, an [`EventKind`](super::EventKind) number.
-    pub event_kind: u32,
-    /// Process concerned by the newest event, a [`ProcessKind`] or [`Attendant`] number.
-    pub event_process: u32,
-    /// Classifier: correction of the light in the frame it processed last. No correction before its
-    /// first frame, and from other processes.
-    pub light: LightCorrection,
 }
 
-const _: () = assert!(size_of::<Heartbeat>() == 192);
+const _: () = assert!(size_of::<Heartbeat>() == 136);
 
 impl Heartbeat {
     /// Heartbeat of a process, given by its number in messages, that has done nothing yet.
@@ -213,7 +213,6 @@ impl Heartbeat {
             state: state as u32,
             seq_in: u64::MAX,
             seq_out: u64::MAX,
-            light: LightCorrection::NONE,
             ..Self::zeroed()
         }
     }

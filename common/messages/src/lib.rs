@@ -18,12 +18,15 @@ mod command;
 mod detection;
 mod event;
 mod frame;
+mod gateway;
 mod health;
 pub mod interface;
+mod json;
 mod light;
 mod message;
 mod pixel_format;
 mod publisher;
+mod revision;
 mod run;
 pub mod stages;
 mod stale;
@@ -42,14 +45,16 @@ pub use detection::{
 };
 pub use event::{EventKind, GroupEvent};
 pub use frame::{BayerOrder, FrameFault, FrameHeader, MAX_AGE_NS, PixelLayout, reachable_frames};
+pub use gateway::GatewayReport;
 pub use health::{
     Attendant, DropReason, Heartbeat, MAX_STATUS_BYTES, ProcessKind, ProcessState, StatusHeader,
     process_number,
 };
-pub use light::LightCorrection;
+pub use light::{LightCorrection, LightReport};
 pub use message::{Described, Header, Message};
 pub use pixel_format::PixelFormat;
 pub use publisher::{MAX_OUTPUTS, OutputReport, PublisherReport};
+pub use revision::Revision;
 pub use run::{MAX_RUNS, Run, RunsHeader};
 pub use stale::ClearStale;
 pub use truth::{TruthFrame, TruthRobot};

@@ -2,12 +2,13 @@
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Correction of the light in the frame the classifier processed last.
 ///
 /// Each channel of a pixel is multiplied by a gain before its colour is looked up, so that the pitch
 /// looks as it did when the colours were set.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/LightCorrection/1")]
 #[repr(C)]
@@ -44,3 +45,19 @@ impl LightCorrection {
         self.flags & flag != 0
     }
 }
+
+/// The classifier's report on the light, some ten times a second while it works.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[type_name("touchline/LightReport/1")]
+#[repr(C)]
+pub struct LightReport {
+    /// Time of publication.
+    pub t_sent_ns: u64,
+    /// Number of the frame that was corrected.
+    pub seq: u64,
+    /// The correction.
+    pub correction: LightCorrection,
+}
+
+const _: () = assert!(size_of::<LightReport>() == 48);

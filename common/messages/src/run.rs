@@ -3,6 +3,7 @@
 use super::FrameHeader;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Most runs a message carries. A match has a few hundred; a 640×480 frame of pure noise has ten
 /// thousand to ninety thousand, depending on how much of the colour space is in use. Runs that do not
@@ -12,7 +13,9 @@ pub const MAX_RUNS: usize = 32_768;
 /// Pixels `begin..end` of one row, all of one class, bounded by other classes or by background.
 ///
 /// A message lists its runs by row, within a row by column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Pod, Zeroable, ZeroCopySend, Serialize,
+)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/Run/1")]
 #[repr(C)]
@@ -26,6 +29,7 @@ pub struct Run {
     /// Colour class: index into the configured colours, 0–31.
     pub class: u8,
     /// Reserved, 0.
+    #[serde(skip)]
     pub reserved: u8,
 }
 
@@ -40,9 +44,9 @@ impl Run {
 
 /// Header of a list of runs. The payload always has [`MAX_RUNS`] elements, of which the first
 /// [`run_count`](Self::run_count) are valid.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/RunsHeader/2")]
+#[type_name("touchline/RunsHeader/3")]
 #[repr(C)]
 pub struct RunsHeader {
     /// The frame the runs were found in.
@@ -59,9 +63,13 @@ pub struct RunsHeader {
     pub run_count: u32,
     /// Bit set of [`OVERFLOW`](Self::OVERFLOW).
     pub flags: u32,
+    /// Revision of the classifier's configuration.
+    pub revision: u32,
+    /// The first revision with the same colours: from there on class numbers have the same meaning.
+    pub classes_since: u32,
 }
 
-const _: () = assert!(size_of::<RunsHeader>() == 96);
+const _: () = assert!(size_of::<RunsHeader>() == 104);
 
 impl RunsHeader {
     /// Flag: the frame had more runs than fit; the rest of the picture is missing.

@@ -231,6 +231,10 @@ pub const TRUTH: Topic<TruthFrame> = topic("truth", "grabber (synthetic match)",
 pub const CAMERA: Topic<CameraReport> = topic("camera", "grabber (real camera)", "monitor", 16);
 /// State of the publisher.
 pub const PUBLISHER: Topic<PublisherReport> = topic("publisher", "publisher", "monitor", 16);
+/// The classifier's correction of the light.
+pub const LIGHT: Topic<LightReport> = topic("light", "classifier", "monitor", 16);
+/// The gateway's report.
+pub const GATEWAY: Topic<GatewayReport> = topic("gateway", "gateway", "monitor", 16);
 /// Observations and actions of the supervisor. Late readers get the last events too.
 pub const EVENTS: Topic<GroupEvent> =
     Topic { history: 16, ..topic("events", "monitor", "loggers", 64) };
@@ -257,6 +261,8 @@ pub fn visit_all(visitor: &mut impl Visitor) {
     visitor.visit(&CAMERA);
     visitor.visit(&PUBLISHER);
     visitor.visit(&HEALTH);
+    visitor.visit(&LIGHT);
+    visitor.visit(&GATEWAY);
     visitor.visit(&EVENTS);
     visitor.visit(&STATUS);
 }

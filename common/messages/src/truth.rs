@@ -1,16 +1,19 @@
 //! The true state of the synthetic match; a real match has no such topic.
 
+use super::json;
 use super::{MAX_ROBOTS, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// True pose and speed of one robot.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/TruthRobot/1")]
 #[repr(C)]
 pub struct TruthRobot {
     /// A [`Team`](super::Team) number.
+    #[serde(serialize_with = "json::team")]
     pub team: u32,
     /// Number of the robot in its team.
     pub robot_id: u32,

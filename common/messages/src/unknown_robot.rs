@@ -1,7 +1,9 @@
 //! Robots in `world` of which only the team is known.
 
+use super::json;
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Most such robots a message carries.
 pub const MAX_UNKNOWN_ROBOTS: usize = super::MAX_ROBOTS;
@@ -10,12 +12,13 @@ pub const UNKNOWN_HYPOTHESES: usize = 2;
 
 /// One robot of which the filter knows only the team: an opponent whose patches are not configured, or
 /// a robot that has lost a patch. It has no number in its team and no heading.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/UnknownRobotState/1")]
 #[repr(C)]
 pub struct UnknownRobotState {
     /// A [`Team`](super::Team) number.
+    #[serde(serialize_with = "json::team")]
     pub team: u32,
     /// Identifies the track, not the robot: from 1, constant while the robot is followed, and never
     /// reused. A robot that is lost and found again has a new one. Counting restarts when
@@ -23,6 +26,7 @@ pub struct UnknownRobotState {
     /// [`NO_WORLD`](super::WorldFrame::NO_WORLD).
     pub track_id: u32,
     /// A [`TrackStatus`](super::TrackStatus) number.
+    #[serde(serialize_with = "json::track_status")]
     pub status: u32,
     /// Frames in a row without a usable measurement.
     pub frames_unseen: u32,

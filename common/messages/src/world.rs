@@ -1,9 +1,11 @@
 //! The filter's output: positions of robots and ball, at capture time and when the next command will
 //! act.
 
+use super::json;
 use super::{FrameHeader, MAX_UNKNOWN_ROBOTS, UnknownRobotMemory, UnknownRobotState, filled};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Most robots a message carries: two teams of eleven and some reserve.
 pub const MAX_ROBOTS: usize = 32;
@@ -42,6 +44,18 @@ impl TrackStatus {
         .into_iter()
         .find(|&status| status as u32 == number)
     }
+
+    /// Name in reports and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Absent => "absent",
+            Self::Initialised => "initialised",
+            Self::Measured => "measured",
+            Self::Coasting => "coasting",
+            Self::Gated => "gated",
+            Self::Located => "located",
+        }
+    }
 }
 
 /// Hypotheses about a robot's motion, weighed against each other by the filter, in this order: steered
@@ -56,16 +70,18 @@ pub const MAX_QUEUED_COMMANDS: usize = 12;
 pub const MAX_USED_COMMANDS: usize = 32;
 
 /// One robot as estimated by the filter.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/RobotState/2")]
+#[type_name("touchline/RobotState/3")]
 #[repr(C)]
 pub struct RobotState {
     /// A [`Team`](super::Team) number.
+    #[serde(serialize_with = "json::team")]
     pub team: u32,
     /// Number of the robot in its team.
     pub robot_id: u32,
     /// A [`TrackStatus`] number.
+    #[serde(serialize_with = "json::track_status")]
     pub status: u32,
     /// Frames in a row without a usable measurement.
     pub frames_unseen: u32,
@@ -83,6 +99,10 @@ pub struct RobotState {
     pub v_mm_s: f64,
     /// Turning rate, rad/s.
     pub omega: f64,
+    /// Velocity along x at capture time: `v_mm_s` · cos(`orientation`).
+    pub vx_mm_s: f64,
+    /// Velocity along y at capture time: `v_mm_s` · sin(`orientation`).
+    pub vy_mm_s: f64,
     /// Covariance of (x_mm, y_mm, orientation, v_mm_s, omega), row by row.
     pub covariance: [f64; 25],
     /// Position predicted to [`WorldFrame::t_predicted_ns`].
@@ -123,7 +143,7 @@ pub struct QueuedCommand {
 
 /// Identifies a message on the topic `commands`. Every sender counts its own messages, so the time is
 /// part of the name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/CommandsName/1")]
 #[repr(C)]
@@ -159,12 +179,13 @@ pub struct RobotMemory {
 }
 
 /// The ball as estimated by the filter.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[type_name("touchline/BallState/1")]
 #[repr(C)]
 pub struct BallState {
     /// A [`TrackStatus`] number.
+    #[serde(serialize_with = "json::track_status")]
     pub status: u32,
     /// Frames in a row without a usable measurement.
     pub frames_unseen: u32,
@@ -227,7 +248,7 @@ pub struct BallMemory {
 /// with the same results as one that never stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[type_name("touchline/WorldFrame/4")]
+#[type_name("touchline/WorldFrame/5")]
 #[repr(C)]
 pub struct WorldFrame {
     /// The frame this belongs to.
@@ -261,8 +282,12 @@ pub struct WorldFrame {
     pub unknown_memory_count: u32,
     /// The last [`UnknownRobotState::track_id`] assigned.
     pub last_track_id: u32,
-    /// Reserved, 0.
-    pub reserved: u32,
+    /// Revision of the classifier's configuration.
+    pub classifier_revision: u32,
+    /// Revision of the tracker's configuration.
+    pub tracker_revision: u32,
+    /// Revision of the filter's configuration.
+    pub revision: u32,
     /// The `commands` messages used since the prior `world`, in that order. From these, the prior
     /// `world` and the detections of the frame this message can be computed again.
     pub commands: [CommandsName; MAX_USED_COMMANDS],
@@ -282,7 +307,7 @@ pub struct WorldFrame {
     pub unknown_robot_memories: [UnknownRobotMemory; MAX_UNKNOWN_ROBOTS],
 }
 
-const _: () = assert!(size_of::<RobotState>() == 24 + 33 * 8);
+const _: () = assert!(size_of::<RobotState>() == 24 + 35 * 8);
 const _: () = assert!(size_of::<BallState>() == 16 + 22 * 8);
 const _: () = assert!(size_of::<RobotHypothesis>() == 168);
 const _: () = assert!(size_of::<QueuedCommand>() == 24);
@@ -291,9 +316,9 @@ const _: () =
 const _: () = assert!(size_of::<BallMemory>() == BALL_HYPOTHESES * 120 + 40);
 const _: () = assert!(
     size_of::<WorldFrame>()
-        == 160
+        == 168
             + MAX_USED_COMMANDS * 16
-            + MAX_ROBOTS * (288 + 840)
+            + MAX_ROBOTS * (304 + 840)
             + 192
             + 280
             + MAX_UNKNOWN_ROBOTS * (200 + 272)
@@ -310,7 +335,7 @@ impl WorldFrame {
         filled(&self.commands, self.command_count)
     }
 
-    /// Tracked robots.
+    /// Tracked robots; none of them is [`Absent`](TrackStatus::Absent).
     pub fn robots(&self) -> &[RobotState] {
         filled(&self.robots, self.robot_count)
     }

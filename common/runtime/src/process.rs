@@ -19,7 +19,8 @@ use config::Config;
 use messages::stages::StageId;
 use messages::topics::{self, Topic};
 use messages::{
-    DropReason, FrameHeader, GroupEvent, Heartbeat, ProcessKind, ProcessState, StatusHeader,
+    DropReason, FrameHeader, GroupEvent, Heartbeat, ProcessKind, ProcessState, Revision,
+    StatusHeader,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::os::unix::net::UnixStream;
@@ -48,6 +49,8 @@ pub struct ProcessOptions {
     pub instance: Instance,
     /// The lane whose frames the process works on.
     pub lane: u8,
+    /// Revision of the configuration it was started with.
+    pub revision: Revision,
     /// Start as a spare and wait for promotion.
     pub spare: bool,
     /// The process belongs to a supervisor, and ends some time after the supervisor is gone.
@@ -88,6 +91,7 @@ pub struct Process {
     page: StagePage,
     health: Publisher<Heartbeat, ()>,
     stage: StageId,
+    revision: Revision,
     stop: Arc<AtomicBool>,
     panic: Arc<AtomicBool>,
     promotion: UnixStream,
@@ -137,7 +141,9 @@ impl Process {
         bus.enter_roster();
         let health = bus.publisher(&topics::HEALTH, 1)?;
         let kept = (bus.keep(&topics::STATUS)?, bus.keep(&topics::EVENTS)?);
-        let counters = Heartbeat::new(stage.number(), ProcessState::Spare);
+        let revision = options.revision;
+        let mut counters = Heartbeat::new(stage.number(), ProcessState::Spare);
+        counters.revision = revision.number;
         Ok(Self {
             bus,
             counters,
@@ -146,6 +152,7 @@ impl Process {
                 .map_err(system("map the page of the stage"))?,
             health,
             stage,
+            revision,
             stop,
             panic,
             promotion,
@@ -163,6 +170,11 @@ impl Process {
             beat_ns: 0,
             beat_dropped: [0; DropReason::ALL.len()],
         })
+    }
+
+    /// Revision of the configuration, to be named in every output.
+    pub fn revision(&self) -> Revision {
+        self.revision
     }
 
     /// A wake-up for a topic, of the configured kind.

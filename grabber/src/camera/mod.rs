@@ -80,7 +80,7 @@ impl Captured {
             pixel_format: picture.pixel_format as u32,
             bayer_order: picture.bayer_order as u32,
             exposure_us: picture.exposure_us,
-            reserved: 0,
+            revision: 0,
         }
     }
 }
