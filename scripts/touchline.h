@@ -73,7 +73,6 @@ enum TouchlineProcessKind {
 enum TouchlineAttendant {
     TOUCHLINE_ATTENDANT_SUPERVISOR = 4,
     TOUCHLINE_ATTENDANT_GATEWAY = 5,
-    TOUCHLINE_ATTENDANT_PUBLISHER = 6,
 };
 
 enum TouchlineProcessState {
@@ -147,12 +146,12 @@ typedef struct TouchlineFrameHeader {
     uint32_t bayer_order;
     /* Exposure time; 0 when unknown. */
     uint32_t exposure_us;
-    /* Reserved, 0. */
-    uint32_t reserved;
+    /* Revision of the configuration of the grabber, see Revision. */
+    uint32_t revision;
 } TouchlineFrameHeader;
 
 TOUCHLINE_CHECK(sizeof(TouchlineFrameHeader) == 64);
-#define TOUCHLINE_FRAME_HEADER_TYPE_NAME "touchline/FrameHeader/1"
+#define TOUCHLINE_FRAME_HEADER_TYPE_NAME "touchline/FrameHeader/2"
 
 /* Header of a list of runs. The payload always has MAX_RUNS elements, of which the first run_count are valid. */
 typedef struct TouchlineRunsHeader {
@@ -168,10 +167,14 @@ typedef struct TouchlineRunsHeader {
     uint32_t run_count;
     /* Bit set of OVERFLOW. */
     uint32_t flags;
+    /* Revision of the classifier's configuration. */
+    uint32_t revision;
+    /* The first revision with the same colours: from there on class numbers have the same meaning. */
+    uint32_t classes_since;
 } TouchlineRunsHeader;
 
-TOUCHLINE_CHECK(sizeof(TouchlineRunsHeader) == 96);
-#define TOUCHLINE_RUNS_HEADER_TYPE_NAME "touchline/RunsHeader/2"
+TOUCHLINE_CHECK(sizeof(TouchlineRunsHeader) == 104);
+#define TOUCHLINE_RUNS_HEADER_TYPE_NAME "touchline/RunsHeader/3"
 
 /* Pixels begin..end of one row, all of one class, bounded by other classes or by background. A message lists its runs by row, within a row by column. */
 typedef struct TouchlineRun {
@@ -300,6 +303,10 @@ typedef struct TouchlineDetectionFrame {
     uint64_t class_table_version;
     /* Frame number of the world used as prediction; DetectionFrame::NO_WORLD for none. */
     uint64_t prior_world_seq;
+    /* Revision of the classifier's configuration. */
+    uint32_t classifier_revision;
+    /* Revision of the tracker's configuration. */
+    uint32_t revision;
     /* Bit set of the flags below. */
     uint32_t flags;
     /* Valid elements of robots. */
@@ -324,8 +331,8 @@ typedef struct TouchlineDetectionFrame {
     TouchlineRun runs[32768];
 } TouchlineDetectionFrame;
 
-TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 300360);
-#define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/3"
+TOUCHLINE_CHECK(sizeof(TouchlineDetectionFrame) == 300368);
+#define TOUCHLINE_DETECTION_FRAME_TYPE_NAME "touchline/DetectionFrame/4"
 
 /* Identifies a message on the topic commands. Every sender counts its own messages, so the time is part of the name. */
 typedef struct TouchlineCommandsName {
@@ -361,6 +368,10 @@ typedef struct TouchlineRobotState {
     double v_mm_s;
     /* Turning rate, rad/s. */
     double omega;
+    /* Velocity along x at capture time: v_mm_s · cos(orientation). */
+    double vx_mm_s;
+    /* Velocity along y at capture time: v_mm_s · sin(orientation). */
+    double vy_mm_s;
     /* Covariance of (x_mm, y_mm, orientation, v_mm_s, omega), row by row. */
     double covariance[25];
     /* Position predicted to WorldFrame::t_predicted_ns. */
@@ -371,7 +382,7 @@ typedef struct TouchlineRobotState {
     double predicted_orientation;
 } TouchlineRobotState;
 
-TOUCHLINE_CHECK(sizeof(TouchlineRobotState) == 288);
+TOUCHLINE_CHECK(sizeof(TouchlineRobotState) == 304);
 
 /* One robot of which the filter knows only the team: an opponent whose patches are not configured, or a robot that has lost a patch. It has no number in its team and no heading. */
 typedef struct TouchlineUnknownRobotState {
@@ -573,8 +584,12 @@ typedef struct TouchlineWorldFrame {
     uint32_t unknown_memory_count;
     /* The last UnknownRobotState::track_id assigned. */
     uint32_t last_track_id;
-    /* Reserved, 0. */
-    uint32_t reserved;
+    /* Revision of the classifier's configuration. */
+    uint32_t classifier_revision;
+    /* Revision of the tracker's configuration. */
+    uint32_t tracker_revision;
+    /* Revision of the filter's configuration. */
+    uint32_t revision;
     /* The commands messages used since the prior world, in that order. From these, the prior world and the detections of the frame this message can be computed again. */
     TouchlineCommandsName commands[32];
     /* Tracked robots, by team and number. */
@@ -591,8 +606,8 @@ typedef struct TouchlineWorldFrame {
     TouchlineUnknownRobotMemory unknown_robot_memories[32];
 } TouchlineWorldFrame;
 
-TOUCHLINE_CHECK(sizeof(TouchlineWorldFrame) == 52344);
-#define TOUCHLINE_WORLD_FRAME_TYPE_NAME "touchline/WorldFrame/4"
+TOUCHLINE_CHECK(sizeof(TouchlineWorldFrame) == 52864);
+#define TOUCHLINE_WORLD_FRAME_TYPE_NAME "touchline/WorldFrame/5"
 
 /* Reference speeds of one robot's wheels (v_L,ref and v_R,ref of eq. 11). */
 typedef struct TouchlineWheelCommand {
@@ -703,46 +718,34 @@ typedef struct TouchlineCameraReport {
 TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
 #define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
 
-/* One published protocol. Counters start with the publisher's process. */
-typedef struct TouchlineOutputReport {
-    /* Key of its section in [publish]: UTF-8, ended by a zero. */
-    uint8_t name[16];
-    /* Packets handed to the system, counted for each receiver and interface. */
-    uint64_t sent;
-    /* Packets that the system refused, or for which there was no interface. */
-    uint64_t failed;
-    /* Packets larger than one Ethernet frame. */
-    uint64_t large;
-    /* Problem and remedy, in the form of the name; empty when there is none. */
-    uint8_t problem[248];
-} TouchlineOutputReport;
-
-TOUCHLINE_CHECK(sizeof(TouchlineOutputReport) == 288);
-
-/* Published by the publisher several times a second. */
-typedef struct TouchlinePublisherReport {
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output. */
+typedef struct TouchlineHeartbeat {
     /* Time of publication. */
     uint64_t t_sent_ns;
-    /* Packets with commands that were passed on. */
-    uint64_t commands;
-    /* Packets to the command port that were malformed or impossible. */
-    uint64_t malformed;
-    /* Packets to the command port from addresses that are not allowed. */
-    uint64_t not_allowed;
-    /* Packets to the command port beyond the permitted rate. */
-    uint64_t too_many;
-    /* Valid elements of outputs. */
-    uint32_t output_count;
-    /* Other publishers on the same addresses at the moment. */
-    uint32_t rivals;
-    /* Published protocols. */
-    TouchlineOutputReport outputs[8];
-    /* Problem that is not that of one protocol: UTF-8, ended by a zero; empty when there is none. */
-    uint8_t problem[256];
-} TouchlinePublisherReport;
+    /* Process id. */
+    uint32_t pid;
+    /* A ProcessKind or Attendant number. */
+    uint32_t process;
+    /* A ProcessState number. */
+    uint32_t state;
+    /* [Revision](super::Revision) of the configuration it runs with. */
+    uint32_t revision;
+    /* Newest frame number received; u64::MAX before the first. */
+    uint64_t seq_in;
+    /* Newest frame number published; u64::MAX before the first. */
+    uint64_t seq_out;
+    /* Inputs received. */
+    uint64_t frames_in;
+    /* Outputs published. */
+    uint64_t frames_out;
+    /* Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not reach a client because it was too slow. */
+    uint64_t frames_missed;
+    /* Inputs dropped, by DropReason. Gateway: dropped messages of clients. */
+    uint64_t dropped[9];
+} TouchlineHeartbeat;
 
-TOUCHLINE_CHECK(sizeof(TouchlinePublisherReport) == 2608);
-#define TOUCHLINE_PUBLISHER_REPORT_TYPE_NAME "touchline/PublisherReport/1"
+TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 136);
+#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/6"
 
 /* Correction of the light in the frame the classifier processed last. Each channel of a pixel is multiplied by a gain before its colour is looked up, so that the pitch looks as it did when the colours were set. */
 typedef struct TouchlineLightCorrection {
@@ -758,44 +761,39 @@ typedef struct TouchlineLightCorrection {
 
 TOUCHLINE_CHECK(sizeof(TouchlineLightCorrection) == 32);
 
-/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's heartbeat names the newest event, so a program that only follows health knows when to read events; its frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output; the publisher's is world or detections, and each packet counts. The classifier's heartbeat includes its correction of the light. */
-typedef struct TouchlineHeartbeat {
+/* The classifier's report on the light, some ten times a second while it works. */
+typedef struct TouchlineLightReport {
     /* Time of publication. */
     uint64_t t_sent_ns;
+    /* Number of the frame that was corrected. */
+    uint64_t seq;
+    /* The correction. */
+    TouchlineLightCorrection correction;
+} TouchlineLightReport;
+
+TOUCHLINE_CHECK(sizeof(TouchlineLightReport) == 48);
+#define TOUCHLINE_LIGHT_REPORT_TYPE_NAME "touchline/LightReport/1"
+
+/* The gateway's clients and what became of messages, some ten times a second and whenever a client comes or goes. Counts start at zero with the process. */
+typedef struct TouchlineGatewayReport {
+    /* Time of publication. */
+    uint64_t t_sent_ns;
+    /* Messages given to clients. */
+    uint64_t given;
+    /* Messages that did not reach a client because it was too slow. */
+    uint64_t lost;
+    /* Messages of clients for teams that they may not command. */
+    uint64_t not_permitted;
+    /* Dropped messages of clients, those included. */
+    uint64_t refused;
     /* Process id. */
     uint32_t pid;
-    /* A ProcessKind or Attendant number. */
-    uint32_t process;
-    /* A ProcessState number. */
-    uint32_t state;
-    /* Gateway: attached clients. 0 from other processes. */
+    /* Attached clients. */
     uint32_t clients;
-    /* Newest frame number received; u64::MAX before the first. */
-    uint64_t seq_in;
-    /* Newest frame number published; u64::MAX before the first. */
-    uint64_t seq_out;
-    /* Inputs received. */
-    uint64_t frames_in;
-    /* Outputs published. */
-    uint64_t frames_out;
-    /* Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not reach a client because it was too slow. Publisher: packets that were refused. */
-    uint64_t frames_missed;
-    /* Inputs dropped, by DropReason. Gateway and publisher: dropped messages of clients. */
-    uint64_t dropped[9];
-    /* Supervisor: events in the group so far, which is the number of the newest. 0 from other processes, as are the next three fields. */
-    uint64_t events;
-    /* When the newest event happened, nanoseconds since 1970. */
-    uint64_t t_event_wall_ns;
-    /* Kind of the newest event, an EventKind number. */
-    uint32_t event_kind;
-    /* Process concerned by the newest event, a ProcessKind or Attendant number. */
-    uint32_t event_process;
-    /* Classifier: correction of the light in the frame it processed last. No correction before its first frame, and from other processes. */
-    TouchlineLightCorrection light;
-} TouchlineHeartbeat;
+} TouchlineGatewayReport;
 
-TOUCHLINE_CHECK(sizeof(TouchlineHeartbeat) == 192);
-#define TOUCHLINE_HEARTBEAT_TYPE_NAME "touchline/Heartbeat/5"
+TOUCHLINE_CHECK(sizeof(TouchlineGatewayReport) == 48);
+#define TOUCHLINE_GATEWAY_REPORT_TYPE_NAME "touchline/GatewayReport/1"
 
 /* Published when the supervisor notices or does something: a process ended, was replaced, killed or promoted; inputs were dropped. The log and the status say the same. */
 typedef struct TouchlineGroupEvent {
@@ -832,15 +830,16 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
 #define TOUCHLINE_STATUS_HEADER_TYPE_NAME "touchline/StatusHeader/1"
 
 /* Topics: name, element, header. A message is a slice of elements.
- * frames       u8                           touchline/FrameHeader/1
- * runs         touchline/Run/1              touchline/RunsHeader/2
- * detections   touchline/DetectionFrame/3   ()
- * world        touchline/WorldFrame/4       ()
+ * frames       u8                           touchline/FrameHeader/2
+ * runs         touchline/Run/1              touchline/RunsHeader/3
+ * detections   touchline/DetectionFrame/4   ()
+ * world        touchline/WorldFrame/5       ()
  * commands     touchline/Commands/2         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
- * publisher    touchline/PublisherReport/1  ()
- * health       touchline/Heartbeat/5        ()
+ * health       touchline/Heartbeat/6        ()
+ * light        touchline/LightReport/1      ()
+ * gateway      touchline/GatewayReport/1    ()
  * events       touchline/GroupEvent/2       ()
  * status       u8                           touchline/StatusHeader/1
  */

@@ -65,7 +65,6 @@ class ProcessKind(enum.IntEnum):
 class Attendant(enum.IntEnum):
     SUPERVISOR = 4
     GATEWAY = 5
-    PUBLISHER = 6
 
 
 class ProcessState(enum.IntEnum):
@@ -133,12 +132,12 @@ class FrameHeader(ctypes.Structure):
         ("pixel_format", ctypes.c_uint32),
         ("bayer_order", ctypes.c_uint32),
         ("exposure_us", ctypes.c_uint32),
-        ("reserved", ctypes.c_uint32),
+        ("revision", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/FrameHeader/1"
+        return "touchline/FrameHeader/2"
 
 
 assert ctypes.sizeof(FrameHeader) == 64
@@ -154,14 +153,16 @@ class RunsHeader(ctypes.Structure):
         ("class_table_version", ctypes.c_uint64),
         ("run_count", ctypes.c_uint32),
         ("flags", ctypes.c_uint32),
+        ("revision", ctypes.c_uint32),
+        ("classes_since", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/RunsHeader/2"
+        return "touchline/RunsHeader/3"
 
 
-assert ctypes.sizeof(RunsHeader) == 96
+assert ctypes.sizeof(RunsHeader) == 104
 
 
 class Run(ctypes.Structure):
@@ -269,6 +270,8 @@ class DetectionFrame(ctypes.Structure):
         ("t_sent_ns", ctypes.c_uint64),
         ("class_table_version", ctypes.c_uint64),
         ("prior_world_seq", ctypes.c_uint64),
+        ("classifier_revision", ctypes.c_uint32),
+        ("revision", ctypes.c_uint32),
         ("flags", ctypes.c_uint32),
         ("robot_count", ctypes.c_uint32),
         ("ball_count", ctypes.c_uint32),
@@ -284,10 +287,10 @@ class DetectionFrame(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "touchline/DetectionFrame/3"
+        return "touchline/DetectionFrame/4"
 
 
-assert ctypes.sizeof(DetectionFrame) == 300360
+assert ctypes.sizeof(DetectionFrame) == 300368
 
 
 class CommandsName(ctypes.Structure):
@@ -317,6 +320,8 @@ class RobotState(ctypes.Structure):
         ("orientation", ctypes.c_double),
         ("v_mm_s", ctypes.c_double),
         ("omega", ctypes.c_double),
+        ("vx_mm_s", ctypes.c_double),
+        ("vy_mm_s", ctypes.c_double),
         ("covariance", ctypes.c_double * 25),
         ("predicted_x_mm", ctypes.c_double),
         ("predicted_y_mm", ctypes.c_double),
@@ -324,7 +329,7 @@ class RobotState(ctypes.Structure):
     ]
 
 
-assert ctypes.sizeof(RobotState) == 288
+assert ctypes.sizeof(RobotState) == 304
 
 
 class UnknownRobotState(ctypes.Structure):
@@ -493,7 +498,9 @@ class WorldFrame(ctypes.Structure):
         ("unknown_robot_count", ctypes.c_uint32),
         ("unknown_memory_count", ctypes.c_uint32),
         ("last_track_id", ctypes.c_uint32),
-        ("reserved", ctypes.c_uint32),
+        ("classifier_revision", ctypes.c_uint32),
+        ("tracker_revision", ctypes.c_uint32),
+        ("revision", ctypes.c_uint32),
         ("commands", CommandsName * 32),
         ("robots", RobotState * 32),
         ("unknown_robots", UnknownRobotState * 32),
@@ -505,10 +512,10 @@ class WorldFrame(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "touchline/WorldFrame/4"
+        return "touchline/WorldFrame/5"
 
 
-assert ctypes.sizeof(WorldFrame) == 52344
+assert ctypes.sizeof(WorldFrame) == 52864
 
 
 class WheelCommand(ctypes.Structure):
@@ -611,42 +618,29 @@ class CameraReport(ctypes.Structure):
 assert ctypes.sizeof(CameraReport) == 688
 
 
-class OutputReport(ctypes.Structure):
-    """One published protocol. Counters start with the publisher's process."""
-
-    _fields_ = [
-        ("name", ctypes.c_uint8 * 16),
-        ("sent", ctypes.c_uint64),
-        ("failed", ctypes.c_uint64),
-        ("large", ctypes.c_uint64),
-        ("problem", ctypes.c_uint8 * 248),
-    ]
-
-
-assert ctypes.sizeof(OutputReport) == 288
-
-
-class PublisherReport(ctypes.Structure):
-    """Published by the publisher several times a second."""
+class Heartbeat(ctypes.Structure):
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
-        ("commands", ctypes.c_uint64),
-        ("malformed", ctypes.c_uint64),
-        ("not_allowed", ctypes.c_uint64),
-        ("too_many", ctypes.c_uint64),
-        ("output_count", ctypes.c_uint32),
-        ("rivals", ctypes.c_uint32),
-        ("outputs", OutputReport * 8),
-        ("problem", ctypes.c_uint8 * 256),
+        ("pid", ctypes.c_uint32),
+        ("process", ctypes.c_uint32),
+        ("state", ctypes.c_uint32),
+        ("revision", ctypes.c_uint32),
+        ("seq_in", ctypes.c_uint64),
+        ("seq_out", ctypes.c_uint64),
+        ("frames_in", ctypes.c_uint64),
+        ("frames_out", ctypes.c_uint64),
+        ("frames_missed", ctypes.c_uint64),
+        ("dropped", ctypes.c_uint64 * 9),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/PublisherReport/1"
+        return "touchline/Heartbeat/6"
 
 
-assert ctypes.sizeof(PublisherReport) == 2608
+assert ctypes.sizeof(Heartbeat) == 136
 
 
 class LightCorrection(ctypes.Structure):
@@ -663,34 +657,42 @@ class LightCorrection(ctypes.Structure):
 assert ctypes.sizeof(LightCorrection) == 32
 
 
-class Heartbeat(ctypes.Structure):
-    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's heartbeat names the newest event, so a program that only follows health knows when to read events; its frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output; the publisher's is world or detections, and each packet counts. The classifier's heartbeat includes its correction of the light."""
+class LightReport(ctypes.Structure):
+    """The classifier's report on the light, some ten times a second while it works."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
-        ("pid", ctypes.c_uint32),
-        ("process", ctypes.c_uint32),
-        ("state", ctypes.c_uint32),
-        ("clients", ctypes.c_uint32),
-        ("seq_in", ctypes.c_uint64),
-        ("seq_out", ctypes.c_uint64),
-        ("frames_in", ctypes.c_uint64),
-        ("frames_out", ctypes.c_uint64),
-        ("frames_missed", ctypes.c_uint64),
-        ("dropped", ctypes.c_uint64 * 9),
-        ("events", ctypes.c_uint64),
-        ("t_event_wall_ns", ctypes.c_uint64),
-        ("event_kind", ctypes.c_uint32),
-        ("event_process", ctypes.c_uint32),
-        ("light", LightCorrection),
+        ("seq", ctypes.c_uint64),
+        ("correction", LightCorrection),
     ]
 
     @staticmethod
     def type_name():
-        return "touchline/Heartbeat/5"
+        return "touchline/LightReport/1"
 
 
-assert ctypes.sizeof(Heartbeat) == 192
+assert ctypes.sizeof(LightReport) == 48
+
+
+class GatewayReport(ctypes.Structure):
+    """The gateway's clients and what became of messages, some ten times a second and whenever a client comes or goes. Counts start at zero with the process."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("given", ctypes.c_uint64),
+        ("lost", ctypes.c_uint64),
+        ("not_permitted", ctypes.c_uint64),
+        ("refused", ctypes.c_uint64),
+        ("pid", ctypes.c_uint32),
+        ("clients", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/GatewayReport/1"
+
+
+assert ctypes.sizeof(GatewayReport) == 48
 
 
 class GroupEvent(ctypes.Structure):
@@ -754,8 +756,9 @@ TOPICS = {
     "commands": Topic("commands", Commands, None, 0, False),
     "truth": Topic("truth", TruthFrame, None, 0, False),
     "camera": Topic("camera", CameraReport, None, 0, False),
-    "publisher": Topic("publisher", PublisherReport, None, 0, False),
     "health": Topic("health", Heartbeat, None, 0, False),
+    "light": Topic("light", LightReport, None, 0, False),
+    "gateway": Topic("gateway", GatewayReport, None, 0, False),
     "events": Topic("events", GroupEvent, None, 16, False),
     "status": Topic("status", ctypes.c_uint8, StatusHeader, 0, False),
 }

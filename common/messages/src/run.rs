@@ -29,7 +29,7 @@ pub struct Run {
     /// Colour class: index into the configured colours, 0–31.
     pub class: u8,
     /// Reserved, 0.
-    #[serde(skip)]
+    #[serde(skip_serializing)]
     pub reserved: u8,
 }
 
