@@ -73,6 +73,7 @@ enum TouchlineProcessKind {
 enum TouchlineAttendant {
     TOUCHLINE_ATTENDANT_SUPERVISOR = 4,
     TOUCHLINE_ATTENDANT_GATEWAY = 5,
+    TOUCHLINE_ATTENDANT_PUBLISHER = 6,
 };
 
 enum TouchlineProcessState {
@@ -718,7 +719,48 @@ typedef struct TouchlineCameraReport {
 TOUCHLINE_CHECK(sizeof(TouchlineCameraReport) == 688);
 #define TOUCHLINE_CAMERA_REPORT_TYPE_NAME "touchline/CameraReport/1"
 
-/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output. */
+/* One published protocol. Counters start with the publisher's process. */
+typedef struct TouchlineOutputReport {
+    /* Key of its section in [publish]: UTF-8, ended by a zero. */
+    uint8_t name[16];
+    /* Packets handed to the system, counted for each receiver and interface. */
+    uint64_t sent;
+    /* Packets that the system refused, or for which there was no interface. */
+    uint64_t failed;
+    /* Packets larger than one Ethernet frame. */
+    uint64_t large;
+    /* Problem and remedy, in the form of the name; empty when there is none. */
+    uint8_t problem[248];
+} TouchlineOutputReport;
+
+TOUCHLINE_CHECK(sizeof(TouchlineOutputReport) == 288);
+
+/* Published by the publisher several times a second. */
+typedef struct TouchlinePublisherReport {
+    /* Time of publication. */
+    uint64_t t_sent_ns;
+    /* Packets with commands that were passed on. */
+    uint64_t commands;
+    /* Packets to the command port that were malformed or impossible. */
+    uint64_t malformed;
+    /* Packets to the command port from addresses that are not allowed. */
+    uint64_t not_allowed;
+    /* Packets to the command port beyond the permitted rate. */
+    uint64_t too_many;
+    /* Valid elements of outputs. */
+    uint32_t output_count;
+    /* Other publishers on the same addresses at the moment. */
+    uint32_t rivals;
+    /* Published protocols. */
+    TouchlineOutputReport outputs[8];
+    /* Problem that is not that of one protocol: UTF-8, ended by a zero; empty when there is none. */
+    uint8_t problem[256];
+} TouchlinePublisherReport;
+
+TOUCHLINE_CHECK(sizeof(TouchlinePublisherReport) == 2608);
+#define TOUCHLINE_PUBLISHER_REPORT_TYPE_NAME "touchline/PublisherReport/1"
+
+/* Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output; the publisher's is world or detections, and each packet counts. */
 typedef struct TouchlineHeartbeat {
     /* Time of publication. */
     uint64_t t_sent_ns;
@@ -738,9 +780,9 @@ typedef struct TouchlineHeartbeat {
     uint64_t frames_in;
     /* Outputs published. */
     uint64_t frames_out;
-    /* Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not reach a client because it was too slow. */
+    /* Frame numbers that never reached this process (gaps in its input). Gateway: outputs that did not reach a client because it was too slow. Publisher: packets that were refused. */
     uint64_t frames_missed;
-    /* Inputs dropped, by DropReason. Gateway: dropped messages of clients. */
+    /* Inputs dropped, by DropReason. Gateway and publisher: dropped messages of clients. */
     uint64_t dropped[9];
 } TouchlineHeartbeat;
 
@@ -837,6 +879,7 @@ TOUCHLINE_CHECK(sizeof(TouchlineStatusHeader) == 16);
  * commands     touchline/Commands/2         ()
  * truth        touchline/TruthFrame/1       ()
  * camera       touchline/CameraReport/1     ()
+ * publisher    touchline/PublisherReport/1  ()
  * health       touchline/Heartbeat/6        ()
  * light        touchline/LightReport/1      ()
  * gateway      touchline/GatewayReport/1    ()

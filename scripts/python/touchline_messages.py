@@ -65,6 +65,7 @@ class ProcessKind(enum.IntEnum):
 class Attendant(enum.IntEnum):
     SUPERVISOR = 4
     GATEWAY = 5
+    PUBLISHER = 6
 
 
 class ProcessState(enum.IntEnum):
@@ -618,8 +619,46 @@ class CameraReport(ctypes.Structure):
 assert ctypes.sizeof(CameraReport) == 688
 
 
+class OutputReport(ctypes.Structure):
+    """One published protocol. Counters start with the publisher's process."""
+
+    _fields_ = [
+        ("name", ctypes.c_uint8 * 16),
+        ("sent", ctypes.c_uint64),
+        ("failed", ctypes.c_uint64),
+        ("large", ctypes.c_uint64),
+        ("problem", ctypes.c_uint8 * 248),
+    ]
+
+
+assert ctypes.sizeof(OutputReport) == 288
+
+
+class PublisherReport(ctypes.Structure):
+    """Published by the publisher several times a second."""
+
+    _fields_ = [
+        ("t_sent_ns", ctypes.c_uint64),
+        ("commands", ctypes.c_uint64),
+        ("malformed", ctypes.c_uint64),
+        ("not_allowed", ctypes.c_uint64),
+        ("too_many", ctypes.c_uint64),
+        ("output_count", ctypes.c_uint32),
+        ("rivals", ctypes.c_uint32),
+        ("outputs", OutputReport * 8),
+        ("problem", ctypes.c_uint8 * 256),
+    ]
+
+    @staticmethod
+    def type_name():
+        return "touchline/PublisherReport/1"
+
+
+assert ctypes.sizeof(PublisherReport) == 2608
+
+
 class Heartbeat(ctypes.Structure):
-    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output."""
+    """Published by every process about ten times a second and at every change of state. Counters start at zero with the process. The supervisor's frame counters are 0. The gateway's input is world, and each copy sent to a client counts as one output; the publisher's is world or detections, and each packet counts."""
 
     _fields_ = [
         ("t_sent_ns", ctypes.c_uint64),
@@ -756,6 +795,7 @@ TOPICS = {
     "commands": Topic("commands", Commands, None, 0, False),
     "truth": Topic("truth", TruthFrame, None, 0, False),
     "camera": Topic("camera", CameraReport, None, 0, False),
+    "publisher": Topic("publisher", PublisherReport, None, 0, False),
     "health": Topic("health", Heartbeat, None, 0, False),
     "light": Topic("light", LightReport, None, 0, False),
     "gateway": Topic("gateway", GatewayReport, None, 0, False),
