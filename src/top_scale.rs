@@ -11,8 +11,15 @@
 //! ```
 //!
 //! if both regions have about s² times the area of these patches. Votes are counted in bins of ln s. Pairs
-//! of patches on one robot agree on the scale; all other pairs are spread, and fewer. The bin with most
-//! votes within ±3 bins wins over the configured scale if it has more than 1.5 times as many votes.
+//! of patches on one robot agree on the scale; all other pairs are spread, and fewer.
+//!
+//! In poor light the votes for one scale spread over thirty bins (measured: 0.89 to 1.19), so those for a top that is
+//! a tenth too large reach into the bins around 1 and look like a smaller deviation. From the configured scale the
+//! mean of the votes within ±18 bins is therefore followed uphill to where it stays (mean shift: Fukunaga and
+//! Hostetler, *The estimation of the gradient of a density function*, 1975). The configured scale, ±6 bins, is given
+//! up for that one if it has more than 1.25 times as many votes within ±18 bins, and then for the bin with most votes
+//! within ±3 bins if it has more than 1.5 times as many. Where patches bleed into their surroundings their centroids
+//! are some 4 % farther apart than they should be.
 
 use config::Config;
 use geometry::layout::Layout;
@@ -35,6 +42,10 @@ const SCALES: RangeInclusive<f64> = 0.4..=2.5;
 const STEP: f64 = 0.01;
 /// … and number of bins to each side that are counted together.
 const SPREAD: usize = 3;
+/// Bins to each side that are followed uphill.
+const NEARBY: usize = 18;
+/// Factor by which the votes uphill must exceed those for the configured scale.
+const MORE_NEARBY: f64 = 1.25;
 /// Most regions in patch colours per frame, the largest ones; a match has about a hundred.
 const MAX_REGIONS: usize = 300;
 
@@ -166,8 +177,14 @@ impl TopScale {
         let votes = |bins: std::ops::Range<usize>| self.votes[bins].iter().sum::<u64>();
         let bins = 0..self.votes.len();
         let most = bins.max_by_key(|&center| votes(around(center, SPREAD)))?;
-        let configured = bin(1.0);
-        let believed = around(configured, (WORTH_TELLING / STEP) as usize);
+        let (configured, uphill) = (bin(1.0), self.uphill_from(bin(1.0)));
+        let has_more = votes(around(uphill, NEARBY)) as f64
+            > MORE_NEARBY * votes(around(configured, NEARBY)) as f64;
+        let believed = if has_more {
+            around(uphill, NEARBY)
+        } else {
+            around(configured, (WORTH_TELLING / STEP) as usize)
+        };
         let other_wins =
             votes(around(most, SPREAD)) as f64 > MORE_VOTES * votes(believed.clone()) as f64;
         let bins = if other_wins { around(most, SPREAD) } else { believed };
@@ -177,6 +194,25 @@ impl TopScale {
         }
         let sum: f64 = bins.map(|bin| self.votes[bin] as f64 * scale_of(bin)).sum();
         Some(Scale { scale: sum / count as f64, votes: count })
+    }
+
+    /// The bin at which the mean of the votes within ±[`NEARBY`] bins stays, on the way uphill from another.
+    fn uphill_from(&self, start: usize) -> usize {
+        let mut center = start;
+        // Each step leads to more votes; the bound is for steps between equals.
+        for _ in 0..self.votes.len() {
+            let first = center.saturating_sub(NEARBY);
+            let around = self.votes.iter().enumerate().skip(first).take(2 * NEARBY + 1);
+            let (count, sum) = around.fold((0, 0.0), |(count, sum), (bin, &votes)| {
+                (count + votes, sum + bin as f64 * votes as f64)
+            });
+            let next = if count == 0 { center } else { (sum / count as f64).round() as usize };
+            if next == center {
+                break;
+            }
+            center = next;
+        }
+        center
     }
 
     /// The regions in patch colours, on the plane of a height.
@@ -291,6 +327,22 @@ mod tests {
             }
         }
         assert!(Scale { scale: 1.4, votes: 5 }.advice().contains("1.40 times"));
+    }
+
+    /// In poor light the centroids of patches are off by up to a sixth of their distance, differently on each robot.
+    #[test]
+    fn places_in_poor_light_hide_no_deviation() {
+        let config = Preset::MirosotTriangles.config();
+        for (scale, is_off) in [(1.0, false), (1.15, true), (0.85, true)] {
+            let mut tops = TopScale::new(&config).unwrap();
+            for step in -7..=7 {
+                let off = 0.16 * f64::from(step) / 7.0;
+                tops.add(&frame(&config, scale * (1.0 + off), 0.7));
+            }
+            let measured = tops.measured().unwrap();
+            assert!((measured.scale / scale - 1.0).abs() < 0.03, "{scale}: {measured:?}");
+            assert_eq!(measured.is_off(), is_off, "{scale}: {measured:?}");
+        }
     }
 
     #[test]
