@@ -2,7 +2,9 @@
 //!
 //! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
-//! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two. [`top_scale`] measures whether robot tops have the configured size. [`recorder`] and [`replay`] write
+//! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two.
+//! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
+//! colours. [`recorder`] and [`replay`] write
 //! recordings and compute them again. The command line and the commands are the program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
@@ -12,6 +14,7 @@
 
 pub mod attendants;
 pub mod chain;
+pub mod colorless;
 pub mod drawing;
 pub mod gateway;
 pub mod monitor;

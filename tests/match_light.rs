@@ -190,3 +190,37 @@ fn how_the_light_is_corrected_is_in_the_status() {
     assert_eq!(status["light"]["gains"], serde_json::json!([1.0, 1.0, 1.0]), "{status:#}");
     assert_eq!(status["light"]["changes"], 0, "{status:#}");
 }
+
+/// A group that is shown a grey photograph of a match, which passes for a raw frame.
+#[test]
+fn a_match_in_grey_pictures_is_told_in_the_status() {
+    let scratch = Scratch::new("grey-pictures");
+    let config = Config::default();
+    let (width, height) = (config.camera.width, config.camera.height);
+    let mut pixels = vec![0; (width * height) as usize];
+    SyntheticMatch::new(&config).unwrap().render(&mut pixels, width as usize);
+    // Every 2×2 sites get one grey: the colours of the filter are gone.
+    let width_px = width as usize;
+    let grey = (0..pixels.len()).map(|index| {
+        let even = |place: usize| place - place % 2;
+        let (row, column) = (even(index / width_px), even(index % width_px));
+        let site =
+            |down: usize, right: usize| u32::from(pixels[(row + down) * width_px + column + right]);
+        ((site(0, 0) + site(0, 1) + site(1, 0) + site(1, 1)) / 4) as u8
+    });
+    let picture = image::GrayImage::from_raw(width, height, grey.collect()).unwrap();
+    let path = scratch.path.join("grey.png");
+    picture.save(&path).unwrap();
+    let source = format!("images:{}", path.display());
+    let mut group = Group::start("grey-match", "", &["--source", &source]);
+    group.wait_until_working();
+    let said = group.wait_for("a word on the pictures", |status| status["pictures"].is_string());
+    assert!(said["pictures"].as_str().unwrap().contains("no pixel has a colour"), "{said:#}");
+    let table = String::from_utf8(group.touchline(&["status"]).stdout).unwrap();
+    assert!(table.contains("  pictures     no pixel has a colour"), "{table}");
+    drop(group);
+
+    let mut group = Group::start("coloured-match", "", &[]);
+    let found = group.wait_for("robots", |status| status["found"]["robots"].as_u64() > Some(0));
+    assert!(found["pictures"].is_null(), "{found:#}");
+}

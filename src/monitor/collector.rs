@@ -15,6 +15,7 @@ use super::strangers::StrangerWatch;
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
 use super::view::{AttendantView, Event, GroupView};
+use crate::colorless::{COLORLESS, has_color};
 use crate::top_scale::TopScale;
 use client::bus::{Bus, BusError, Subscriber};
 use client::clock::monotonic_ns;
@@ -35,6 +36,9 @@ const RATE_PERIOD_NS: u64 = 1_000_000_000;
 
 /// Time between two attempts to connect to a writer.
 const RECONNECT_NS: u64 = 1_000_000_000;
+
+/// Time between two looks at a frame in which no robot is identified, and before the first.
+const LOOK_PERIOD_NS: u64 = 2_000_000_000;
 
 /// Time between two memory measurements, and before the first.
 const MEMORY_PERIOD_NS: u64 = 30_000_000_000;
@@ -64,6 +68,8 @@ pub struct Collector {
     frames_lost_from_sight: bool,
     world_lost_from_sight: bool,
     connect_after_ns: u64,
+    /// Time from which the next frame without robots is examined.
+    look_after_ns: u64,
     /// For tests: panics at this frame.
     fault: Option<u64>,
     last_frame: Option<FrameHeader>,
@@ -169,6 +175,7 @@ impl Collector {
             frames_lost_from_sight: false,
             world_lost_from_sight: false,
             connect_after_ns: 0,
+            look_after_ns: monotonic_ns() + LOOK_PERIOD_NS,
             fault: fault_from_environment("monitor"),
             last_frame: None,
             last_world: None,
@@ -208,6 +215,17 @@ impl Collector {
             }
             self.last_frame = Some(*header);
             self.new_frames.push(*header);
+            // Where robots are identified, there are colours; elsewhere a look now and then costs nothing.
+            let now_ns = monotonic_ns();
+            if self.base.found.robots > 0 {
+                self.base.pictures = None;
+            } else if now_ns >= self.look_after_ns {
+                self.look_after_ns = now_ns + LOOK_PERIOD_NS;
+                let is_bayer = header.pixel_format == PixelFormat::Bayer8 as u32;
+                let (width, stride) = (header.width as usize, header.stride as usize);
+                let is_colorless = is_bayer && !has_color(frame.elements(), width, stride);
+                self.base.pictures = is_colorless.then(|| COLORLESS.into());
+            }
         }
         // A nearly full buffer may have been full, and its oldest messages overwritten.
         let was_away = received_frames * 8 >= self.kept_frames * 7;

@@ -228,6 +228,9 @@ fn body(report: &Report) -> String {
     if let Some(light) = &report.light {
         let _ = writeln!(text, "  light        {}", light_words(light));
     }
+    if let Some(problem) = &report.pictures {
+        let _ = writeln!(text, "  pictures     {problem}");
+    }
     if let Some(tops) = report.tops.as_ref().filter(|tops| !tops.problem.is_empty()) {
         let _ = writeln!(text, "  tops         {}", tops.problem);
     }

@@ -46,6 +46,9 @@ pub struct Report {
     /// Light correction by the classifier; absent before its first report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<Light>,
+    /// What is wrong with the pictures by their looks, while no robot is identified in them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pictures: Option<String>,
     /// Measured size of the robots' tops relative to the configured layout; absent until some have
     /// been measured.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -5,9 +5,10 @@
 //! error. So the first pictures are processed again under each of these assumptions.
 
 use crate::commands::CommandError;
-use config::{CameraConfig, Config};
+use config::Config;
 use messages::BayerOrder;
 use touchline::chain::Chain;
+use touchline::colorless::{COLORLESS, has_color};
 
 /// Most pictures kept for the second pass.
 const MOST_KEPT: usize = 3;
@@ -36,10 +37,9 @@ impl Doubts {
         if self.pictures.is_empty() {
             return Ok(None);
         }
-        if self.named == 0 && !self.pictures.iter().any(|frame| has_color(frame, &config.camera)) {
-            return Ok(Some(
-                "no pixel has a colour: these look like grey photographs, and robots are told by colours".into(),
-            ));
+        let width = config.camera.width as usize;
+        if self.named == 0 && !self.pictures.iter().any(|frame| has_color(frame, width, width)) {
+            return Ok(Some(COLORLESS.into()));
         }
         let mut best: Option<(usize, String)> = None;
         for (other, advice) in self.others(config) {
@@ -101,43 +101,4 @@ impl Doubts {
 fn red_is_opposite(a: BayerOrder, b: BayerOrder) -> bool {
     let is_green = |order: BayerOrder, column| order.channel_at(column, 0) == 1;
     a != b && (0..2).all(|column| is_green(a, column) == is_green(b, column))
-}
-
-/// Side of the areas examined.
-const AREA: usize = 4;
-/// Grey levels by which the sites of one colour may differ in an even area, and by which the sites of
-/// two colours must differ in a coloured one.
-const EVEN: u8 = 16;
-const COLORED: u32 = 24;
-/// Fewest coloured areas of a coloured picture: fewer than a patch has.
-const LEAST_AREAS: usize = 2;
-
-/// Whether there is an even area in which the filter's colours differ.
-fn has_color(frame: &[u8], camera: &CameraConfig) -> bool {
-    let width = camera.width as usize;
-    let rows: Vec<&[u8]> = frame.chunks_exact(width).collect();
-    let mut areas = 0;
-    for band in rows.chunks_exact(AREA) {
-        for left in (0..width.saturating_sub(AREA - 1)).step_by(AREA) {
-            let mut means = [0; 4];
-            let mut is_even = true;
-            for (site, mean) in means.iter_mut().enumerate() {
-                let values = (0..AREA * AREA / 4).map(|index| {
-                    let (x, y) = (index % (AREA / 2), index / (AREA / 2));
-                    band[2 * y + site / 2][left + 2 * x + site % 2]
-                });
-                let (least, most) = values
-                    .clone()
-                    .fold((u8::MAX, 0), |(least, most), value| (least.min(value), most.max(value)));
-                is_even &= most - least <= EVEN;
-                *mean = values.map(u32::from).sum::<u32>() / (AREA * AREA / 4) as u32;
-            }
-            let spread = means.iter().max().unwrap_or(&0) - means.iter().min().unwrap_or(&0);
-            areas += usize::from(is_even && spread >= COLORED);
-            if areas >= LEAST_AREAS {
-                return true;
-            }
-        }
-    }
-    false
 }
