@@ -57,6 +57,7 @@ use signals::Signals;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use sys::Call;
 use takeover::Inheritance;
 
 /// Reason for which a group could not be run.
@@ -151,7 +152,14 @@ pub fn run(
     // Before creating anything that would be left behind.
     client::memory::check_place().map_err(InstanceError::from)?;
     insist(|| Ok(instance.create_directory()?))?;
-    let Some(lock) = insist(|| Ok(instance.lock()?))? else {
+    if instance.record_path().exists() {
+        sys::arm();
+    }
+    let lock = insist(|| {
+        sys::check(Call::TakeLock)?;
+        Ok(instance.lock()?)
+    });
+    let Some(lock) = lock? else {
         return Err(SupervisorError::AlreadyRunning(instance.name().into()));
     };
     let mut premises = Premises::new(&instance, lock);
@@ -162,7 +170,7 @@ pub fn run(
         return outcome;
     }
     // After an error too; that error is reported rather than a failed clean-up.
-    let tidied = takeover::tidy_up(&instance);
+    let tidied = insist(|| takeover::tidy_up(&instance));
     drop(premises);
     outcome.and_then(|outcome| tidied.map(|()| outcome))
 }

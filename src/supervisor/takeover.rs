@@ -1,5 +1,6 @@
 //! Remains of an earlier supervisor: a group to take over, processes to end, or garbage to remove.
 
+use super::sys::{self, Call};
 use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants};
 use client::bus::BusError;
 use client::bus::participants::{self, LivingProcess};
@@ -58,7 +59,10 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
             // programs too could take longer than a stage can do without a supervisor.
             let is_ours =
                 |name: &str| OWN_NAMES.contains(&name) || StageId::from_name(name).is_some();
-            warn(participants::remove_dead_named(instance, is_ours));
+            match sys::check(Call::ListProcesses) {
+                Err(error) => warn(&error),
+                Ok(()) => warn_of(participants::remove_dead_named(instance, is_ours)),
+            }
             let recorded = |stage: Inherited| Inherited {
                 spare: record.is_spare(stage.stage, stage.pid),
                 ..stage
@@ -121,7 +125,7 @@ fn clean_slate(instance: &Instance) -> Result<(), SupervisorError> {
             );
         }
     } else {
-        warn(participants::remove_dead(instance));
+        warn_of(participants::remove_dead(instance));
     }
     Ok(())
 }
@@ -135,9 +139,13 @@ fn others(instance: &Instance) -> Result<Vec<LivingProcess>, BusError> {
 }
 
 /// Reports a failed removal. The janitor retries it; it is no reason to give up a match.
-fn warn(cleaned: Result<usize, BusError>) {
+fn warn(error: &dyn std::error::Error) {
+    runtime::tell!("touchline: {error}; it is tried again");
+}
+
+fn warn_of(cleaned: Result<usize, BusError>) {
     if let Err(error) = cleaned {
-        runtime::tell!("touchline: {error}; it is tried again");
+        warn(&error);
     }
 }
 
@@ -177,7 +185,8 @@ pub fn terminate(pid: u32) {
 /// Names under which a supervisor's own process joins the group.
 const OWN_NAMES: [&str; 2] = ["supervisor", "monitor"];
 
-fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, BusError> {
+fn living_stages(instance: &Instance) -> Result<Vec<Inherited>, SupervisorError> {
+    sys::check(Call::ListProcesses)?;
     let stage = |process: LivingProcess| {
         let stage = StageId::from_name(&process.name)?;
         Some(Inherited { stage, pid: process.pid, spare: None })
