@@ -85,7 +85,8 @@ fn a_match_survives_every_call_refused_once() {
     replace(&mut group, "filter", Signal::STOP);
     let restarted = group.touchline(&["restart", "tracker"]);
     assert!(restarted.status.success(), "{restarted:?}");
-    fs::remove_dir_all(group.instance.directory()).unwrap();
+    // The supervisor may write into it meanwhile.
+    while fs::remove_dir_all(group.instance.directory()).is_err() {}
     let config = group.instance.config_path();
     let status =
         group.wait_for("everything put back", |status| is_whole(status) && config.exists());
@@ -102,7 +103,10 @@ fn a_match_survives_every_call_refused_once() {
     // And a supervisor that takes over.
     let pids = SPARED.map(|stage| Group::pid_of(&status, stage));
     group.replace_supervisor_with(&[FAULTS]);
-    let status = group.wait_for("the match", |status| is_whole(status) && world(status) > 80);
+    // The publisher, too, which could not be prepared at first.
+    let status = group.wait_for("the match", |status| {
+        is_whole(status) && world(status) > 80 && status["attendants"]["publisher"]["pid"].is_u64()
+    });
     assert_eq!(SPARED.map(|stage| Group::pid_of(&status, stage)), pids, "{}", group.stderr());
     replace(&mut group, "classifier", Signal::KILL);
     std::thread::sleep(Duration::from_secs(2));

@@ -26,8 +26,18 @@ const LAST_MOMENTS_NS: u64 = LAST_MOMENTS.as_nanos() as u64;
 /// Uptime that resets the back-off.
 const GOOD_START_NS: u64 = 10_000_000_000;
 
+/// Pause before an attendant that could not be prepared is prepared again.
+const PREPARE_PAUSE_NS: u64 = 1_000_000_000;
+
 /// The attendants of a group.
-pub struct Attendants(Vec<Supervised>);
+pub struct Attendants {
+    supervised: Vec<Supervised>,
+    /// Those that the system has refused something at a takeover; tried again.
+    unprepared: Vec<&'static Row>,
+    prepare_after_ns: u64,
+    instance: Instance,
+    config: Config,
+}
 
 /// An attendant and its process.
 struct Supervised {
@@ -61,50 +71,82 @@ pub struct Happened {
 
 impl Attendants {
     /// Prepares the attendants that the configuration asks for. An error ends the start, unless the
-    /// group `lives` already: then the match goes on without that attendant.
+    /// group `lives` already: then the match goes on without that attendant, which is tried again.
     pub fn prepare(
         instance: &Instance,
         config: &Config,
         lives: bool,
     ) -> Result<Self, AttendantError> {
-        let mut attendants = vec![];
+        let mut attendants = Self {
+            supervised: vec![],
+            unprepared: vec![],
+            prepare_after_ns: 0,
+            instance: instance.clone(),
+            config: config.clone(),
+        };
         for row in &TABLE {
-            match (row.prepare)(instance, config) {
-                Ok(true) => attendants.push(Supervised::new(row, instance)),
-                Ok(false) => {}
+            match attendants.prepare_one(row) {
+                Ok(()) => {}
                 Err(error) if lives => {
                     runtime::tell!(
-                        "touchline: {error}; the match goes on without the {}",
+                        "touchline: {error}; the match goes on without the {}, which is tried again",
                         row.name()
                     );
+                    attendants.unprepared.push(row);
                 }
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self(attendants))
+        Ok(attendants)
+    }
+
+    fn prepare_one(&mut self, row: &'static Row) -> Result<(), AttendantError> {
+        sys::check(Call::PrepareAttendant)?;
+        if (row.prepare)(&self.instance, &self.config)? {
+            self.supervised.push(Supervised::new(row, &self.instance));
+        }
+        Ok(())
+    }
+
+    fn prepare_again(&mut self, now_ns: u64) {
+        if self.unprepared.is_empty() || now_ns < self.prepare_after_ns {
+            return;
+        }
+        self.prepare_after_ns = now_ns + PREPARE_PAUSE_NS;
+        for row in std::mem::take(&mut self.unprepared) {
+            if self.prepare_one(row).is_err() {
+                self.unprepared.push(row);
+            }
+        }
     }
 
     /// Records a heartbeat of an attendant.
     pub fn heard(&mut self, pid: u32, now_ns: u64) {
-        for attendant in self.0.iter_mut().filter(|attendant| attendant.pid() == Some(pid)) {
+        for attendant in self.supervised.iter_mut().filter(|attendant| attendant.pid() == Some(pid))
+        {
             attendant.rules.heard_ns = now_ns;
         }
     }
 
     /// Starts, reaps and kills attendants as due; returns the events.
     pub fn tend(&mut self, settings: &Settings, now_ns: u64) -> Vec<Happened> {
-        self.0.iter_mut().filter_map(|attendant| attendant.tend(settings, now_ns)).collect()
+        self.prepare_again(now_ns);
+        self.supervised
+            .iter_mut()
+            .filter_map(|attendant| attendant.tend(settings, now_ns))
+            .collect()
     }
 
     /// Whether the group has the attendant of this name.
     pub fn has(&self, name: &str) -> bool {
-        self.0.iter().any(|attendant| attendant.row.name() == name)
+        self.supervised.iter().any(|attendant| attendant.row.name() == name)
     }
 
     /// Replaces the process of the attendant of this name; one that waits for its next start is
     /// started at once.
     pub fn restart(&mut self, name: &str, now_ns: u64) {
-        for attendant in self.0.iter_mut().filter(|attendant| attendant.row.name() == name) {
+        for attendant in self.supervised.iter_mut().filter(|attendant| attendant.row.name() == name)
+        {
             match attendant.pid() {
                 Some(pid) => {
                     attendant.restart_ns = Some(now_ns);
@@ -122,23 +164,24 @@ impl Attendants {
             pid: attendant.pid(),
             restarts: attendant.starts.saturating_sub(1),
         };
-        self.0.iter().map(view).collect()
+        self.supervised.iter().map(view).collect()
     }
 
     /// Ends them, in order if they listen.
     pub fn end(&mut self) {
-        for running in self.0.iter().filter_map(|attendant| attendant.running.as_ref()) {
+        for running in self.supervised.iter().filter_map(|attendant| attendant.running.as_ref()) {
             super::takeover::terminate(running.child.id());
         }
         let deadline = Instant::now() + LAST_MOMENTS;
-        for running in self.0.iter_mut().filter_map(|attendant| attendant.running.as_mut()) {
+        for running in self.supervised.iter_mut().filter_map(|attendant| attendant.running.as_mut())
+        {
             while Instant::now() < deadline && matches!(running.child.try_wait(), Ok(None)) {
                 std::thread::sleep(Duration::from_millis(5));
             }
             let _ = running.child.kill();
             let _ = running.child.wait();
         }
-        self.0.clear();
+        self.supervised.clear();
     }
 }
 

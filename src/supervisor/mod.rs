@@ -146,15 +146,18 @@ pub fn run(
     until: Until,
     start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
-    // First: before this a closed terminal ends the supervisor.
-    let signals = Signals::listen()?;
     let instance = launch.instance.clone();
-    // Before creating anything that would be left behind.
-    client::memory::check_place().map_err(InstanceError::from)?;
-    insist(|| Ok(instance.create_directory()?))?;
     if instance.record_path().exists() {
         sys::arm();
     }
+    // First: before this a closed terminal ends the supervisor.
+    let signals = insist(|| {
+        sys::check(Call::HandleSignals)?;
+        Signals::listen()
+    })?;
+    // Before creating anything that would be left behind.
+    client::memory::check_place().map_err(InstanceError::from)?;
+    insist(|| Ok(instance.create_directory()?))?;
     let lock = insist(|| {
         sys::check(Call::TakeLock)?;
         Ok(instance.lock()?)

@@ -68,6 +68,8 @@ calls! {
     StartThread = "start a thread", AGAIN;
     ListProcesses = "list the group's processes", MFILE;
     KeepReserve = "keep descriptors in reserve", MFILE;
+    HandleSignals = "handle signals", MFILE;
+    PrepareAttendant = "prepare an attendant", MFILE;
 }
 
 /// Whether failures are injected.
@@ -132,6 +134,7 @@ mod tests {
             include_str!("group/acting.rs"),
             include_str!("janitor.rs"),
             include_str!("log.rs"),
+            include_str!("mod.rs"),
             include_str!("pages.rs"),
             include_str!("premises.rs"),
             include_str!("progress.rs"),

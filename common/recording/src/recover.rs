@@ -159,6 +159,7 @@ impl Plan {
             }
             plan.before = Some(piece).filter(|_| plan.fences.len() == fences);
         }
+        plan.summary.complete_schemas();
         plan.check_summary(&mut scanner)?;
         Ok(plan)
     }
@@ -276,9 +277,7 @@ impl Plan {
             self.damages.add(Fault::UnknownChannel, piece.at, piece.length);
             // The other messages of the chunk can be read, so it stays. Viewers show these ones without
             // a meaning.
-            for id in unknown {
-                self.summary.channels.insert(id, unknown_channel(id));
-            }
+            unknown.into_iter().for_each(|id| self.summary.add_unknown_channel(id));
         }
         let (start_ns, end_ns) = times_ns.unwrap_or_default();
         let is_right = is_framed && (header.start_ns, header.end_ns) == (start_ns, end_ns);
@@ -470,13 +469,6 @@ impl Plan {
         self.summary.write(data_end, index, &mut end)?;
         Ok(end)
     }
-}
-
-/// Describes a channel of which nothing but its messages is left.
-fn unknown_channel(id: u16) -> Vec<u8> {
-    let mut body = Encoder::default();
-    body.u16(id).u16(0).prefixed(format!("unknown-{id}").as_bytes()).prefixed(b"").prefixed(b"");
-    body.0
 }
 
 /// Offset of a position after the parts before it have been left out.

@@ -1,7 +1,7 @@
 //! The end of a recording: the mark after the data, and the summary, which gives viewers chunks,
 //! channels and counts.
 
-use crate::wire::{ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, op};
+use crate::wire::{ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, channel_schema, op};
 use crc32fast::Hasher;
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Read, Write};
@@ -44,6 +44,27 @@ impl Summary {
     pub fn count(&mut self, channel_id: u16, log_ns: u64) {
         *self.counts.entry(channel_id).or_default() += 1;
         self.times_ns = Some(widened(self.times_ns, log_ns));
+    }
+
+    /// Stands in for a channel of which nothing but its messages is left. Viewers show these without a
+    /// meaning.
+    pub fn add_unknown_channel(&mut self, id: u16) {
+        let mut body = Encoder::default();
+        let name = format!("unknown-{id}");
+        body.u16(id).u16(0).prefixed(name.as_bytes()).prefixed(b"").prefixed(b"");
+        self.channels.insert(id, body.0);
+    }
+
+    /// Stands in for schemas that only a channel names: other programs refuse a file without them.
+    pub fn complete_schemas(&mut self) {
+        for id in self.channels.values().filter_map(|body| channel_schema(body)) {
+            self.schemas.entry(id).or_insert_with(|| {
+                let mut body = Encoder::default();
+                let name = format!("unknown-{id}");
+                body.u16(id).prefixed(name.as_bytes()).prefixed(b"").prefixed(b"");
+                body.0
+            });
+        }
     }
 
     /// Number of messages in all channels.

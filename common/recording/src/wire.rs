@@ -218,6 +218,13 @@ pub(crate) fn channel(body: &[u8]) -> Option<(u16, &str)> {
     cursor.0.is_empty().then_some((id, topic))
 }
 
+/// Id of a channel's schema; `None` if it has none.
+pub(crate) fn channel_schema(body: &[u8]) -> Option<u16> {
+    let mut cursor = Cursor(body);
+    let (_id, schema) = (cursor.u16()?, cursor.u16()?);
+    Some(schema).filter(|&id| id != 0)
+}
+
 /// Id of a schema; `None` if the record is malformed.
 pub(crate) fn schema(body: &[u8]) -> Option<u16> {
     let mut cursor = Cursor(body);

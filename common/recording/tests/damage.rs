@@ -122,7 +122,8 @@ fn recovered(path: &Path) -> Recovery {
 /// of known channels.
 fn assert_proper(path: &Path, messages: usize) {
     let bytes = std::fs::read(path).unwrap();
-    let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    let summary = mcap::Summary::read(&bytes).unwrap_or_else(|error| panic!("{error}: {path:?}"));
+    let summary = summary.expect("a summary");
     let (mut in_chunks, mut of_known) = (0, 0);
     for chunk in &summary.chunk_indexes {
         for message in summary.stream_chunk(&bytes, chunk).unwrap() {
@@ -449,6 +450,20 @@ fn messages_beside_those_of_an_unknown_channel_are_recovered() {
     assert_eq!(read(&path).0, before);
     assert_eq!(recovered(&path), Recovery::NotNeeded);
     assert_proper(&path, 3);
+}
+
+#[test]
+fn a_channel_whose_schema_is_lost_is_recovered() {
+    let scratch = Scratch::new("schema");
+    let (opcode, mut channel) = channel_record();
+    channel[2] = 4;
+    let message = message_record(1, std::iter::repeat_n(7, 50));
+    let path = scratch.file("schema.mcap", &file_of(&[vec![(opcode, channel), message]]));
+    let (before, _) = read(&path);
+    assert!(matches!(recovered(&path), Recovery::Recovered { .. }));
+    assert_eq!((before.len(), read(&path).0), (1, before));
+    assert_eq!(recovered(&path), Recovery::NotNeeded);
+    assert_proper(&path, 1);
 }
 
 #[test]
