@@ -593,40 +593,51 @@ fn python_vsss_client_drives_a_robot_to_the_ball() {
     client.wait().unwrap();
 }
 
-/// Time from `world` to the packet on the socket; prints figures, and asserts only that they exist.
+/// A minute of packets at full rate, with ten more receivers: order, sizes and times. Prints how long after
+/// `world` a packet was made, and received.
 #[test]
-#[ignore = "needs root, for a network of its own; prints figures"]
-fn figures_of_latency() {
+#[ignore = "needs root, for a network of its own; takes a minute and prints figures"]
+fn figures_of_a_minute() {
+    const FRAMES: usize = 4800;
     own_network();
-    let socket = receiver(TRACKED);
-    let others: Vec<UdpSocket> = (0..10).map(|_| receiver(TRACKED)).collect();
-    let (group, _) = start("publish-latency", &ALL.replace("fps = 40", "fps = 80"), &[]);
-    let mut sent = BTreeMap::new();
-    let wall_ns = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as i64;
+    let socket = receiver(VSS);
+    let others: Vec<UdpSocket> = (0..10).map(|_| receiver(VSS)).collect();
+    let (mut group, _) = start("publish-minute", &ALL.replace("fps = 40", "fps = 80"), &[]);
+    let wall_ns = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as f64;
     let reading = std::thread::spawn(move || {
-        let mut arrived = BTreeMap::new();
-        while arrived.len() < 1000 {
-            let frame = TrackerPacket::decode(&packet(&socket)[..]).unwrap().tracked_frame.unwrap();
-            arrived.insert(frame.frame_number, wall_ns());
+        let mut arrived: Vec<(DetectionFrame, usize, f64)> = vec![];
+        while arrived.len() < FRAMES {
+            let bytes = packet(&socket);
+            let at_s = wall_ns() * 1e-9;
+            let frame = WrapperPacket::decode(&bytes[..]).unwrap().detection.unwrap();
+            arrived.push((frame, bytes.len(), at_s));
         }
         arrived
     });
-    let offset_ns = wall_ns() - client::clock::monotonic_ns() as i64;
+    let offset_ns = wall_ns() - client::clock::monotonic_ns() as f64;
+    let mut sent_s = BTreeMap::new();
     let mut consumer = Consumer::new(group.instance.clone(), "test", &topics::WORLD);
     until(&mut consumer, |world: &WorldFrame| {
-        sent.insert(world.frame.seq as u32, world.t_sent_ns as i64 + offset_ns);
-        sent.len() == 1000
+        let at_s = (world.t_sent_ns as f64 + offset_ns) * 1e-9;
+        sent_s.insert(world.frame.seq as u32, at_s);
+        sent_s.len() == FRAMES
     });
     let arrived = reading.join().unwrap();
-    let mut delays: Vec<i64> =
-        arrived.iter().filter_map(|(number, at)| Some(at - sent.get(number)?)).collect();
-    delays.sort();
-    assert!(delays.len() > 100 && !others.is_empty());
-    let at = |share: f64| delays[(share * (delays.len() - 1) as f64) as usize] as f64 / 1000.0;
-    println!(
-        "world to received packet, µs: p50 {:.0}, p99 {:.0}, max {:.0}",
-        at(0.5),
-        at(0.99),
-        at(1.0)
-    );
+    for pair in arrived.windows(2) {
+        assert_eq!(pair[1].0.frame_number, pair[0].0.frame_number + 1);
+        assert!(pair[1].0.t_capture > pair[0].0.t_capture && pair[1].0.t_sent >= pair[0].0.t_sent);
+    }
+    assert!(arrived.iter().all(|(_, length, _)| *length <= ONE_FRAME_BYTES) && !others.is_empty());
+    let figures = |what: &str, of: &dyn Fn(&(DetectionFrame, usize, f64)) -> f64| {
+        let delays = arrived.iter().filter_map(|it| Some(of(it) - sent_s.get(&it.0.frame_number)?));
+        let mut delays: Vec<f64> = delays.map(|seconds| seconds * 1e6).collect();
+        delays.sort_by(f64::total_cmp);
+        let at = |share: f64| delays[(share * (delays.len() - 1) as f64) as usize];
+        let (count, p50, p99, max) = (delays.len(), at(0.5), at(0.99), at(1.0));
+        println!("{what}, µs after `world`: p50 {p50:.0}, p99 {p99:.0}, max {max:.0} of {count}");
+    };
+    figures("packet made", &|it| it.0.t_sent);
+    figures("packet received", &|it| it.2);
+    let status = group.try_status().unwrap();
+    println!("filter, µs from capture: {}", status["latency_us"]["filter"]);
 }

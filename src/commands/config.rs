@@ -104,7 +104,7 @@ fn report(path: &Path, config: &Config, cost: &str, warnings: &Diagnostics) -> S
 
 fn summary(config: &Config, cost: &str) -> String {
     let (field, camera, robots) = (&config.field, &config.camera, &config.robots);
-    let lines = [
+    let mut lines = vec![
         ("preset", config.preset.name().to_string()),
         ("field", format!("{} × {} mm", field.length_mm, field.width_mm)),
         (
@@ -136,7 +136,23 @@ fn summary(config: &Config, cost: &str) -> String {
             ),
         ),
     ];
+    if config.publish.is_used() {
+        lines.push(("publishes", publishes(config)));
+    }
     lines.iter().map(|(name, value)| format!("  {name:<9} {value}\n")).collect()
+}
+
+/// "ssl to 224.5.23.2:10006; commands of 127.0.0.1 at port 20011".
+fn publishes(config: &Config) -> String {
+    let outputs = config.publish.outputs().into_iter().filter(|output| output.enabled);
+    let mut parts: Vec<String> =
+        outputs.map(|output| format!("{} to {}", output.name, output.to.join(", "))).collect();
+    let commands = &config.publish.commands;
+    if commands.enabled {
+        let allowed = commands.allow.join(", ");
+        parts.push(format!("takes commands of {allowed} at port {}", commands.port));
+    }
+    parts.join("; ")
 }
 
 fn geometry(config: &Config) -> String {
@@ -285,6 +301,19 @@ mod tests {
         ] {
             assert!(report.contains(part), "{part:?} is missing in\n{report}");
         }
+    }
+
+    #[test]
+    fn check_says_what_is_published() {
+        let mut config = Preset::Vsss3v3.config();
+        assert!(!summary(&config, "").contains("publishes"));
+        for name in ["firasim", "json", "commands"] {
+            config.publish.enable(name);
+        }
+        let text = summary(&config, "");
+        let expected = "  publishes firasim to 224.0.0.1:10002; json to 127.0.0.1:10030; takes commands of \
+                        127.0.0.1 at port 20011\n";
+        assert!(text.ends_with(expected), "{text}");
     }
 
     #[test]
