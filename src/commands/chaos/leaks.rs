@@ -8,24 +8,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Connections to dead processes that a living process may still hold, on average. A spare neither reads
-/// nor writes yet, and keeps the connections it made when it joined, to its input's writers and its
-/// output's readers: seven for each of three spares, including the supervisor's and the monitor's. A
-/// leak grows with the number of deaths; these connections do not.
-const STALE_PER_PROCESS: u64 = 3;
-/// Connections to dead programs that published rubbish: a spare connects to those alive when it starts,
-/// on eight topics with the other spares together, and up to four of them run at a time.
-const STALE_OF_STRANGERS: u64 = 4 * 8;
+/// Connections to dead processes that a living process may still hold, on average: every process drops them
+/// with its next heartbeat, so only those of the last death may be left.
+const STALE_PER_PROCESS: u64 = 1;
 /// Limit for the file descriptors that one process holds of dead ones.
-const STALE_DESCRIPTORS: u64 = 16;
-/// Additional limit after rubbish: two descriptors for each of four topics that a spare reads, for four
-/// programs.
-const STALE_DESCRIPTORS_OF_STRANGERS: u64 = 4 * 4 * 2;
-
-/// File descriptors that one process may still hold of dead ones.
-pub fn stale_descriptors(had_strangers: bool) -> u64 {
-    STALE_DESCRIPTORS + if had_strangers { STALE_DESCRIPTORS_OF_STRANGERS } else { 0 }
-}
+pub const STALE_DESCRIPTORS: u64 = 4;
 
 /// Resources that a group uses at one time.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -97,21 +84,20 @@ pub fn processes(instance: &str) -> Vec<u32> {
 
 impl Usage {
     /// Entries of dead processes that may remain at any time, regardless of the number of deaths.
-    pub fn stale(&self, has_strangers: bool) -> u64 {
-        let of_strangers = if has_strangers { STALE_OF_STRANGERS } else { 0 };
-        STALE_PER_PROCESS * self.processes + of_strangers
+    pub fn stale(&self) -> u64 {
+        STALE_PER_PROCESS * self.processes
     }
 
     /// Whether nothing has accumulated since `before`. Memory is not compared: how much an allocator
     /// keeps varies, and the verdict sets a limit.
-    pub fn is_back_to(&self, before: &Usage, had_strangers: bool) -> bool {
-        self.shared_memory_entries <= before.shared_memory_entries + before.stale(had_strangers)
-            && self.runtime_entries <= before.runtime_entries + before.stale(false)
+    pub fn is_back_to(&self, before: &Usage) -> bool {
+        self.shared_memory_entries <= before.shared_memory_entries + before.stale()
+            && self.runtime_entries <= before.runtime_entries + before.stale()
             && self.processes <= before.processes
             && self
                 .descriptors_grown(before)
                 .iter()
-                .all(|(_, before, now)| *now <= before + stale_descriptors(had_strangers))
+                .all(|(_, before, now)| *now <= before + STALE_DESCRIPTORS)
     }
 
     /// Processes whose descriptors have increased, with the counts before and now.
@@ -186,21 +172,18 @@ mod tests {
             descriptors: [("filter".into(), 20)].into(),
             ..Usage::default()
         };
-        assert!(before.is_back_to(&before, false));
+        assert!(before.is_back_to(&before));
         let with = |change: fn(&mut Usage)| {
             let mut after = before.clone();
             change(&mut after);
-            after.is_back_to(&before, false)
+            after.is_back_to(&before)
         };
-        assert!(with(|usage| usage.shared_memory_entries += 24));
-        assert!(!with(|usage| usage.shared_memory_entries += 25));
-        let more =
-            Usage { shared_memory_entries: before.shared_memory_entries + 48, ..before.clone() };
-        assert!(more.is_back_to(&before, true) && !more.is_back_to(&before, false));
-        assert!(!with(|usage| usage.runtime_entries += 25));
+        assert!(with(|usage| usage.shared_memory_entries += 8));
+        assert!(!with(|usage| usage.shared_memory_entries += 9));
+        assert!(!with(|usage| usage.runtime_entries += 9));
         assert!(!with(|usage| usage.processes += 1));
-        assert!(with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 16));
-        assert!(!with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 17));
+        assert!(with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 4));
+        assert!(!with(|usage| *usage.descriptors.get_mut("filter").unwrap() += 5));
         let leaky = Usage { descriptors: [("filter".into(), 21)].into(), ..before.clone() };
         assert_eq!(leaky.descriptors_grown(&before), [("filter".into(), 20, 21)]);
     }

@@ -386,7 +386,6 @@ impl Session {
 
     /// Waits until the group has recovered, or until it is clear that it will not.
     fn settle(&mut self) -> Result<(), CommandError> {
-        let had_rubbish = self.settings.signals.contains(&Disturbance::Rubbish);
         let began = Instant::now();
         let mut look_at = began + SETTLE;
         while self.supervisor_failure.is_none() && began.elapsed() < SETTLED {
@@ -396,7 +395,7 @@ impl Session {
             }
             look_at = Instant::now() + Duration::from_millis(100);
             self.usage_after = leaks::usage(&self.group.instance);
-            if self.is_complete() && self.usage_after.is_back_to(&self.usage_before, had_rubbish) {
+            if self.is_complete() && self.usage_after.is_back_to(&self.usage_before) {
                 break;
             }
         }

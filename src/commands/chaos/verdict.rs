@@ -1,6 +1,6 @@
 //! The promises, which of them were kept, and the report as text.
 
-use super::leaks::stale_descriptors;
+use super::leaks::STALE_DESCRIPTORS;
 use super::plan::Disturbance;
 use super::report::{ChaosReport, Settings, Times};
 use super::vandal;
@@ -158,8 +158,7 @@ pub fn judge(report: &ChaosReport) -> Vec<Promise> {
 
 fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, String)) {
     let (before, after) = (&report.usage_before, &report.usage_after);
-    let has_rubbish = report.settings.signals.contains(&Disturbance::Rubbish);
-    let (stale, stale_in_memory) = (before.stale(false), before.stale(has_rubbish));
+    let stale = before.stale();
     let mut counted = |name, before, after, allowed| {
         promise(name, after <= before + allowed, format!("{before} before, {after} after"));
     };
@@ -167,7 +166,7 @@ fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, Stri
         "shared memory does not pile up",
         before.shared_memory_entries,
         after.shared_memory_entries,
-        stale_in_memory,
+        stale,
     );
     counted("files do not pile up", before.runtime_entries, after.runtime_entries, stale);
     counted("processes do not pile up", before.processes, after.processes, 0);
@@ -182,8 +181,7 @@ fn leaks(report: &ChaosReport, promise: &mut impl FnMut(&'static str, bool, Stri
             words.join("; ")
         }
     };
-    let allowed = stale_descriptors(has_rubbish);
-    let kept = grown.iter().all(|(_, before, after)| *after <= before + allowed);
+    let kept = grown.iter().all(|(_, before, after)| *after <= before + STALE_DESCRIPTORS);
     promise("file descriptors do not pile up", kept, figure);
     let allowed =
         before.private_bytes + (before.private_bytes as f64 * GROWTH) as u64 + GROWTH_BYTES;
