@@ -19,6 +19,7 @@
 use super::sphere::{Outline, Sphere};
 use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
+use fearless_simd::{Level, dispatch};
 use geometry::{CameraModel, FieldPoint, Pose};
 use messages::Run;
 
@@ -39,8 +40,9 @@ const TRIALS: u32 = 160;
 const SECTORS: usize = 16;
 
 /// The outer border of a region: its extent in each row and column.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Silhouette {
+    level: Level,
     top: usize,
     left: usize,
     /// First pixel and end, by row from `top`.
@@ -70,6 +72,12 @@ pub(crate) struct Rim {
     pub share: f64,
     /// Share of the outline's points that lie outside the circle.
     pub outside: f64,
+}
+
+impl Default for Silhouette {
+    fn default() -> Self {
+        Self { level: Level::new(), top: 0, left: 0, rows: Vec::new(), columns: Vec::new() }
+    }
 }
 
 impl Silhouette {
@@ -140,7 +148,8 @@ impl Silhouette {
         let beyond = outline.beyond_mm / outline.long_mm;
         let is_outside = |point: [f64; 2]| {
             let [x, y] = place(point);
-            (x - beyond).hypot(y) > 1.0 + CLEARLY_PX * per_px
+            let off = x - beyond;
+            off * off + y * y > (1.0 + CLEARLY_PX * per_px).powi(2)
         };
         let (mut all, mut outside) = (0.0, 0.0);
         for point in self.points() {
@@ -166,6 +175,7 @@ impl Silhouette {
             *slot = place(point);
             count += 1;
         }
+        let by_lanes = by_lanes(&points[..count]);
         let points = &points[..count];
         if count < 3 {
             return None;
@@ -180,7 +190,7 @@ impl Silhouette {
                 points[((u64::from(dice) * count as u64) >> 32) as usize]
             });
             let Some(circle) = circle_through(a, b, c) else { continue };
-            let score = score(points, &circle, tolerance);
+            let score = dispatch!(self.level, _simd => score(&by_lanes, &circle, tolerance));
             if score > best_score {
                 (best, best_score) = (Some(circle), score);
             }
@@ -248,13 +258,37 @@ fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<Circle> {
     RADII.contains(&radius).then_some(Circle { center: [a[0] + x, a[1] + y], radius })
 }
 
-/// Score of a circle, as described above.
-fn score(points: &[[f64; 2]], circle: &Circle, tolerance: f64) -> f64 {
-    let one = |point: &[f64; 2]| {
-        let off = circle.outside(*point) / tolerance;
-        if off > 1.0 { -1.0 } else { (1.0 - off * off).max(0.0) }
-    };
-    points.iter().map(one).sum()
+/// Points that are scored together.
+const LANES: usize = 8;
+/// The columns and the rows of points, eight by eight. Places without a point are NaN.
+type ByLanes = [[[f64; LANES]; 2]; MOST_POINTS / LANES];
+
+fn by_lanes(points: &[[f64; 2]]) -> ByLanes {
+    let mut by_lanes = [[[f64::NAN; LANES]; 2]; MOST_POINTS / LANES];
+    for (index, point) in points.iter().enumerate() {
+        for (lanes, value) in by_lanes[index / LANES].iter_mut().zip(point) {
+            lanes[index % LANES] = *value;
+        }
+    }
+    by_lanes
+}
+
+/// Score of a circle, as described above. The sums do not depend on the width of the registers.
+#[inline(always)]
+fn score(points: &ByLanes, circle: &Circle, tolerance: f64) -> f64 {
+    let [center_x, center_y] = circle.center;
+    let mut sums = [0.0; LANES];
+    for [xs, ys] in points {
+        for lane in 0..LANES {
+            let (x, y) = (xs[lane] - center_x, ys[lane] - center_y);
+            let off = ((x * x + y * y).sqrt() - circle.radius) / tolerance;
+            let near = 1.0 - off * off;
+            // No branch is taken for NaN: neither outside nor on the circle.
+            let on_circle = if near > 0.0 { near } else { 0.0 };
+            sums[lane] += if off > 1.0 { -1.0 } else { on_circle };
+        }
+    }
+    sums.iter().sum()
 }
 
 /// A Gauss–Newton step of the circle towards the points on it.
@@ -369,5 +403,24 @@ mod tests {
             assert!(found.is_none_or(|rim| rim.share < 0.3 || rim.outside > 0.2), "{found:?}");
         }
         assert_eq!(rim(&[], radius), None);
+    }
+
+    #[test]
+    fn every_level_scores_as_one_point_after_the_other_would() {
+        let points: Vec<[f64; 2]> = (0..37)
+            .map(|index| f64::from(index) * 0.7)
+            .map(|angle| [(1.0 + 0.1 * angle.sin()) * angle.cos(), angle.sin()])
+            .collect();
+        let (circle, tolerance) = (Circle { center: [0.02, -0.05], radius: 0.97 }, 0.09);
+        let one = |point: &[f64; 2]| {
+            let off = circle.outside(*point) / tolerance;
+            if off > 1.0 { -1.0 } else { (1.0 - off * off).max(0.0) }
+        };
+        let expected: f64 = points.iter().map(one).sum();
+        let by_lanes = by_lanes(&points);
+        let scores = [Level::new(), Level::baseline()]
+            .map(|level| dispatch!(level, _simd => score(&by_lanes, &circle, tolerance)));
+        assert!((scores[0] - expected).abs() < 1e-9, "{scores:?} {expected}");
+        assert_eq!(scores[0].to_bits(), scores[1].to_bits());
     }
 }
