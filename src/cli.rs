@@ -126,6 +126,17 @@ pub enum Command {
     /// stage after stage is handed over to a process of it: no frame is lost until at last the
     /// grabber is started anew, and what that costs is counted.
     Upgrade(UpgradeArgs),
+    /// Goes over to another configuration in the middle of a match.
+    ///
+    /// Checks the file (by default the one the group was started with), tells what differs from what the
+    /// group runs with, and replaces the stages that this concerns by processes with the new
+    /// configuration: spares first, then the working ones, so that no frame is lost. Only a new setting of
+    /// the camera costs frames, and is announced. A configuration with which processes fail is taken back
+    /// by itself; `touchline rollback` takes it back by hand.
+    #[command(after_long_help = RELOAD_EXAMPLES)]
+    Reload(ReloadArgs),
+    /// Goes back to the configuration before the last `reload`.
+    Rollback(RollbackArgs),
     /// Prints, as JSON, what programs must agree on to work in one group.
     #[command(hide = true)]
     Interface,
@@ -233,6 +244,9 @@ pub struct RunArgs {
     /// Show nothing while running
     #[arg(long)]
     pub quiet: bool,
+    /// Go over to the configuration file whenever it is changed, as `touchline reload` does
+    #[arg(long)]
+    pub watch: bool,
     /// Take over the group that a dead supervisor has left behind, with its configuration and source
     #[arg(long, conflicts_with_all = ["config", "source", "fps", "frames", "seconds", "publish"])]
     pub adopt: bool,
@@ -296,6 +310,39 @@ pub struct UpgradeArgs {
     /// The new program [default: the one that is given this command]
     #[arg(value_name = "PROGRAM")]
     pub program: Option<PathBuf>,
+    /// The group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+}
+
+const RELOAD_EXAMPLES: &str = "\
+Examples:
+  touchline reload                                    after editing the file of `touchline run --config`
+  touchline reload --set filter.actuation_delay_ms=60
+  touchline reload --set 'colors.orange.red=[190, 255]' --dry-run
+  touchline rollback";
+
+/// Arguments of `reload`.
+#[derive(Debug, Args)]
+pub struct ReloadArgs {
+    /// Configuration file [default: the one of `touchline run --config`]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Set a key, on top of the file, or without --config on top of what the group runs with; colours and
+    /// robots by name: `colors.orange.red=[190,255]`, `robots.identities.yellow 1.height_mm=120`
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Only tell what differs and which stages it concerns
+    #[arg(long)]
+    pub dry_run: bool,
+    /// The group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+}
+
+/// Arguments of `rollback`.
+#[derive(Debug, Args)]
+pub struct RollbackArgs {
     /// The group.
     #[command(flatten)]
     pub instance: InstanceArgs,
@@ -456,6 +503,36 @@ pub enum ConfigCommand {
         /// the colour `light.pitch_rgb`]
         #[arg(value_name = "PICTURE")]
         pictures: Vec<PathBuf>,
+    },
+    /// Tells in which keys two configurations differ.
+    Diff {
+        /// The one
+        #[arg(value_name = "FILE")]
+        old: PathBuf,
+        /// The other
+        #[arg(value_name = "FILE")]
+        new: PathBuf,
+    },
+    /// Prints the value of a key, as it is used: from the file, or its default.
+    Get {
+        /// The file
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// The key, with colours and robots by name: `colors.orange.red`
+        #[arg(value_name = "KEY")]
+        key: String,
+    },
+    /// Sets a key in a file; comments and order stay, and an invalid value changes nothing.
+    Set {
+        /// The file
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// The key, with colours and robots by name: `colors.orange.red`
+        #[arg(value_name = "KEY")]
+        key: String,
+        /// The value as in the file; quotes around a text may be left out
+        #[arg(value_name = "VALUE", allow_negative_numbers = true)]
+        value: String,
     },
     /// Prints the JSON schema of configurations, for editors.
     Schema,

@@ -85,6 +85,12 @@ fn a_match_survives_every_call_refused_once() {
     replace(&mut group, "filter", Signal::STOP);
     let restarted = group.touchline(&["restart", "tracker"]);
     assert!(restarted.status.success(), "{restarted:?}");
+    // The first time the new configuration cannot be written.
+    let reload = |group: &Group| group.touchline(&["reload", "--set", "tracker.min_region_px=7"]);
+    let refused = reload(&group);
+    assert!(!refused.status.success(), "{refused:?}");
+    let reloaded = reload(&group);
+    assert!(reloaded.status.success(), "{reloaded:?}");
     // The supervisor may write into it meanwhile.
     while fs::remove_dir_all(group.instance.directory()).is_err() {}
     let config = group.instance.config_path();
@@ -108,6 +114,7 @@ fn a_match_survives_every_call_refused_once() {
         is_whole(status) && world(status) > 80 && status["attendants"]["publisher"]["pid"].is_u64()
     });
     assert_eq!(SPARED.map(|stage| Group::pid_of(&status, stage)), pids, "{}", group.stderr());
+    assert_eq!(status["configuration"]["revision"], 2, "{status:#}");
     replace(&mut group, "classifier", Signal::KILL);
     std::thread::sleep(Duration::from_secs(2));
     let status = group.wait_for("no trouble", |status| status.get("degraded").is_none());

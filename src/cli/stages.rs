@@ -4,7 +4,6 @@ use super::InstanceArgs;
 use clap::Args;
 use grabber::camera::LastFrame;
 use grabber::source::Source;
-use messages::Revision;
 use messages::stages::MAX_LANES;
 use std::path::PathBuf;
 
@@ -21,9 +20,6 @@ pub struct StageArgs {
     #[arg(long, value_name = "NUMBER", default_value_t = 0,
           value_parser = clap::value_parser!(u8).range(..MAX_LANES as i64))]
     pub lane: u8,
-    /// Revision of the configuration, and the first one with the same colours: "5:3".
-    #[arg(long, value_name = "NUMBER:COLOURS", default_value = "0:0")]
-    pub revision: Revision,
     /// Connect, then wait for SIGUSR1 before working
     #[arg(long)]
     pub spare: bool,

@@ -5,6 +5,8 @@ use super::learn::lessons::Lessons;
 use super::output::{OutputError, Rule};
 use super::second_look::Passing;
 use crate::cli::ConfigCommand;
+use config::change::{changes, values};
+use config::edit::with_value;
 use config::{
     self, Config, ConfigError, Diagnostics, GeometryConfig, PatchRole, Preset, RobotShape,
 };
@@ -20,10 +22,47 @@ pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
     let text = match command {
         ConfigCommand::Init { output, preset, force } => init(preset, output.as_deref(), force)?,
         ConfigCommand::Check { file, pictures } => check(&file, &pictures)?,
+        ConfigCommand::Diff { old, new } => diff(&Config::load(&old)?, &Config::load(&new)?),
+        ConfigCommand::Get { file, key } => get(&Config::load(&file)?, &key)?,
+        ConfigCommand::Set { file, key, value } => set(&file, &key, &value)?,
         ConfigCommand::Schema => schema(),
     };
     say!("{text}")?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// The keys in which two configurations differ, a line each.
+fn diff(old: &Config, new: &Config) -> String {
+    changes(old, new).iter().map(|change| format!("{change}\n")).collect()
+}
+
+/// The value of a key; of a section, all its keys.
+fn get(config: &Config, key: &str) -> Result<String, CommandError> {
+    let below = format!("{key}.");
+    let values = values(config);
+    let mut found = values.iter().filter(|(name, _)| *name == key || name.starts_with(&below));
+    match (values.get(key), found.next()) {
+        (Some(value), _) => Ok(format!("{value}\n")),
+        (None, Some(first)) => {
+            let all = std::iter::once(first).chain(found);
+            Ok(all.map(|(name, value)| format!("{name} = {value}\n")).collect())
+        }
+        (None, None) => Err(format!(
+            "{key} is not set, or there is no such key; `touchline config init` lists all keys"
+        )
+        .into()),
+    }
+}
+
+/// Sets a key in a file. Returns what has changed.
+fn set(file: &Path, key: &str, value: &str) -> Result<String, CommandError> {
+    let before = Config::load(file)?;
+    let text = std::fs::read_to_string(file)?;
+    let text = with_value(&text, key, value)?;
+    let after = Config::parse(&text, &format!("{} with {key} = {value}", file.display()))?;
+    Rule { inputs: &[], force: true }.write(file, text.as_bytes())?;
+    let changed = diff(&before, &after);
+    Ok(if changed.is_empty() { format!("{key} has this value already\n") } else { changed })
 }
 
 /// Error of a `touchline config` command; its text is for the user.

@@ -16,15 +16,18 @@ mod learn;
 mod operate;
 mod painted_light;
 mod recordings;
+mod reload;
 mod run;
 mod score;
 mod second_look;
 mod step;
 mod stress;
 mod topics;
+mod watch;
 
 use crate::cli::{AttendantArgs, Cli, Command, GrabberArgs, StageArgs};
 use ::config::Config;
+use ::config::snapshot::Snapshot;
 use client::instance::Instance;
 use grabber::process::GrabberOptions;
 use messages::ProcessKind;
@@ -54,6 +57,8 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Stop(args)) => group::stop(args),
         Some(Command::Restart(args)) => operate::restart(args),
         Some(Command::Upgrade(args)) => operate::upgrade(args),
+        Some(Command::Reload(args)) => reload::reload(args),
+        Some(Command::Rollback(args)) => reload::rollback(args),
         Some(Command::Interface) => operate::interface(),
         Some(Command::Doctor(args)) => doctor::doctor(args),
         Some(Command::Chaos(args)) => chaos::chaos(args),
@@ -92,13 +97,17 @@ fn stage(
     args: StageArgs,
     run: impl FnOnce(&ProcessOptions, &Config) -> Result<(), ProcessError>,
 ) -> Result<ExitCode, CommandError> {
-    let config = args.config.as_deref().map(Config::load).transpose()?.unwrap_or_default();
+    let snapshot = match &args.config {
+        Some(path) => Snapshot::load(path)?,
+        None => Snapshot::of_user(Config::default()),
+    };
     let instance = Instance::new(&args.instance.instance)?;
     instance.create_directory()?;
     let stage = StageId::new(kind, args.lane);
     name_process(&stage.to_string());
-    let StageArgs { lane, revision, spare, supervised, .. } = args;
-    run(&ProcessOptions { instance, lane, revision, spare, supervised }, &config)
+    let StageArgs { lane, spare, supervised, .. } = args;
+    let revision = snapshot.revision;
+    run(&ProcessOptions { instance, lane, revision, spare, supervised }, &snapshot.config)
         .map_err(|error| format!("{stage}: {error}"))?;
     Ok(ExitCode::SUCCESS)
 }

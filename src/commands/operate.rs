@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use touchline::monitor::report::Stage;
 use touchline::monitor::{Report, read_status};
-use touchline::supervisor::{self, Request, is_same_program, program_of};
+use touchline::supervisor::{self, Done, Request, is_same_program, program_of};
 
 /// A supervisor answers in its next round, within a few milliseconds.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
@@ -152,7 +152,8 @@ fn interface_of(program: &Path) -> Result<Interface, CommandError> {
     })
 }
 
-fn ask(instance: &Instance, request: &Request) -> Result<(), CommandError> {
+/// Sends the supervisor a request.
+pub fn ask(instance: &Instance, request: &Request) -> Result<Done, CommandError> {
     match supervisor::ask(instance, request, ANSWER_PATIENCE) {
         Ok(answer) => Ok(answer?),
         Err(error) => Err(format!(
@@ -164,7 +165,8 @@ fn ask(instance: &Instance, request: &Request) -> Result<(), CommandError> {
     }
 }
 
-fn status(instance: &Instance) -> Result<Report, CommandError> {
+/// The group's report.
+pub fn status(instance: &Instance) -> Result<Report, CommandError> {
     read_status(instance, STATUS_PATIENCE)?.ok_or_else(|| {
         format!("the supervisor of the group {:?} says nothing", instance.name()).into()
     })

@@ -2,6 +2,7 @@
 
 use super::output::Rule;
 use super::painted_light::{follow_painted_light, is_other_light};
+use super::watch;
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use client::clock::monotonic_ns;
@@ -16,7 +17,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 use touchline::monitor::{Monitor, Output, summary};
-use touchline::supervisor::{self, Launch, Outcome, Record, Until};
+use touchline::supervisor::{self, Launch, Outcome, Overrides, Record, Until};
 
 /// Longest wait for the reader of the last texts.
 const LAST_TEXTS: Duration = Duration::from_secs(1);
@@ -41,6 +42,12 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
     let output = if args.quiet { Output::Quiet } else { Output::for_stdout() };
     let is_bounded = launch.frames.is_some() || launch.source.is_bounded();
     let until = if is_bounded { Until::Finished } else { Until::Stopped };
+    if args.watch {
+        let Some(file) = launch.config_file.clone() else {
+            return Err("--watch needs a file to watch: name one with --config".into());
+        };
+        watch::start(file, &launch)?;
+    }
     let source = launch.source.to_string();
     let outcome = supervisor::run(launch, &config, until, |view| {
         Monitor::start(&instance, source.clone(), &config, view, output)
@@ -65,7 +72,7 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
 
 /// The group that the command line describes.
 fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
-    let mut config = match (&args.config, &args.source) {
+    let config = match (&args.config, &args.source) {
         // A recording is normally played with the configuration it was made with.
         (None, Source::Recording(playlist)) => {
             let mut config = grabber::playback::recorded_config(&playlist.path)?;
@@ -75,18 +82,34 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
         }
         _ => load_config(args.config.as_deref())?,
     };
-    for protocol in &args.publish {
+    let source = absolute(args.source.clone())?;
+    let overrides = Overrides { fps: args.fps, publish: args.publish.clone() };
+    let config = as_run(config, &overrides, &source);
+    let ends_at_ns = args.seconds.map(|seconds| monotonic_ns() + (seconds * 1e9) as u64);
+    let config_file = args.config.as_deref().map(std::path::absolute).transpose()?;
+    let launch = Launch {
+        instance: instance.clone(),
+        source,
+        frames: args.frames,
+        ends_at_ns,
+        config_file,
+        overrides,
+    };
+    Ok((launch, config))
+}
+
+/// The configuration of a group whose file says `config`, with what its command line changes.
+pub fn as_run(mut config: Config, overrides: &Overrides, source: &Source) -> Config {
+    for protocol in &overrides.publish {
         config.publish.enable(protocol);
     }
-    if let Some(fps) = args.fps {
+    if let Some(fps) = overrides.fps {
         config.camera.fps = fps;
     }
-    let source = absolute(args.source.clone())?;
     if matches!(source, Source::Synthetic) && is_other_light(&config) {
         follow_painted_light(&mut config);
     }
-    let ends_at_ns = args.seconds.map(|seconds| monotonic_ns() + (seconds * 1e9) as u64);
-    Ok((Launch { instance: instance.clone(), source, frames: args.frames, ends_at_ns }, config))
+    config
 }
 
 /// The group left behind by an earlier supervisor, with that supervisor's configuration and source.
@@ -100,8 +123,10 @@ fn left_behind(instance: &Instance) -> Result<(Launch, Config), CommandError> {
     };
     let config = load_config(Some(&instance.config_path()))?;
     let source = record.source.parse()?;
-    let Record { frames, ends_at_ns, .. } = record;
-    Ok((Launch { instance: instance.clone(), source, frames, ends_at_ns }, config))
+    let Record { frames, ends_at_ns, config_file, overrides, .. } = record;
+    let launch =
+        Launch { instance: instance.clone(), source, frames, ends_at_ns, config_file, overrides };
+    Ok((launch, config))
 }
 
 /// Executes another program, which takes over the group: the same process with the same terminal, parent
@@ -112,6 +137,7 @@ fn go_on_as(program: &Path, args: &RunArgs) -> CommandError {
         let mut command = Command::new(program);
         command.arg0("touchline").args(["run", "--adopt", "--instance", &args.instance]);
         command.args(args.quiet.then_some("--quiet"));
+        command.args(args.watch.then_some("--watch"));
         if let Some(report) = &args.report {
             command.arg("--report").arg(report);
         }

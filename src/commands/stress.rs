@@ -14,7 +14,7 @@ use std::io;
 use std::process::ExitCode;
 use touchline::monitor::report::{Breakdown, Percentiles};
 use touchline::monitor::{Monitor, Output, Report};
-use touchline::supervisor::{self, Launch, Outcome, Until};
+use touchline::supervisor::{self, Launch, Outcome, Overrides, Until};
 
 /// Rates rise by this factor …
 const STEP: f64 = 1.5;
@@ -131,6 +131,8 @@ fn run_at(config: &Config, args: &StressArgs, fps: f64) -> Result<Run, CommandEr
         source: source.clone(),
         frames: Some(frames),
         ends_at_ns: None,
+        config_file: None,
+        overrides: Overrides::default(),
     };
     let outcome = supervisor::run(launch, &config, Until::Finished, |view| {
         Monitor::start(&instance, source.to_string(), &config, view, Output::Quiet)

@@ -549,6 +549,7 @@ impl Collector {
             commanders: self.commanders.report(),
             strangers: self.strangers.report(),
             events: self.view.events(),
+            configuration: self.view.configured(),
             ..self.base.clone()
         }
     }

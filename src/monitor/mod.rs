@@ -22,7 +22,7 @@ mod view;
 
 pub use console::{Output, summary};
 pub use report::Report;
-pub use view::{AttendantView, Event, GroupView, ProcessView};
+pub use view::{AttendantView, Configured, Event, GroupView, ProcessView, Revised};
 
 use client::bus::{Bus, BusError, Publisher};
 use client::clock::monotonic_ns;

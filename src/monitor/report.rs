@@ -2,7 +2,7 @@
 //! printed by `touchline status --json` and drawn by the console.
 
 use super::publisher::Published;
-use super::view::Event;
+use super::view::{Configured, Event};
 use crate::top_scale::Scale;
 use hdrhistogram::Histogram;
 use messages::LightCorrection;
@@ -31,6 +31,9 @@ pub struct Report {
     /// calls that the system refuses. All are retried.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub degraded: Vec<String>,
+    /// The configuration, with the changes so far.
+    #[serde(default)]
+    pub configuration: Configured,
     /// Frames, end to end.
     pub frames: Frames,
     /// Frames a second over the last second, captured and arrived in `world`.

@@ -43,9 +43,8 @@ pub struct Event {
 impl Event {
     /// An event that happens now.
     pub fn new(kind: EventKind, stage: &str, pid: u32, what: &str, evidence: &str) -> Self {
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self {
-            time_s: (since_1970.as_secs_f64() * 1000.0).round() / 1000.0,
+            time_s: seconds_since_1970(),
             number: 0,
             kind,
             stage: stage.into(),
@@ -75,6 +74,12 @@ impl Event {
     }
 }
 
+/// To the millisecond.
+fn seconds_since_1970() -> f64 {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    (since_1970.as_secs_f64() * 1000.0).round() / 1000.0
+}
+
 /// A process of the group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcessView {
@@ -97,6 +102,35 @@ pub struct AttendantView {
     pub restarts: u64,
 }
 
+/// A configuration that was accepted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Revised {
+    /// Its revision.
+    pub revision: u32,
+    /// When, seconds since 1970.
+    pub time_s: f64,
+    /// What changed, or why it was taken back.
+    pub what: String,
+}
+
+impl Revised {
+    /// Accepted now.
+    pub fn new(revision: u32, what: String) -> Self {
+        Self { revision, time_s: seconds_since_1970(), what }
+    }
+}
+
+/// The group's configuration, for the report.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Configured {
+    /// Revision of the newest accepted configuration.
+    pub revision: u32,
+    /// Stages whose active process still runs with an earlier one, or has only just taken over.
+    pub pending: Vec<String>,
+    /// The last accepted configurations, oldest first.
+    pub history: Vec<Revised>,
+}
+
 /// Shared between the supervisor, which writes, and the monitor, which reads.
 pub struct GroupView {
     /// Process id of the supervisor.
@@ -110,6 +144,7 @@ struct Inner {
     restarts: BTreeMap<StageId, u64>,
     lacks: Vec<String>,
     attendants: Vec<AttendantView>,
+    configured: Configured,
     updated_ns: Option<u64>,
     events: VecDeque<Event>,
     /// Number of events of this supervisor.
@@ -172,6 +207,16 @@ impl GroupView {
     /// Replaces the list of attendants.
     pub fn update_attendants(&self, attendants: Vec<AttendantView>) {
         self.lock().attendants = attendants;
+    }
+
+    /// Replaces what is known of the configuration.
+    pub fn update_configured(&self, configured: Configured) {
+        self.lock().configured = configured;
+    }
+
+    /// The configuration.
+    pub fn configured(&self) -> Configured {
+        self.lock().configured.clone()
     }
 
     /// The attendants.

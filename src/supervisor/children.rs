@@ -15,6 +15,7 @@ use rustix::io::Errno;
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
 };
+use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -33,6 +34,20 @@ pub struct Launch {
     pub frames: Option<u64>,
     /// Time at which the group is to end, on the monotonic clock.
     pub ends_at_ns: Option<u64>,
+    /// The configuration file, for `touchline reload`; an absolute path.
+    pub config_file: Option<PathBuf>,
+    /// What the command line changes in it.
+    pub overrides: Overrides,
+}
+
+/// What the command line of `touchline run` changes in the configuration file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Overrides {
+    /// Frame rate.
+    pub fps: Option<f64>,
+    /// Protocols to publish.
+    pub publish: Vec<String>,
 }
 
 /// One process of the group.
@@ -41,6 +56,9 @@ pub struct Process {
     pub stage: StageId,
     /// Its process id.
     pub pid: u32,
+    /// Revision of the configuration that it was started with, or that its last heartbeat names; `None` when
+    /// an adopted process has sent none yet.
+    pub revision: Option<u32>,
     /// Becomes readable when the process ends.
     pub pidfd: OwnedFd,
     /// `None` for a process that another supervisor has started.
@@ -56,6 +74,8 @@ pub struct End {
     pub how: String,
     /// It failed by itself: it was neither killed from outside nor ended in order.
     pub crashed: bool,
+    /// It ended with an error, or crashed.
+    pub failed: bool,
     /// The last lines it wrote.
     pub last_words: String,
 }
@@ -90,9 +110,15 @@ impl Process {
         let mut child = sys::ask(Call::StartProcess, || command.spawn())?;
         let pid = child.id();
         match sys::ask(Call::HoldProcess, || hold(Pid::from_child(&child))) {
-            Ok(pidfd) => {
-                Ok(Self { stage, pid, pidfd, child: Some(child), log, wait: Default::default() })
-            }
+            Ok(pidfd) => Ok(Self {
+                stage,
+                pid,
+                revision: None,
+                pidfd,
+                child: Some(child),
+                log,
+                wait: Default::default(),
+            }),
             Err(error) => {
                 // Without a pidfd its end would not be noticed.
                 let _ = child.kill().and_then(|()| child.wait());
@@ -106,7 +132,7 @@ impl Process {
         let id = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
         let pidfd = sys::ask(Call::HoldProcess, || hold(id))?;
         let log = Log::of_process(pid);
-        Ok(Self { stage, pid, pidfd, child: None, log, wait: Default::default() })
+        Ok(Self { stage, pid, revision: None, pidfd, child: None, log, wait: Default::default() })
     }
 
     /// Sends a signal. If the process has already ended, that is not an error: its end is noticed
@@ -133,8 +159,8 @@ impl Process {
     /// Reaps it: returns how it ended, or `None` while it runs.
     pub fn reap(&mut self) -> Option<End> {
         let Some(child) = &mut self.child else {
-            let (how, crashed) = end_of_adopted(&self.pidfd)?;
-            return Some(End { how, crashed, last_words: self.log.last_words() });
+            let (how, crashed, failed) = end_of_adopted(&self.pidfd)?;
+            return Some(End { how, crashed, failed, last_words: self.log.last_words() });
         };
         end_of(child, &self.log)
     }
@@ -174,8 +200,8 @@ pub fn process_name(name: &str) -> String {
 /// Reaps a child: returns how it ended, or `None` while it runs.
 pub fn end_of(child: &mut Child, log: &Log) -> Option<End> {
     let status = sys::ask(Call::ReapProcess, || child.try_wait()).ok().flatten()?;
-    let (how, crashed) = describe(status.code(), status.signal());
-    Some(End { how, crashed, last_words: log.last_words() })
+    let (how, crashed, failed) = describe(status.code(), status.signal());
+    Some(End { how, crashed, failed, last_words: log.last_words() })
 }
 
 fn hold(pid: Pid) -> io::Result<OwnedFd> {
@@ -200,28 +226,32 @@ fn has_ended(pidfd: &OwnedFd) -> bool {
 
 /// How an adopted process ended. After an upgrade this process may still be its parent; otherwise
 /// the exit status went to another parent.
-fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool)> {
+fn end_of_adopted(pidfd: &OwnedFd) -> Option<(String, bool, bool)> {
     let at_once = WaitIdOptions::EXITED | WaitIdOptions::NOHANG;
     let ask = || Ok(waitid(WaitId::PidFd(pidfd.as_fd()), at_once)?);
     match sys::ask(Call::ReapProcess, ask) {
         Ok(Some(status)) => Some(describe(status.exit_status(), status.terminating_signal())),
         Ok(None) => None,
-        Err(_) => has_ended(pidfd).then(|| ("ended".into(), false)),
+        Err(_) => has_ended(pidfd).then(|| ("ended".into(), false, false)),
     }
 }
 
-/// Describes an exit, and says whether the process failed by itself.
-fn describe(code: Option<i32>, signal: Option<i32>) -> (String, bool) {
+/// Describes an exit, and says whether the process crashed, and whether it crashed or ended with an
+/// error.
+fn describe(code: Option<i32>, signal: Option<i32>) -> (String, bool, bool) {
     use signal_hook::consts::{SIGKILL, SIGTERM};
     match (code, signal) {
         // Exit status 1 is an orderly end with an error: the stage lacked something such as memory,
         // and no frame caused it.
-        (Some(code), _) => (format!("exit status {code}"), code > 1),
+        (Some(code), _) => (format!("exit status {code}"), code > 1, code != 0),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal);
             let name = name.map_or_else(|| format!("signal {signal}"), str::to_string);
-            (format!("killed by {name}"), signal != SIGKILL && signal != SIGTERM)
+            {
+                let crashed = signal != SIGKILL && signal != SIGTERM;
+                (format!("killed by {name}"), crashed, crashed)
+            }
         }
-        (None, None) => ("ended".into(), false),
+        (None, None) => ("ended".into(), false, false),
     }
 }

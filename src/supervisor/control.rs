@@ -24,10 +24,22 @@ pub enum Request {
     Restart(Vec<String>),
     /// Hand over to this program.
     Upgrade(PathBuf),
+    /// Go over to the configuration in this file.
+    Reload(PathBuf),
+    /// Go back to the configuration before the present one.
+    Rollback,
 }
 
 /// `Ok` if the request is carried out; otherwise the reason for refusing it.
-pub type Answer = Result<(), String>;
+pub type Answer = Result<Done, String>;
+
+/// A request that is carried out.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Done {
+    /// The new revision of the configuration; `None` if it stays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub revision: Option<u32>,
+}
 
 /// Longest request.
 const MAX_BYTES: usize = 8192;

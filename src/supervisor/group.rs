@@ -3,11 +3,13 @@
 mod acting;
 mod adoption;
 mod ending;
+mod reload;
 mod upkeep;
 
 use super::attendants::Attendants;
 use super::children::{Launch, Process};
-use super::control::{Answer, Control, Request};
+use super::configuration::Configuration;
+use super::control::{Answer, Control, Done, Request};
 use super::drops::Drops;
 use super::janitor::Janitor;
 use super::notify::Notifier;
@@ -48,7 +50,7 @@ const LAST_RESULTS: Duration = Duration::from_secs(2);
 /// A running group.
 pub struct Group<'a> {
     launch: Launch,
-    config: Config,
+    configuration: Configuration,
     policy: Policy,
     processes: HashMap<MemberId, Process>,
     progress: Progress,
@@ -103,13 +105,14 @@ impl<'a> Group<'a> {
     /// after a failure.
     pub fn new(
         launch: Launch,
-        config: &Config,
+        configuration: Configuration,
         view: Arc<GroupView>,
         signals: Signals,
         premises: &'a mut Premises,
         inheritance: &Inheritance,
         attendants: Attendants,
     ) -> Result<Self, SupervisorError> {
+        let config = &configuration.snapshot().config;
         let (record, lives) = (&inheritance.record, inheritance.lives());
         if lives {
             sys::arm();
@@ -146,7 +149,7 @@ impl<'a> Group<'a> {
             progress,
             janitor: Janitor::start(&launch.instance),
             launch,
-            config: config.clone(),
+            configuration,
             tick: tick(&settings),
             policy: Policy::new(settings.clone()),
             processes: HashMap::new(),
@@ -189,6 +192,7 @@ impl<'a> Group<'a> {
             self.look();
             self.reap(&woken.ended)?;
             self.excuse_starved();
+            self.judge_configuration();
             // Before actions are carried out: a process that is retired at once has not failed to
             // start.
             if self.policy.is_complete() && !self.ever_complete {
@@ -265,11 +269,13 @@ impl<'a> Group<'a> {
             let answer = match &request {
                 Request::Restart(stages) => self.restart(stages),
                 Request::Upgrade(program) => check_program(program),
+                Request::Reload(file) => self.reload(file),
+                Request::Rollback => self.roll_back("by request"),
             };
             if let Some(control) = self.premises.control() {
                 control.answer(&sender, &answer);
             }
-            if let (Request::Upgrade(program), Ok(())) = (request, answer) {
+            if let (Request::Upgrade(program), Ok(_)) = (request, answer) {
                 upgrade = Some(program);
             }
         }
@@ -292,7 +298,7 @@ impl<'a> Group<'a> {
         for name in attendants {
             self.attendants.restart(name, monotonic_ns());
         }
-        Ok(())
+        Ok(Done::default())
     }
 
     fn reap(&mut self, ended: &[MemberId]) -> Result<(), SupervisorError> {
@@ -300,7 +306,9 @@ impl<'a> Group<'a> {
         for &id in ended {
             let Some(end) = self.processes.get_mut(&id).and_then(Process::reap) else { continue };
             let Some(process) = self.processes.remove(&id) else { continue };
-            self.policy.note(Event::Exited { id, crashed: end.crashed }, now);
+            // A configuration on trial is blamed before the frame.
+            let is_blamed = end.failed && self.blame(process.stage.kind(), process.revision);
+            self.policy.note(Event::Exited { id, crashed: end.crashed && !is_blamed }, now);
             self.states.remove(&process.pid);
             if let Some(notice) = self.drops.forget(process.pid) {
                 self.log(EventKind::Dropped, notice.stage, notice.pid, &notice.what, "");
@@ -327,7 +335,7 @@ impl<'a> Group<'a> {
             let at_ns = progress.pages().checked_in_ns(stage);
             policy.note(Event::CheckedIn(stage, at_ns), now);
         }
-        let Self { progress, policy, processes, states, drops, finished, .. } = self;
+        let Self { progress, policy, processes, states, drops, finished, configuration, .. } = self;
         let (record_is_due, attendants) = (&self.record_is_due, &mut self.attendants);
         let heard = progress.heartbeats(|beat| {
             let sign = match beat {
@@ -335,10 +343,15 @@ impl<'a> Group<'a> {
                 Beat::Attendant { pid } => return attendants.heard(pid, now),
             };
             // Ignore heartbeats of foreign or dead processes.
-            let Some((&id, _)) = processes.iter().find(|(_, process)| process.pid == sign.pid)
+            let Some((&id, process)) =
+                processes.iter_mut().find(|(_, process)| process.pid == sign.pid)
             else {
                 return;
             };
+            process.revision = Some(sign.revision);
+            if sign.revision < configuration.snapshot().needed(sign.stage.kind()) {
+                policy.outdate(id);
+            }
             let before = states.insert(sign.pid, sign.state);
             if before.is_none() {
                 policy.note(Event::Ready(id), now);
@@ -436,7 +449,7 @@ fn check_program(program: &Path) -> Answer {
     let data =
         std::fs::metadata(program).map_err(|error| format!("{}: {error}", program.display()))?;
     match program.is_absolute() && data.is_file() && data.permissions().mode() & 0o111 != 0 {
-        true => Ok(()),
+        true => Ok(Done::default()),
         false => Err(format!("{} is not a program", program.display())),
     }
 }

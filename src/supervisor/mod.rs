@@ -2,6 +2,7 @@
 //!
 //! * [`policy`] decides, and [`group`] carries the decisions out while the group runs.
 //! * [`children`] starts, signals and reaps processes, with a [`log`] for each.
+//! * [`configuration`] accepts changes of the configuration, and takes them back.
 //! * [`progress`] observes the stages' outputs, also through their [`pages`].
 //! * [`starvation`] measures which process gets no processor.
 //! * [`control`] receives requests, and [`signals`] signals.
@@ -18,6 +19,7 @@
 
 mod attendants;
 mod children;
+mod configuration;
 mod control;
 mod drops;
 mod evidence;
@@ -38,8 +40,8 @@ mod sys;
 mod takeover;
 mod troubles;
 
-pub use children::{Launch, is_same_program, process_name, program_of};
-pub use control::{Request, ask};
+pub use children::{Launch, Overrides, is_same_program, process_name, program_of};
+pub use control::{Answer, Done, Request, ask};
 pub use evidence::directory as evidence_directory;
 pub use record::Record;
 
@@ -49,6 +51,7 @@ use attendants::Attendants;
 use client::bus::BusError;
 use client::instance::InstanceError;
 use config::Config;
+use configuration::Configuration;
 use group::{Ending, Group};
 use messages::stages::StageId;
 use persistence::insist;
@@ -167,7 +170,7 @@ pub fn run(
     };
     let mut premises = Premises::new(&instance, lock);
     let outcome = insist(|| takeover::prepare(&launch, config)).and_then(|inheritance| {
-        supervise(launch, config, until, signals, &mut premises, inheritance, start_monitor)
+        supervise(launch, until, signals, &mut premises, inheritance, start_monitor)
     });
     if matches!(outcome, Ok(Outcome::Upgrade(_))) {
         return outcome;
@@ -180,7 +183,6 @@ pub fn run(
 
 fn supervise(
     launch: Launch,
-    config: &Config,
     until: Until,
     signals: Signals,
     premises: &mut Premises,
@@ -189,10 +191,19 @@ fn supervise(
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
     let lives = inheritance.lives();
+    let config = &inheritance.snapshot.config;
     let attendants =
         Attendants::prepare(&launch.instance, config, lives).map_err(SupervisorError::Attendant)?;
-    let mut group =
-        Group::new(launch, config, Arc::clone(&view), signals, premises, &inheritance, attendants)?;
+    let configuration = Configuration::new(&launch.instance, inheritance.snapshot.clone());
+    let mut group = Group::new(
+        launch,
+        configuration,
+        Arc::clone(&view),
+        signals,
+        premises,
+        &inheritance,
+        attendants,
+    )?;
     let mut monitor = match start_monitor(Arc::clone(&view)) {
         // The monitor only counts, so the match goes on without it.
         Err(error) if lives => {

@@ -157,6 +157,8 @@ const OWN_LAG_NS: u64 = 40_000_000;
 const RETIREMENT_NS: u64 = 1_000_000_000;
 /// Longest time the grabber's start waits for stages that are not ready.
 const GRABBER_WAIT_NS: u64 = 5_000_000_000;
+/// Time after which an active process without output, and without the input for one, counts as renewed.
+const FIRST_WORK_NS: u64 = 1_000_000_000;
 
 /// The rules, with their view of the group's state.
 #[derive(Debug)]
@@ -245,6 +247,35 @@ impl Policy {
                 stage.start_after_ns = now_ns;
             }
         }
+    }
+
+    /// Marks a process that is to be replaced, because its program or its configuration is an old one.
+    pub fn outdate(&mut self, id: MemberId) {
+        for stage in self.stages.values_mut() {
+            for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
+                member.outdated |= member.id == id;
+            }
+        }
+    }
+
+    /// The stages that are not renewed yet: whose active process is to be replaced, or has only just
+    /// become active and given no output.
+    pub fn pending_stages(&self, now_ns: u64) -> Vec<StageId> {
+        let is_pending = |stage: &Stage| match &stage.active {
+            Some(active) => {
+                // Without frames there is no output to wait for.
+                let is_untried = !active.has_worked(stage.output)
+                    && now_ns < active.at_work_ns.saturating_add(FIRST_WORK_NS);
+                active.outdated || !active.ready || is_untried
+            }
+            None => true,
+        };
+        self.stages.iter().filter(|(_, stage)| is_pending(stage)).map(|(id, _)| id).collect()
+    }
+
+    /// Changes deadlines and spares.
+    pub fn set_settings(&mut self, settings: Settings) {
+        self.settings = settings;
     }
 
     /// Sets whether the supervisor cannot see heartbeats. While it cannot, no process can become
@@ -394,7 +425,8 @@ impl Policy {
         match stage.spare.take() {
             Some(spare) if spare.ready && spare.dying_ns.is_none() => {
                 actions.push(Action::Promote { id: spare.id, stage: id });
-                stage.active = Some(Member { output_at_work: stage.output, ..spare });
+                stage.active =
+                    Some(Member { output_at_work: stage.output, at_work_ns: now_ns, ..spare });
                 stage.progress_ns = now_ns;
                 stage.spare_after_ns = stage.spare_after_ns.max(now_ns + SETTLE_NS);
             }
@@ -452,24 +484,27 @@ impl Policy {
         }
     }
 
-    /// Replaces outdated processes one stage at a time: first the spare, and when the new spare is
-    /// ready, the active process. The grabber comes last, since its replacement costs frames.
+    /// Replaces outdated processes: first the spare, and when the new spare is ready, the active process.
+    /// The last stage comes first and the grabber last: a stage can already read what the stage before it
+    /// will say with its new program or configuration, and replacing the grabber costs frames.
     fn renew(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
         let is_outdated = |stage: StageId| {
             let stage = &self.stages[stage];
             [&stage.active, &stage.spare].into_iter().flatten().any(|member| member.outdated)
         };
-        let others_first = id.is_grabber()
-            && self.settings.graph.stages().any(|other| !other.is_grabber() && is_outdated(other));
-        if !is_outdated(id) || others_first || !self.is_complete() {
+        let comes_later = |other: &StageId| {
+            other.kind() > id.kind() && (id.is_grabber() || other.serves(id.lane()))
+        };
+        let later_first = self.settings.graph.stages().filter(comes_later).any(is_outdated);
+        if !is_outdated(id) || id.is_grabber() && later_first || !self.is_complete() {
             return;
         }
         let keeps_spare = self.keeps_spare(id);
         let stage = &mut self.stages[id];
         let retiring = match (&mut stage.active, &mut stage.spare) {
             (_, Some(spare)) if spare.outdated => spare,
-            (Some(active), Some(spare)) if active.outdated && spare.ready => active,
-            (Some(active), None) if active.outdated && !keeps_spare => active,
+            (Some(active), Some(spare)) if active.outdated && spare.ready && !later_first => active,
+            (Some(active), None) if active.outdated && !keeps_spare && !later_first => active,
             _ => return,
         };
         if retiring.dying_ns.is_none() {

@@ -8,19 +8,21 @@ use client::instance::Instance;
 use client::instance::lock::SupervisorLock;
 use client::private;
 use rustix::fs::{FlockOperation, flock};
-use std::fs::{self, File};
+use std::collections::BTreeMap;
+use std::fs::{self, DirBuilder, File};
 use std::io::{self, Write};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Time between two looks.
 const ROUND: Duration = Duration::from_millis(250);
 
-/// The lock, the socket for requests and the snapshot of the configuration.
+/// The lock, the socket for requests, and the accepted configurations.
 pub struct Premises {
     instance: Instance,
-    /// Content of the snapshot, for restoring it; `None` before there is one.
-    config: Option<String>,
+    /// The accepted configurations as they are on disk, for restoring them; empty before there is one.
+    configurations: BTreeMap<PathBuf, String>,
     lock: SupervisorLock,
     control: Option<Control>,
     /// Held open and locked: `systemd-tmpfiles` leaves a locked directory alone.
@@ -35,7 +37,7 @@ impl Premises {
     pub fn new(instance: &Instance, lock: SupervisorLock) -> Self {
         Self {
             instance: instance.clone(),
-            config: None,
+            configurations: BTreeMap::new(),
             lock,
             control: None,
             directory: None,
@@ -47,6 +49,18 @@ impl Premises {
     /// The socket for requests, unless it could not be opened.
     pub fn control(&self) -> Option<&Control> {
         self.control.as_ref()
+    }
+
+    /// Looks again at the accepted configurations on disk, which are restored when they are missing.
+    pub fn configuration_has_changed(&mut self) {
+        let numbered = fs::read_dir(self.instance.revisions_directory()).into_iter().flatten();
+        let numbered = numbered.flatten().map(|entry| entry.path());
+        let paths = numbered.chain([self.instance.config_path()]);
+        let text_of = |path: PathBuf| Some((path.clone(), fs::read_to_string(path).ok()?));
+        let found: BTreeMap<_, _> = paths.filter_map(text_of).collect();
+        if found.contains_key(&self.instance.config_path()) {
+            self.configurations = found;
+        }
     }
 
     /// Whether a look is due.
@@ -76,15 +90,20 @@ impl Premises {
         if sys::ask(Call::TakeLock, || self.lock.restore())? {
             self.restored.push("the lock");
         }
-        let config_path = self.instance.config_path();
-        match &self.config {
-            None => self.config = fs::read_to_string(config_path).ok(),
-            Some(config) if !config_path.exists() => {
-                let write = || private::create_file(&config_path)?.write_all(config.as_bytes());
-                sys::ask(Call::WriteConfig, write)?;
-                self.restored.push("the configuration");
-            }
-            Some(_) => {}
+        if self.configurations.is_empty() {
+            self.configuration_has_changed();
+        }
+        let missing: Vec<_> =
+            self.configurations.iter().filter(|(path, _)| !path.exists()).collect();
+        if !missing.is_empty() {
+            let write = || {
+                make_private_directory(&self.instance.revisions_directory())?;
+                missing.iter().try_for_each(|(path, text)| {
+                    private::create_file(path)?.write_all(text.as_bytes())
+                })
+            };
+            sys::ask(Call::WriteConfig, write)?;
+            self.restored.push("the configuration");
         }
         if !self.control.as_ref().is_some_and(Control::is_reachable) {
             if self.control.take().is_some() {
@@ -93,6 +112,14 @@ impl Premises {
             self.control = Some(Control::open(&self.instance)?);
         }
         Ok(std::mem::take(&mut self.restored))
+    }
+}
+
+/// Makes a directory that only this user can read, unless there is one.
+pub fn make_private_directory(path: &Path) -> io::Result<()> {
+    match DirBuilder::new().mode(0o700).create(path) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
     }
 }
 

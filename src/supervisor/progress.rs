@@ -99,6 +99,8 @@ pub struct Sign {
     pub stage: StageId,
     /// Its state.
     pub state: ProcessState,
+    /// Revision of its configuration.
+    pub revision: u32,
     /// Inputs it has dropped so far, by reason.
     pub dropped: Dropped,
 }
@@ -363,7 +365,13 @@ impl Topics {
             let stage = StageId::from_number(beat.process);
             let state = ProcessState::from_number(beat.state);
             if let (Some(stage), Some(state)) = (stage, state) {
-                report(Beat::Stage(Sign { pid: beat.pid, stage, state, dropped: beat.dropped }));
+                report(Beat::Stage(Sign {
+                    pid: beat.pid,
+                    stage,
+                    state,
+                    revision: beat.revision,
+                    dropped: beat.dropped,
+                }));
             } else if beat.process != Attendant::Supervisor as u32 {
                 report(Beat::Attendant { pid: beat.pid });
             }

@@ -4,8 +4,8 @@
 //! from one of another version, so it may lack the changes just before the old supervisor died.
 //! Heartbeats, and whether a process is alive, therefore take precedence over it.
 
-use super::Launch;
 use super::sys::{self, Call};
+use super::{Launch, Overrides};
 use crate::monitor::Event;
 use client::instance::Instance;
 use client::private;
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 /// State of a group that is neither in its configuration nor in shared memory.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -25,6 +26,12 @@ pub struct Record {
     /// Time at which the group is to end, on the machine's monotonic clock.
     #[serde(default)]
     pub ends_at_ns: Option<u64>,
+    /// The configuration file of the command line.
+    #[serde(default)]
+    pub config_file: Option<PathBuf>,
+    /// What the command line changes in it.
+    #[serde(default)]
+    pub overrides: Overrides,
     /// The processes.
     pub members: Vec<Member>,
     /// Number of replaced processes, by stage.
@@ -51,6 +58,8 @@ impl Record {
             source: launch.source.to_string(),
             frames: launch.frames,
             ends_at_ns: launch.ends_at_ns,
+            config_file: launch.config_file.clone(),
+            overrides: launch.overrides.clone(),
             ..Self::default()
         }
     }
@@ -98,6 +107,8 @@ mod tests {
             source: "synthetic".into(),
             frames: Some(7),
             ends_at_ns: Some(8_000_000_000),
+            config_file: Some("/etc/match.toml".into()),
+            overrides: Overrides { fps: Some(60.0), publish: vec!["ssl".into()] },
             members: vec![Member { stage: "tracker".into(), pid: 12, spare: true }],
             restarts: [("tracker".to_string(), 3)].into(),
             events: vec![Event::new(EventKind::TakenOver, "tracker", 12, "taken over", "")],

@@ -1,17 +1,15 @@
 //! Remains of an earlier supervisor: a group to take over, processes to end, or garbage to remove.
 
 use super::sys::{self, Call};
-use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants};
+use super::{GRACE, Launch, Record, SupervisorError, TABLE, attendants, configuration};
 use client::bus::BusError;
 use client::bus::participants::{self, LivingProcess};
 use client::instance::Instance;
 use client::memory::{self, GroupMemory};
-use client::private;
-use config::{Config, commented_toml};
+use config::Config;
+use config::snapshot::Snapshot;
 use messages::stages::StageId;
 use rustix::process::{Pid, Signal, kill_process};
-use std::io::Write;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// A living stage process that an earlier supervisor started.
@@ -26,12 +24,14 @@ pub struct Inherited {
 }
 
 /// State that a new supervisor starts from.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Inheritance {
     /// Processes to take over.
     pub stages: Vec<Inherited>,
     /// Record of their group; empty for a new group.
     pub record: Record,
+    /// The configuration to go on with.
+    pub snapshot: Snapshot,
 }
 
 impl Inheritance {
@@ -50,11 +50,10 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
     let stages = living_stages(instance)?;
     if !stages.is_empty() {
         let record = Record::read(instance).unwrap_or_default();
-        let differs = if Config::load(&instance.config_path()).ok().as_ref() != Some(config) {
-            "its configuration differs"
-        } else if !record.serves(launch) {
+        let snapshot = configuration::left_behind(instance, config);
+        let differs = if !record.serves(launch) {
             "its source differs"
-        } else {
+        } else if let Some(snapshot) = snapshot {
             // The dead supervisor's slots on the topics are needed. Clearing the garbage of foreign
             // programs too could take longer than a stage can do without a supervisor.
             let is_ours =
@@ -68,7 +67,12 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
                 ..stage
             };
             let stages = stages.into_iter().map(recorded).collect();
-            return Ok(Inheritance { stages, record });
+            if let Err(error) = configuration::keep_origin(instance, config) {
+                warn(&error);
+            }
+            return Ok(Inheritance { stages, record, snapshot });
+        } else {
+            "its configuration differs"
         };
         runtime::tell!(
             "touchline: a group without supervisor is running, but {differs}: it is ended and \
@@ -79,8 +83,14 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
     clean_slate(instance)?;
     instance.forget_progress()?;
     check_memory(launch, config)?;
-    write(&instance.config_path(), &commented_toml(config))?;
-    Ok(Inheritance::default())
+    let snapshot = Snapshot::first(config.clone());
+    let failed = |source| SupervisorError::System {
+        action: format!("write {}", instance.config_path().display()),
+        source,
+    };
+    configuration::write(instance, &snapshot).map_err(failed)?;
+    configuration::keep_origin(instance, config).map_err(failed)?;
+    Ok(Inheritance { stages: Vec::new(), record: Record::default(), snapshot })
 }
 
 /// Checks that there is enough shared memory for a new group. If it runs out, processes die of
@@ -222,12 +232,4 @@ fn send(pid: u32, signal: Signal) {
     if let Some(pid) = Pid::from_raw(pid as i32) {
         let _ = kill_process(pid, signal);
     }
-}
-
-fn write(path: &Path, text: &str) -> Result<(), SupervisorError> {
-    let written = private::create_file(path).and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|source| SupervisorError::System {
-        action: format!("write {}", path.display()),
-        source,
-    })
 }

@@ -45,6 +45,7 @@ mod raw;
 mod reasons;
 mod refine;
 pub mod regions;
+mod revisions;
 pub mod stage;
 mod unknown;
 

@@ -1,11 +1,12 @@
 //! The tracker's process: receives runs, publishes detections.
 
 use crate::Tracker;
+use crate::revisions::Revisions;
 use client::bus::Received;
 use client::clock::monotonic_ns;
 use config::Config;
 use messages::topics;
-use messages::{DetectionFrame, FrameHeader, ProcessKind};
+use messages::{DetectionFrame, DropReason, FrameHeader, ProcessKind};
 use runtime::process::{MAX_WAIT, Process, ProcessError, ProcessOptions};
 
 /// Runs until asked to end.
@@ -19,8 +20,8 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
     let frames = process.bus.subscriber_with_history(&topics::FRAMES.in_lane(options.lane))?;
     let world = process.bus.newest_only(&topics::WORLD)?;
     let mut detections = process.bus.publisher(&output, 1)?;
-    let mut tracker =
-        Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let tracker = Tracker::new(config).map_err(|error| ProcessError::Stage(error.to_string()))?;
+    let mut revisions = Revisions::new(tracker, options.revision, &options.instance);
     let mut wake_up = process.wake_up(&input)?;
     if !process.activate()? {
         return Ok(());
@@ -47,6 +48,10 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         if process.is_done_by_predecessor(seq) || !process.accept(&header.frame) {
             continue;
         }
+        let Some((tracker, revision)) = revisions.for_runs(header) else {
+            process.drop_input(DropReason::WrongFormat);
+            continue;
+        };
         prior = world.newest()?.or(prior);
         // Finds the frame that the runs were made from, if it has not been overwritten. A number far ahead is
         // invalid, and must not be waited for.
@@ -64,7 +69,7 @@ pub fn run(options: &ProcessOptions, config: &Config) -> Result<(), ProcessError
         let prior = prior.as_ref().and_then(Received::message);
         tracker.step(header, header.valid(input.elements()), pixels, prior, detection);
         detection.t_runs_taken_ns = taken_ns;
-        detection.revision = process.revision().number;
+        detection.revision = revision;
         detection.t_sent_ns = monotonic_ns();
         output.send()?;
         process.sent(seq);

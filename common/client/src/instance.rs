@@ -146,6 +146,21 @@ impl Instance {
         self.directory.join("config.toml")
     }
 
+    /// Directory of the last accepted configurations.
+    pub fn revisions_directory(&self) -> PathBuf {
+        self.directory.join("revisions")
+    }
+
+    /// The configuration of this revision.
+    pub fn revision_path(&self, number: u32) -> PathBuf {
+        self.revisions_directory().join(format!("{number}.toml"))
+    }
+
+    /// A configuration that a program asks the supervisor to take over.
+    pub fn candidate_path(&self, pid: u32) -> PathBuf {
+        self.directory.join(format!("candidate-{pid}.toml"))
+    }
+
     /// The supervisor's record for its successor.
     pub fn record_path(&self) -> PathBuf {
         self.directory.join("group.json")
@@ -249,14 +264,21 @@ impl Instance {
     }
 
     fn remove_files(&self) -> Result<(), InstanceError> {
-        let names = [lock::NAME, namespace::NOTE, "config.toml", "group.json", "group.new"];
+        let names =
+            [lock::NAME, namespace::NOTE, "config.toml", "config.new", "group.json", "group.new"];
         let sockets = ["control", "step"];
         for path in names.into_iter().chain(sockets).map(|name| self.directory.join(name)) {
             remove(fs::remove_file(&path), &path)?;
         }
+        let revisions = self.revisions_directory();
+        if revisions.exists() {
+            remove(fs::remove_dir_all(&revisions), &revisions)?;
+        }
         // Sockets of programs that died while they waited for an answer.
         for entry in fs::read_dir(&self.directory).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with("control-") {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            if name.starts_with("control-") || name.starts_with("candidate-") {
                 let path = entry.path();
                 remove(fs::remove_file(&path), &path)?;
             }

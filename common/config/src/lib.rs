@@ -8,8 +8,10 @@
 
 mod access;
 mod camera;
+pub mod change;
 mod diagnostic;
 mod document;
+pub mod edit;
 mod filter;
 pub mod input;
 mod layouts;
@@ -20,6 +22,7 @@ mod processes;
 mod publish;
 mod robots;
 mod schema;
+pub mod snapshot;
 mod synthetic;
 mod validate;
 

@@ -32,11 +32,13 @@ pub enum EventKind {
     Camera = 9,
     /// A program outside the group published on a topic reserved for processes of the group.
     Stranger = 10,
+    /// The group goes over to another configuration.
+    Reconfigured = 11,
 }
 
 impl EventKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Other,
         Self::Ended,
         Self::Promoted,
@@ -48,6 +50,7 @@ impl EventKind {
         Self::TakenOver,
         Self::Camera,
         Self::Stranger,
+        Self::Reconfigured,
     ];
 
     /// The kind with this number in a message, if there is one.

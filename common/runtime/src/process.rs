@@ -39,7 +39,7 @@ const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 pub const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it receives
-/// that frame.
+/// that frame, `STAGE@rNUMBER` whenever it works with that revision of the configuration.
 pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
 
 /// Start options of a process.
@@ -101,6 +101,7 @@ pub struct Process {
     /// Promoted, or started as the active process.
     is_at_work: bool,
     fault: Option<u64>,
+    has_faulty_revision: bool,
     skip_next: bool,
     wake_up: Strategy,
     lock_memory: bool,
@@ -157,6 +158,7 @@ impl Process {
             panic,
             promotion,
             fault: fault_from_environment(&stage.to_string()),
+            has_faulty_revision: faulty_revision(&stage.to_string()) == Some(revision.number),
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
@@ -303,6 +305,9 @@ impl Process {
             self.drop_input(DropReason::Poisonous);
             return false;
         }
+        if self.has_faulty_revision {
+            panic!("asked to panic with revision {} by {FAULT_VARIABLE}", self.revision);
+        }
         if self.fault == Some(seq) {
             panic!("asked to panic at {seq} by {FAULT_VARIABLE}");
         }
@@ -347,9 +352,18 @@ impl Process {
 
 /// The frame at which the named part of the group must panic, from [`FAULT_VARIABLE`].
 pub fn fault_from_environment(name: &str) -> Option<u64> {
+    fault_of(name)?.parse().ok()
+}
+
+/// The revision with which the named stage must panic, from [`FAULT_VARIABLE`].
+fn faulty_revision(name: &str) -> Option<u32> {
+    fault_of(name)?.strip_prefix('r')?.parse().ok()
+}
+
+fn fault_of(name: &str) -> Option<String> {
     let fault = std::env::var(FAULT_VARIABLE).ok()?;
-    let (stage, seq) = fault.rsplit_once('@')?;
-    if stage == name { seq.parse().ok() } else { None }
+    let (stage, what) = fault.rsplit_once('@')?;
+    (stage == name).then(|| what.to_string())
 }
 
 pub(crate) fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {

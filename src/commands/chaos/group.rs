@@ -4,6 +4,8 @@ use super::leaks::{self, Leftovers};
 use super::population;
 use crate::commands::CommandError;
 use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
+use config::commented_toml;
+use config::snapshot::Snapshot;
 use grabber::source::Source;
 use messages::ProcessKind;
 use runtime::descriptors;
@@ -84,7 +86,24 @@ impl Group {
     pub fn restart(&self, stage: ProcessKind) -> Result<bool, CommandError> {
         let request = Request::Restart(vec![stage.name().into()]);
         match supervisor::ask(&self.instance, &request, PATIENCE) {
-            Ok(answer) => Ok(answer.map(|()| true)?),
+            Ok(answer) => Ok(answer.map(|_| true)?),
+            Err(_) => Ok(false),
+        }
+    }
+
+    /// Asks the supervisor to go over to another configuration, in which two colours have changed their
+    /// class numbers and commands act at another time; `false` if there is no supervisor.
+    pub fn reload(&self) -> Result<bool, CommandError> {
+        let Ok(mut snapshot) = Snapshot::load(&self.instance.config_path()) else {
+            return Ok(false);
+        };
+        let config = &mut snapshot.config;
+        config.colors.swap(0, 1);
+        config.filter.actuation_delay_ms = 100.0 - config.filter.actuation_delay_ms + 1.0;
+        let candidate = self.place.join("candidate.toml");
+        std::fs::write(&candidate, commented_toml(config))?;
+        match supervisor::ask(&self.instance, &Request::Reload(candidate), PATIENCE) {
+            Ok(answer) => Ok(answer.map(|_| true)?),
             Err(_) => Ok(false),
         }
     }

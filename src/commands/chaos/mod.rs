@@ -318,6 +318,12 @@ impl Session {
                 let until = Instant::now() + step.pause;
                 match step.what {
                     Disturbance::Hup => self.group.signal_supervisor(Signal::HUP),
+                    Disturbance::Reload => {
+                        if !self.group.reload()? {
+                            return Ok(false);
+                        }
+                        self.population.expect_renewal();
+                    }
                     Disturbance::Emfile => {
                         self.shortages.push(Shortage::of_descriptors(pid, until)?);
                     }
@@ -361,6 +367,7 @@ impl Session {
                     }
                     Disturbance::Supervisor
                     | Disturbance::Hup
+                    | Disturbance::Reload
                     | Disturbance::Emfile
                     | Disturbance::Enospc
                     | Disturbance::Rubbish

@@ -19,6 +19,8 @@ pub enum Disturbance {
     Panic,
     /// Ask the supervisor to replace it, as `touchline restart` does
     Restart,
+    /// Go over to another configuration, with other class numbers, as `touchline reload` does
+    Reload,
     /// Kill a stage and its spare at once; frames may be lost, and are counted
     Double,
     /// Kill the supervisor and start a new one
@@ -45,6 +47,7 @@ impl Disturbance {
             Self::Pause => "pause",
             Self::Panic => "panic",
             Self::Restart => "restart",
+            Self::Reload => "reload",
             Self::Double => "double",
             Self::Supervisor => "supervisor",
             Self::Hup => "hup",
@@ -57,7 +60,7 @@ impl Disturbance {
 
     /// Whether its target is a process of a stage.
     pub fn concerns_a_stage(self) -> bool {
-        !matches!(self, Self::Supervisor | Self::Hup) && !self.is_long()
+        !matches!(self, Self::Reload | Self::Supervisor | Self::Hup) && !self.is_long()
     }
 
     /// Whether it lasts so long that other disturbances are to happen meanwhile.

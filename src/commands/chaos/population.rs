@@ -138,6 +138,13 @@ impl Population {
         }
     }
 
+    /// Expects that every process but the grabber is replaced.
+    pub fn expect_renewal(&mut self) {
+        for member in self.members.values_mut().filter(|it| it.kind != ProcessKind::Grabber) {
+            member.disturbed = true;
+        }
+    }
+
     fn disturb(&mut self, pid: u32, signal: Signal, note: impl FnOnce(&mut Member)) {
         if let Some(member) = self.members.get_mut(&pid) {
             send(member, signal);

@@ -241,7 +241,7 @@ fn own_counts(report: &ChaosReport) -> Option<(bool, String)> {
 fn target(what: Disturbance, settings: &Settings, times: &Times) -> Option<(String, bool)> {
     let period_ms = 1000.0 / settings.fps;
     match what {
-        Disturbance::Kill | Disturbance::Panic | Disturbance::Restart => {
+        Disturbance::Kill | Disturbance::Panic | Disturbance::Restart | Disturbance::Reload => {
             let median = period_ms.max(12.5);
             let met = times.median <= median && times.p99 <= 40.0;
             Some((format!("median ≤ {median:.1}, p99 ≤ 40"), met))

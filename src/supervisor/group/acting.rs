@@ -49,7 +49,11 @@ impl Group<'_> {
                             (EventKind::Killed, "killed: it did not end when asked to")
                         }
                     };
-                    self.log(event, stage, process.pid, what, "");
+                    let (pid, revision) = (process.pid, process.revision);
+                    self.log(event, stage, pid, what, "");
+                    if cause != Cause::DoesNotEnd {
+                        self.blame(stage.kind(), revision);
+                    }
                     self.signal(id, Signal::KILL);
                 }
             }
@@ -77,12 +81,17 @@ impl Group<'_> {
         if !spare {
             self.hand_over(stage);
         }
-        let Self { launch, config, progress, reserve, .. } = self;
+        let Self { launch, configuration, progress, reserve, .. } = self;
+        let config = &configuration.snapshot().config;
+        let revision = configuration.snapshot().revision.number;
         let last_frame = progress.last_frame(stage.lane());
         let started = room_for(launch, config, stage)
             .and_then(|()| reserve.lend(|| Process::start(launch, stage, spare, last_frame)));
         let failure = started.as_ref().err().map(ToString::to_string);
-        let outcome = started.map(|process| drop(self.processes.insert(id, process)));
+        let outcome = started.map(|mut process| {
+            process.revision = Some(revision);
+            self.processes.insert(id, process);
+        });
         self.attempted(&format!("start the {stage}"), outcome);
         match failure {
             Some(reason) => {

@@ -1,7 +1,7 @@
 //! The supervisor's own upkeep: its files and connections, the record, the attendants and the report.
 
 use super::{Group, SIGHT};
-use crate::monitor::{Event as LogEvent, ProcessView};
+use crate::monitor::{Configured, Event as LogEvent, ProcessView};
 use crate::supervisor::children::Process;
 use crate::supervisor::policy::{Degraded, Lack};
 use crate::supervisor::record::{Member, Record};
@@ -162,5 +162,12 @@ impl Group<'_> {
         self.view.update(processes, self.restarts.clone());
         self.view.update_lacks(self.lacks());
         self.view.update_attendants(self.attendants.view());
+        let pending =
+            self.policy.pending_stages(monotonic_ns()).iter().map(StageId::to_string).collect();
+        self.view.update_configured(Configured {
+            revision: self.configuration.snapshot().revision.number,
+            pending,
+            history: self.configuration.history().to_vec(),
+        });
     }
 }

@@ -21,7 +21,9 @@ pub struct Member {
     pub input_at_ready: Numbers,
     /// The stage's newest output when it became active.
     pub output_at_work: Numbers,
-    /// Runs a program that has been replaced.
+    /// When it became active; for a spare, when it was started.
+    pub at_work_ns: u64,
+    /// Runs a program or a configuration that has been replaced.
     pub outdated: bool,
     /// Time at which it was killed or asked to end.
     pub dying_ns: Option<u64>,
@@ -147,6 +149,7 @@ impl Member {
             ready: false,
             input_at_ready: Numbers::default(),
             output_at_work,
+            at_work_ns: now_ns,
             outdated: false,
             dying_ns: None,
             stalled: false,

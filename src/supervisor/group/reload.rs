@@ -1,0 +1,78 @@
+//! Changes of the configuration in the middle of a match. A change is an upgrade: spares start with the new
+//! configuration and take over stage by stage, so no frame is lost.
+
+use super::{Group, settings, tick};
+use crate::monitor::Event as LogEvent;
+use crate::supervisor::control::{Answer, Done};
+use crate::supervisor::policy::MemberId;
+use client::clock::monotonic_ns;
+use messages::{Attendant, EventKind, ProcessKind};
+use std::path::Path;
+
+impl Group<'_> {
+    /// Goes over to the configuration in a file.
+    pub(super) fn reload(&mut self, file: &Path) -> Answer {
+        match self.configuration.accept(file, monotonic_ns())? {
+            None => Ok(Done::default()),
+            Some(kinds) => Ok(self.go_over(&kinds)),
+        }
+    }
+
+    /// Goes back to the configuration before the present one.
+    pub(super) fn roll_back(&mut self, reason: &str) -> Answer {
+        let kinds = self.configuration.roll_back(reason)?;
+        Ok(self.go_over(&kinds))
+    }
+
+    /// Rolls back a configuration with which processes fail.
+    pub(super) fn judge_configuration(&mut self) {
+        if !self.configuration.has_failed() {
+            return;
+        }
+        if let Err(error) = self.roll_back("processes fail with it") {
+            self.say(&format!("the configuration cannot be rolled back: {error}"));
+        }
+    }
+
+    /// Counts a failure against a configuration on trial; true if it counts.
+    pub(super) fn blame(&mut self, kind: ProcessKind, revision: Option<u32>) -> bool {
+        revision.is_some_and(|revision| self.configuration.blame(kind, revision, monotonic_ns()))
+    }
+
+    /// Has the processes replaced that do not do as the newest configuration says.
+    fn go_over(&mut self, kinds: &[ProcessKind]) -> Done {
+        let snapshot = self.configuration.snapshot();
+        let number = snapshot.revision.number;
+        let is_outdated = |revision: Option<u32>, kind| {
+            revision.is_some_and(|revision| revision < snapshot.needed(kind))
+        };
+        let outdated: Vec<MemberId> = self
+            .processes
+            .iter()
+            .filter(|(_, process)| is_outdated(process.revision, process.stage.kind()))
+            .map(|(&id, _)| id)
+            .collect();
+        self.settings = settings(&snapshot.config, self.settings.graph);
+        self.tick = tick(&self.settings);
+        self.policy.set_settings(self.settings.clone());
+        self.premises.configuration_has_changed();
+        for id in outdated {
+            self.policy.outdate(id);
+        }
+        // It sends field and calibration, and converts with them. Clients of the gateway do not notice any of
+        // this, and stay connected.
+        self.attendants.restart(Attendant::Publisher.name(), monotonic_ns());
+        let change = self.configuration.history().last().map_or("", |change| &change.what);
+        let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+        let replaced = match &names[..] {
+            [] => String::new(),
+            names => format!("; replaced: {}", names.join(", ")),
+        };
+        let what = format!("configuration {number}: {change}{replaced}");
+        let supervisor = Attendant::Supervisor.name();
+        let pid = std::process::id();
+        self.record_is_due.set(true);
+        self.view.log(LogEvent::new(EventKind::Reconfigured, supervisor, pid, &what, ""));
+        Done { revision: Some(number) }
+    }
+}
