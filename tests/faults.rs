@@ -114,7 +114,7 @@ fn a_match_survives_every_call_refused_once() {
         is_whole(status) && world(status) > 80 && status["attendants"]["publisher"]["pid"].is_u64()
     });
     assert_eq!(SPARED.map(|stage| Group::pid_of(&status, stage)), pids, "{}", group.stderr());
-    assert_eq!(status["configuration"]["revision"], 2, "{status:#}");
+    assert_eq!(status["configuration"]["revision"], 2, "{said}");
     replace(&mut group, "classifier", Signal::KILL);
     std::thread::sleep(Duration::from_secs(2));
     let status = group.wait_for("no trouble", |status| status.get("degraded").is_none());

@@ -31,6 +31,9 @@ const MOST_FAULTS: u32 = 2;
 /// Length of a trial, from the acceptance of a configuration.
 const TRIAL_NS: u64 = 20_000_000_000;
 
+/// Pause after a failed attempt to take a configuration back.
+const RETRY_NS: u64 = 1_000_000_000;
+
 /// The configuration of a running group.
 pub struct Configuration {
     instance: Instance,
@@ -43,6 +46,8 @@ pub struct Configuration {
 struct Trial {
     ends_ns: u64,
     faults: u32,
+    /// Time before which it is not taken back, because that has just failed.
+    retry_ns: u64,
 }
 
 impl Configuration {
@@ -82,7 +87,7 @@ impl Configuration {
         let what = summary(&changes);
         let before = self.snapshot.revision.number;
         self.replace(self.snapshot.next(config, Some(before)), what)?;
-        self.trial = Some(Trial { ends_ns: now_ns + TRIAL_NS, faults: 0 });
+        self.trial = Some(Trial { ends_ns: now_ns + TRIAL_NS, faults: 0, retry_ns: 0 });
         Ok(Some(concerned(&changes)))
     }
 
@@ -105,6 +110,8 @@ impl Configuration {
     pub fn blame(&mut self, kind: ProcessKind, revision: u32, now_ns: u64) -> bool {
         let number = self.snapshot.revision.number;
         let is_new = revision == number && self.snapshot.needed(kind) == number;
+        // A process that finds no file to start from says nothing about what is in it.
+        let is_new = is_new && self.instance.config_path().exists();
         match &mut self.trial {
             Some(trial) if is_new && now_ns < trial.ends_ns => {
                 trial.faults += 1;
@@ -114,9 +121,17 @@ impl Configuration {
         }
     }
 
-    /// Whether the configuration on trial has failed.
-    pub fn has_failed(&self) -> bool {
-        self.trial.as_ref().is_some_and(|trial| trial.faults >= MOST_FAULTS)
+    /// Whether the configuration on trial has failed and is to be taken back now.
+    pub fn has_failed(&self, now_ns: u64) -> bool {
+        let is_due = |trial: &Trial| trial.faults >= MOST_FAULTS && now_ns >= trial.retry_ns;
+        self.trial.as_ref().is_some_and(is_due)
+    }
+
+    /// It could not be taken back: it is tried again a little later.
+    pub fn retry_later(&mut self, now_ns: u64) {
+        if let Some(trial) = &mut self.trial {
+            trial.retry_ns = now_ns + RETRY_NS;
+        }
     }
 
     fn replace(&mut self, snapshot: Snapshot, what: String) -> Result<(), String> {
@@ -281,11 +296,13 @@ mod tests {
         it.accept(&file(&base, &config), 0).unwrap();
         assert!(!it.blame(FILTER, 1, 1), "a process of the configuration before");
         assert!(!it.blame(ProcessKind::Tracker, 2, 1), "it does not concern the tracker");
-        assert!(it.blame(FILTER, 2, 1) && !it.has_failed());
+        assert!(it.blame(FILTER, 2, 1) && !it.has_failed(1));
         assert!(!it.blame(FILTER, 2, TRIAL_NS), "the trial is over");
-        assert!(it.blame(FILTER, 2, 2) && it.has_failed());
+        assert!(it.blame(FILTER, 2, 2) && it.has_failed(2));
+        it.retry_later(2);
+        assert!(!it.has_failed(3) && it.has_failed(2 + RETRY_NS));
         it.roll_back("it kills").unwrap();
-        assert!(!it.has_failed());
+        assert!(!it.has_failed(TRIAL_NS / 2));
         it.instance.remove_directory().unwrap();
         fs::remove_dir_all(base).unwrap();
     }

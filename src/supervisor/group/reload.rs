@@ -26,11 +26,15 @@ impl Group<'_> {
 
     /// Rolls back a configuration with which processes fail.
     pub(super) fn judge_configuration(&mut self) {
-        if !self.configuration.has_failed() {
+        let now_ns = monotonic_ns();
+        if !self.configuration.has_failed(now_ns) {
             return;
         }
         if let Err(error) = self.roll_back("processes fail with it") {
-            self.say(&format!("the configuration cannot be rolled back: {error}"));
+            self.configuration.retry_later(now_ns);
+            self.say(&format!(
+                "the configuration cannot be rolled back: {error}; it is tried again"
+            ));
         }
     }
 
