@@ -23,7 +23,7 @@ use std::path::Path;
 /// File of the configuration that the supervisor was started with, beside the revisions.
 const ORIGIN: &str = "origin.toml";
 /// Revisions kept as files.
-const KEPT_REVISIONS: u32 = 16;
+pub const KEPT_REVISIONS: u32 = 16;
 /// Changes kept for the status.
 const KEPT_CHANGES: usize = 20;
 /// A configuration with which processes fail so often within its trial is given up.

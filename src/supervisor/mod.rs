@@ -41,6 +41,7 @@ mod takeover;
 mod troubles;
 
 pub use children::{Launch, Overrides, is_same_program, process_name, program_of};
+pub use configuration::KEPT_REVISIONS;
 pub use control::{Answer, Done, Request, ask};
 pub use evidence::directory as evidence_directory;
 pub use record::Record;

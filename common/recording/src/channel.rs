@@ -184,7 +184,7 @@ mod tests {
             assert!(!description.schema.is_empty(), "{channel:?}");
         }
         let world = Channel::World.description();
-        assert_eq!(world.schema_name, "touchline/WorldFrame/4");
+        assert_eq!(world.schema_name, "touchline/WorldFrame/5");
         assert!(String::from_utf8(world.schema).unwrap().contains("prior_world_seq"));
     }
 }

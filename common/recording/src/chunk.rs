@@ -2,6 +2,7 @@
 
 use crate::summary::{ChunkLocation, widened};
 use crate::wire::{ChunkHeader, Encoder, HEAD_BYTES, MessageHeader, Packing};
+use mcap::records;
 use std::collections::BTreeMap;
 use std::io;
 
@@ -54,7 +55,13 @@ impl OpenChunk {
         let place = self.length() as u64;
         self.messages.entry(channel_id).or_default().push((log_ns, place));
         self.times_ns = Some(widened(self.times_ns, log_ns));
-        self.records.message(header, sequence, about_ns, data);
+        let header = records::MessageHeader {
+            channel_id,
+            sequence,
+            log_time: log_ns,
+            publish_time: about_ns,
+        };
+        self.records.message(header, data);
     }
 
     /// Compresses the chunk and empties it. Returns the bytes to write at this offset of the file, its

@@ -19,10 +19,11 @@ use crate::reader::open;
 use crate::scan::{Kind, MAX_HEADER_BYTES, Piece, Scanner, ZSTD_PEEK_BYTES};
 use crate::summary::{ChunkIndex, ChunkLocation, Summary, widened};
 use crate::wire::{
-    ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, channel, chunk_index, message,
-    message_index, op, schema, zstd_window, zstd_window_for,
+    ChunkHeader, Cursor, Encoder, HEAD_BYTES, Head, MAGIC, Packing, body, channel, chunk_index,
+    message, message_index, op, schema, zstd_window, zstd_window_for,
 };
 use config::input;
+use mcap::records;
 use rustix::fs::{FlockOperation, flock};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -483,9 +484,8 @@ fn header_record(length: u64) -> Vec<u8> {
     // Record head, and the lengths of both texts.
     let room = (length as usize).saturating_sub(HEAD_BYTES as usize + 8);
     let text: String = name.chars().chain(std::iter::repeat(' ')).take(room).collect();
-    let mut body = Encoder::default();
-    body.prefixed(b"").prefixed(text.as_bytes());
+    let header = records::Header { profile: String::new(), library: text };
     let mut record = Encoder::default();
-    record.record(op::HEADER, &body.0);
+    record.record(op::HEADER, &body(&header));
     record.0
 }

@@ -1,8 +1,11 @@
 //! The end of a recording: the mark after the data, and the summary, which gives viewers chunks,
 //! channels and counts.
 
-use crate::wire::{ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, channel_schema, op};
+use crate::wire::{
+    ChunkHeader, Encoder, FOOTER_BYTES, Head, MAGIC, Packing, body, channel_schema, op,
+};
 use crc32fast::Hasher;
+use mcap::records;
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Read, Write};
 
@@ -49,20 +52,22 @@ impl Summary {
     /// Stands in for a channel of which nothing but its messages is left. Viewers show these without a
     /// meaning.
     pub fn add_unknown_channel(&mut self, id: u16) {
-        let mut body = Encoder::default();
-        let name = format!("unknown-{id}");
-        body.u16(id).u16(0).prefixed(name.as_bytes()).prefixed(b"").prefixed(b"");
-        self.channels.insert(id, body.0);
+        let channel = records::Channel {
+            id,
+            schema_id: 0,
+            topic: format!("unknown-{id}"),
+            message_encoding: String::new(),
+            metadata: BTreeMap::new(),
+        };
+        self.channels.insert(id, body(&channel));
     }
 
     /// Stands in for schemas that only a channel names: other programs refuse a file without them.
     pub fn complete_schemas(&mut self) {
         for id in self.channels.values().filter_map(|body| channel_schema(body)) {
             self.schemas.entry(id).or_insert_with(|| {
-                let mut body = Encoder::default();
                 let name = format!("unknown-{id}");
-                body.u16(id).prefixed(name.as_bytes()).prefixed(b"").prefixed(b"");
-                body.0
+                schema_body(records::SchemaHeader { id, name, encoding: String::new() }, b"")
             });
         }
     }
@@ -80,7 +85,8 @@ impl Summary {
         to: impl Write,
     ) -> io::Result<()> {
         let mut end = Ending { to: BufWriter::new(to), place: data_end, crc: Hasher::new() };
-        end.records([(op::DATA_END, &0u32.to_le_bytes()[..])])?;
+        // Without a checksum of the data: each chunk has its own.
+        end.records([(op::DATA_END, &body(&records::DataEnd::default())[..])])?;
         // The checksum begins here.
         end.crc = Hasher::new();
         let start = end.place;
@@ -95,32 +101,41 @@ impl Summary {
             Group { opcode: op::CHUNK_INDEX, at: chunks_at, length: end.place - chunks_at };
         let offsets_at = end.place;
         for group in [schemas, channels, statistics, chunks].iter().filter(|it| it.length > 0) {
-            let mut body = Encoder(vec![group.opcode]);
-            body.u64(group.at).u64(group.length);
-            end.records([(op::SUMMARY_OFFSET, &body.0[..])])?;
+            let offset = records::SummaryOffset {
+                group_opcode: group.opcode,
+                group_start: group.at,
+                group_length: group.length,
+            };
+            end.records([(op::SUMMARY_OFFSET, &body(&offset)[..])])?;
         }
-        let mut footer = Encoder(Head { opcode: op::FOOTER, length: FOOTER_BYTES }.encode().into());
-        footer.u64(start).u64(offsets_at);
-        end.write_all(&footer.0)?;
+        let footer = |crc| records::Footer {
+            summary_start: start,
+            summary_offset_start: offsets_at,
+            summary_crc: crc,
+        };
+        end.write_all(&Head { opcode: op::FOOTER, length: FOOTER_BYTES }.encode())?;
+        // The checksum is the last field, and covers everything before it.
+        let before_crc = &body(&footer(0))[..FOOTER_BYTES as usize - 4];
+        end.write_all(before_crc)?;
         let crc = end.crc.clone().finalize();
-        end.write_all(&crc.to_le_bytes())?;
+        end.write_all(&body(&footer(crc))[before_crc.len()..])?;
         end.write_all(MAGIC)?;
         end.flush()
     }
 
     fn statistics(&self, chunks: u32) -> Vec<u8> {
         let (first_ns, last_ns) = self.times_ns.unwrap_or_default();
-        let mut body = Encoder::default();
-        body.u64(self.messages())
-            .u16(self.schemas.len() as u16)
-            .u32(self.channels.len() as u32)
-            .u32(self.attachments)
-            .u32(self.metadata)
-            .u32(chunks)
-            .u64(first_ns)
-            .u64(last_ns)
-            .map(self.counts.iter().map(|(&id, &count)| (id, count)));
-        body.0
+        body(&records::Statistics {
+            message_count: self.messages(),
+            schema_count: self.schemas.len() as u16,
+            channel_count: self.channels.len() as u32,
+            attachment_count: self.attachments,
+            metadata_count: self.metadata,
+            chunk_count: chunks,
+            message_start_time: first_ns,
+            message_end_time: last_ns,
+            channel_message_counts: self.counts.clone(),
+        })
     }
 }
 
@@ -177,18 +192,26 @@ impl ChunkLocation {
     /// The record of this chunk in the index.
     pub fn record(&self) -> Vec<u8> {
         let Self { at, length, header, indexes, indexes_end } = self;
-        let mut body = Encoder::default();
-        body.u64(header.start_ns)
-            .u64(header.end_ns)
-            .u64(*at)
-            .u64(*length)
-            .map(indexes.iter().map(|(&id, &place)| (id, place)))
-            .u64(indexes_end.saturating_sub(at + length))
-            .prefixed(header.packing.map_or("", |packing| packing.name()).as_bytes())
-            .u64(header.packed_bytes)
-            .u64(header.unpacked_bytes);
+        let index = records::ChunkIndex {
+            message_start_time: header.start_ns,
+            message_end_time: header.end_ns,
+            chunk_start_offset: *at,
+            chunk_length: *length,
+            message_index_offsets: indexes.clone(),
+            message_index_length: indexes_end.saturating_sub(at + length),
+            compression: header.packing.map_or("", Packing::name).into(),
+            compressed_size: header.packed_bytes,
+            uncompressed_size: header.unpacked_bytes,
+        };
         let mut record = Encoder::default();
-        record.record(op::CHUNK_INDEX, &body.0);
+        record.record(op::CHUNK_INDEX, &body(&index));
         record.0
     }
+}
+
+/// The body of a schema's record: its header and its text.
+pub(crate) fn schema_body(header: records::SchemaHeader, text: &[u8]) -> Vec<u8> {
+    let mut schema = Encoder(body(&header));
+    schema.prefixed(text);
+    schema.0
 }

@@ -1,7 +1,10 @@
 //! The records of an MCAP file as bytes. Every length is checked against the available bytes before
 //! use; no allocation depends on a claimed length.
 
+use binrw::BinWrite;
+use mcap::records;
 use std::collections::BTreeMap;
+use std::io;
 
 /// First and last bytes of a file.
 pub(crate) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
@@ -18,26 +21,23 @@ const MAX_NAME_BYTES: u64 = 16;
 /// Bytes that hold a chunk's head and header.
 pub(crate) const CHUNK_PEEK_BYTES: u64 = HEAD_BYTES + CHUNK_HEADER_BYTES + MAX_NAME_BYTES;
 
-/// Operation codes.
+/// Operation codes: those of the format, and ours.
 pub(crate) mod op {
-    pub const HEADER: u8 = 0x01;
-    pub const FOOTER: u8 = 0x02;
-    pub const SCHEMA: u8 = 0x03;
-    pub const CHANNEL: u8 = 0x04;
-    pub const MESSAGE: u8 = 0x05;
-    pub const CHUNK: u8 = 0x06;
-    pub const MESSAGE_INDEX: u8 = 0x07;
-    pub const CHUNK_INDEX: u8 = 0x08;
-    pub const ATTACHMENT: u8 = 0x09;
-    pub const STATISTICS: u8 = 0x0B;
-    pub const METADATA: u8 = 0x0C;
-    pub const SUMMARY_OFFSET: u8 = 0x0E;
-    pub const DATA_END: u8 = 0x0F;
+    pub use mcap::records::op::*;
+
     /// Private records begin here; other programs skip them.
     pub const FIRST_PRIVATE: u8 = 0x80;
     /// Damaged bytes that a recovery has fenced off. Its bits are the complement of a chunk's code, so
     /// that no flipped bit turns one into the other.
     pub const FENCED_OFF: u8 = !CHUNK;
+}
+
+/// The body of a record.
+pub(crate) fn body(record: &impl BinWrite<Args<'static> = ()>) -> Vec<u8> {
+    let mut bytes = io::Cursor::new(Vec::new());
+    // Memory takes everything, and texts and lists here are far shorter than 4 GB.
+    record.write_le_args(&mut bytes, ()).expect("a record can be written to memory");
+    bytes.into_inner()
 }
 
 /// Reads values from the front of bytes; `None` if there are too few.
@@ -265,11 +265,6 @@ pub(crate) fn chunk_index(body: &[u8]) -> Option<(u64, BTreeMap<u16, u64>)> {
 pub(crate) struct Encoder(pub Vec<u8>);
 
 impl Encoder {
-    pub fn u16(&mut self, value: u16) -> &mut Self {
-        self.0.extend(value.to_le_bytes());
-        self
-    }
-
     pub fn u32(&mut self, value: u32) -> &mut Self {
         self.0.extend(value.to_le_bytes());
         self
@@ -286,15 +281,6 @@ impl Encoder {
         self
     }
 
-    /// A map of numbers, preceded by its length in bytes.
-    pub fn map(&mut self, entries: impl ExactSizeIterator<Item = (u16, u64)>) -> &mut Self {
-        self.u32(entries.len() as u32 * 10);
-        for (key, value) in entries {
-            self.u16(key).u64(value);
-        }
-        self
-    }
-
     pub fn record(&mut self, opcode: u8, body: &[u8]) -> &mut Self {
         self.head(opcode, body.len() as u64);
         self.0.extend(body);
@@ -307,15 +293,10 @@ impl Encoder {
     }
 
     /// A message's record.
-    pub fn message(
-        &mut self,
-        header: MessageHeader,
-        sequence: u32,
-        about_ns: u64,
-        data: &[u8],
-    ) -> &mut Self {
-        self.head(op::MESSAGE, (MESSAGE_HEADER_BYTES + data.len()) as u64);
-        self.u16(header.channel_id).u32(sequence).u64(header.log_ns).u64(about_ns);
+    pub fn message(&mut self, header: records::MessageHeader, data: &[u8]) -> &mut Self {
+        let header = body(&header);
+        self.head(op::MESSAGE, (header.len() + data.len()) as u64);
+        self.0.extend(header);
         self.0.extend(data);
         self
     }
@@ -323,20 +304,22 @@ impl Encoder {
     /// A chunk's record.
     pub fn chunk(&mut self, header: &ChunkHeader, packed: &[u8]) -> &mut Self {
         self.head(op::CHUNK, header.length + header.packed_bytes);
-        self.u64(header.start_ns).u64(header.end_ns).u64(header.unpacked_bytes).u32(header.crc);
-        let name = header.packing.map_or("", Packing::name);
-        self.prefixed(name.as_bytes()).u64(header.packed_bytes);
+        self.0.extend(body(&records::ChunkHeader {
+            message_start_time: header.start_ns,
+            message_end_time: header.end_ns,
+            uncompressed_size: header.unpacked_bytes,
+            uncompressed_crc: header.crc,
+            compression: header.packing.map_or("", Packing::name).into(),
+            compressed_size: header.packed_bytes,
+        }));
         self.0.extend(packed);
         self
     }
 
     /// The record that gives time and offset of each of a channel's messages in a chunk.
     pub fn message_index(&mut self, channel_id: u16, entries: &[(u64, u64)]) -> &mut Self {
-        let bytes = entries.len() as u32 * 16;
-        self.head(op::MESSAGE_INDEX, 6 + u64::from(bytes)).u16(channel_id).u32(bytes);
-        for &(log_ns, place) in entries {
-            self.u64(log_ns).u64(place);
-        }
-        self
+        let entry = |&(log_time, offset)| records::MessageIndexEntry { log_time, offset };
+        let records = entries.iter().map(entry).collect();
+        self.record(op::MESSAGE_INDEX, &body(&records::MessageIndex { channel_id, records }))
     }
 }

@@ -1,9 +1,10 @@
 //! Writing a recording.
 
 use crate::chunk::OpenChunk;
-use crate::summary::{ChunkIndex, Summary};
-use crate::wire::{Encoder, MAGIC, MessageHeader, op};
+use crate::summary::{ChunkIndex, Summary, schema_body};
+use crate::wire::{Encoder, MAGIC, MessageHeader, body, op};
 use crate::{Channel, RecordingError};
+use mcap::records;
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -167,11 +168,10 @@ impl Drop for Writer {
 impl Open {
     /// Writes the beginning of the file.
     fn begin(&mut self, bytes: &mut u64) -> io::Result<()> {
-        let mut header = Encoder::default();
-        let library = concat!("touchline ", env!("CARGO_PKG_VERSION"));
-        header.prefixed(b"").prefixed(library.as_bytes());
+        let library = concat!("touchline ", env!("CARGO_PKG_VERSION")).into();
+        let header = records::Header { profile: String::new(), library };
         let mut beginning = Encoder(MAGIC.to_vec());
-        beginning.record(op::HEADER, &header.0);
+        beginning.record(op::HEADER, &body(&header));
         self.append(&beginning.0, bytes)
     }
 
@@ -182,22 +182,23 @@ impl Open {
         }
         let description = channel.description();
         let id = self.ids.len() as u16 + 1;
-        let mut schema = Encoder::default();
-        schema
-            .u16(id)
-            .prefixed(description.schema_name.as_bytes())
-            .prefixed(description.schema_encoding.as_bytes())
-            .prefixed(&description.schema);
-        let mut body = Encoder::default();
-        body.u16(id)
-            .u16(id)
-            .prefixed(channel.name().as_bytes())
-            .prefixed(description.message_encoding.as_bytes())
-            .prefixed(b"");
-        self.chunk.add(op::SCHEMA, &schema.0);
-        self.chunk.add(op::CHANNEL, &body.0);
-        self.summary.schemas.insert(id, schema.0);
-        self.summary.channels.insert(id, body.0);
+        let schema = records::SchemaHeader {
+            id,
+            name: description.schema_name.to_string(),
+            encoding: description.schema_encoding.to_string(),
+        };
+        let schema = schema_body(schema, &description.schema);
+        let described = body(&records::Channel {
+            id,
+            schema_id: id,
+            topic: channel.name().to_string(),
+            message_encoding: description.message_encoding.to_string(),
+            metadata: BTreeMap::new(),
+        });
+        self.chunk.add(op::SCHEMA, &schema);
+        self.chunk.add(op::CHANNEL, &described);
+        self.summary.schemas.insert(id, schema);
+        self.summary.channels.insert(id, described);
         self.ids.insert(channel, id);
     }
 

@@ -7,6 +7,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use touchline::supervisor::KEPT_REVISIONS;
 
 /// Connections to dead processes that a living process may still hold, on average: every process drops them
 /// with its next heartbeat, so only those of the last death may be left.
@@ -50,7 +51,7 @@ pub fn usage(instance: &Instance) -> Usage {
     let namespace = instance.namespace().ok().flatten();
     let mut usage = Usage {
         shared_memory_entries: shared_memory(namespace.as_ref()).len() as u64,
-        runtime_entries: entries_below(instance.directory()),
+        runtime_entries: runtime_entries(instance),
         processes: processes.len() as u64,
         ..Usage::default()
     };
@@ -142,6 +143,15 @@ fn shared_memory(namespace: Option<&Namespace>) -> Vec<String> {
     let below =
         |path: &PathBuf| path.strip_prefix(SHARED_MEMORY).unwrap_or(path).display().to_string();
     paths.iter().map(below).collect()
+}
+
+/// Entries of the runtime directory. The configurations that a supervisor keeps do not count, but more of
+/// them do.
+fn runtime_entries(instance: &Instance) -> u64 {
+    // The last revisions, and the configuration of the start.
+    let kept = u64::from(KEPT_REVISIONS) + 1;
+    let revisions = entries_below(&instance.revisions_directory());
+    entries_below(instance.directory()) - revisions.min(kept)
 }
 
 fn entries_below(directory: &Path) -> u64 {
