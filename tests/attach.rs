@@ -8,6 +8,8 @@ use messages::topics;
 use messages::{Team, TruthFrame};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -344,4 +346,51 @@ print('believed')
         let output = check.arg(script("check_recording.py")).arg(&file).output().unwrap();
         assert!(output.status.success(), "{output:?}");
     }
+}
+
+/// As in docs/attaching.md: the example becomes a crate outside of the workspace.
+#[test]
+fn a_strategy_in_a_crate_of_its_own_needs_client_and_messages_alone() {
+    let scratch = Scratch::new("own-crate");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let dependency = |name: &str| {
+        let path = root.join("common").join(name);
+        format!("{name} = {{ package = \"touchline-{name}\", path = {path:?} }}\n")
+    };
+    let manifest = format!(
+        "[package]\nname = \"strategy\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[dependencies]\n{}{}\n[workspace]\n",
+        dependency("client"),
+        dependency("messages")
+    );
+    scratch.write("Cargo.toml", &manifest);
+    fs::create_dir(scratch.path.join("src")).unwrap();
+    fs::copy(root.join("examples/poses.rs"), scratch.path.join("src/main.rs")).unwrap();
+    fs::copy(root.join("Cargo.lock"), scratch.path.join("Cargo.lock")).unwrap();
+    let cargo = |arguments: &[&str]| {
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(arguments).arg("--offline").current_dir(&scratch.path);
+        let output = cargo.env("CARGO_TARGET_DIR", scratch.path.join("target")).output().unwrap();
+        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let tree = cargo(&["tree", "--edges", "normal", "--prefix", "none"]);
+    for heavy in ["nalgebra ", "schemars ", "touchline-config ", "image ", "mcap "] {
+        assert!(!tree.contains(heavy), "{heavy}: {tree}");
+    }
+    cargo(&["build"]);
+
+    let mut group = Group::start("own", SMALL, &[]);
+    group.wait_until_working();
+    let strategy = Command::new(scratch.path.join("target/debug/strategy"))
+        .arg("test")
+        .env("TOUCHLINE_RUNTIME_DIR", group.instance.directory().parent().unwrap())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut strategy = Program(strategy);
+    let mut said = String::new();
+    BufReader::new(strategy.0.stdout.take().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.starts_with("team ") && said.contains(" mm, "), "{said}");
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
 }
