@@ -99,6 +99,7 @@ class EventKind(enum.IntEnum):
     TAKEN_OVER = 8
     CAMERA = 9
     STRANGER = 10
+    RECONFIGURED = 11
 
 
 class CameraState(enum.IntEnum):

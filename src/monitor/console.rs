@@ -225,6 +225,9 @@ fn body(report: &Report) -> String {
         unknown(found),
         found.regions
     );
+    if let Some(last) = report.configuration.history.last().filter(|last| last.revision > 1) {
+        let _ = writeln!(text, "  configured   revision {}: {}", last.revision, last.what);
+    }
     if let Some(light) = &report.light {
         let _ = writeln!(text, "  light        {}", light_words(light));
     }
