@@ -129,7 +129,7 @@ fn check_that_garbage_is_harmless(name: &str, is_of_group: bool) {
     let topics: Vec<_> = strangers.iter().filter_map(|it| it["topic"].as_str()).collect();
     let expected: &[&str] = match is_of_group {
         true => &[],
-        false => &["frames", "runs", "detections", "world", "health", "camera"],
+        false => &["frames", "runs", "detections", "world", "health", "camera", "status"],
     };
     for topic in expected {
         assert!(topics.contains(topic), "{topic}: {after:#}");

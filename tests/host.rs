@@ -462,6 +462,7 @@ fn the_wall_clock_is_only_for_people() {
         ("grabber/src/genicam/mod.rs", "Aravis' stamps, by way of WallClock, which notices"),
         ("src/commands/chaos/mod.rs", "a seed, when none is given"),
         ("src/monitor/view.rs", "for people: times of events"),
+        ("src/publisher/worker.rs", "for programs of the leagues: times in their packets"),
         ("src/recorder/mod.rs", "once for each recording"),
     ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
