@@ -1,6 +1,6 @@
 //! Fair choice among the senders of commands.
 //!
-//! A frame's `world` has room for [`MAX_USED_COMMANDS`] messages, and every program of the group's user
+//! A frame's `world` has room for [`MAX_USED_COMMANDS`](messages::MAX_USED_COMMANDS) messages, and every program of the group's user
 //! can publish `commands` at any rate. If messages were taken in the order in which they arrive, a program
 //! that sends without pause would keep all others out. So messages wait in a queue per sender, and the
 //! filter takes one of each sender in turn:

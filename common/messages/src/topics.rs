@@ -38,10 +38,10 @@ pub struct Topic<Element, Header = ()> {
     /// Subscribers at the same time.
     pub subscribers: usize,
     /// Every program may publish. On all other topics only messages from processes of the group are
-    /// accepted ([`roster`](client::roster)).
+    /// accepted (the roster of `touchline-client`).
     pub is_open: bool,
     /// The writers also notify the iceoryx2 event of the same name, for readers in other languages,
-    /// which cannot sleep on our [event count](client::eventcount).
+    /// which cannot sleep on our event count (`eventcount` in `touchline-client`).
     pub notifies: bool,
     /// Sort key of a message when several writers have published, as a stage's dead process and its
     /// successor do. Always 0 on topics read in order of arrival.

@@ -4,7 +4,7 @@
 //! * [`process`]: the process of a stage. [`attendant`]: that of an attendant.
 //! * [`stage_page`], [`handover`]: what a stage's processes leave each other.
 //! * [`scheduling`], [`memory_rank`], [`descriptors`]: what they ask of the system.
-//! * [`tell`]: output for the user.
+//! * [`mod@tell`]: output for the user.
 
 // A process must survive the reader of its output: see `tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
