@@ -107,6 +107,5 @@ mod tests {
         assert_eq!(used(runs(first.revision)), Some(1), "the classifier is behind");
         assert_eq!(used(runs(third)), Some(2), "the same colours");
         instance.remove_directory().unwrap();
-        fs::remove_dir_all(base).unwrap();
     }
 }
