@@ -6,6 +6,7 @@
 use client::consumer::{Consumer, Event};
 use client::instance::Instance;
 use messages::topics;
+use std::io::Write;
 use std::time::Duration;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -16,10 +17,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Some(Event::Message(received)) => {
                 for robot in received.message().into_iter().flat_map(|world| world.robots()) {
                     let degrees = robot.orientation.to_degrees();
-                    println!(
+                    let line = format!(
                         "team {} robot {}: {:.1} mm, {:.1} mm, {degrees:.1}°",
                         robot.team, robot.robot_id, robot.x_mm, robot.y_mm
                     );
+                    // The reader of a pipe may have ended.
+                    if writeln!(std::io::stdout(), "{line}").is_err() {
+                        return Ok(());
+                    }
                 }
             }
             Some(Event::Missed(count)) => eprintln!("missed {count} frames"),

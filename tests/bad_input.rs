@@ -115,6 +115,8 @@ fn check_that_garbage_is_harmless(name: &str, is_of_group: bool) {
         publish_garbage(&bus, &topics::WORLD, &[0, 1, 2]);
         publish_garbage(&bus, &topics::HEALTH, &[0, 1, 5]);
         publish_garbage(&bus, &topics::CAMERA, &[0, 1, 2]);
+        publish_garbage(&bus, &topics::LIGHT, &[0, 1, 2]);
+        publish_garbage(&bus, &topics::GATEWAY, &[0, 1, 2]);
         publish_garbage(&bus, &topics::STATUS, &[0, 1, MAX_STATUS_BYTES]);
     }
     let after = wait_for_more(&mut group, 80);
@@ -129,7 +131,17 @@ fn check_that_garbage_is_harmless(name: &str, is_of_group: bool) {
     let topics: Vec<_> = strangers.iter().filter_map(|it| it["topic"].as_str()).collect();
     let expected: &[&str] = match is_of_group {
         true => &[],
-        false => &["frames", "runs", "detections", "world", "health", "camera", "status"],
+        false => &[
+            "frames",
+            "runs",
+            "detections",
+            "world",
+            "health",
+            "camera",
+            "status",
+            "light",
+            "gateway",
+        ],
     };
     for topic in expected {
         assert!(topics.contains(topic), "{topic}: {after:#}");

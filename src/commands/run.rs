@@ -49,8 +49,8 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
         watch::start(file, &launch)?;
     }
     let source = launch.source.to_string();
-    let outcome = supervisor::run(launch, &config, until, |view| {
-        Monitor::start(&instance, source.clone(), &config, view, output)
+    let outcome = supervisor::run(launch, &config, until, |view, config| {
+        Monitor::start(&instance, source.clone(), config, view, output)
     })?;
     let report = match outcome {
         Outcome::Ended(report) => report,

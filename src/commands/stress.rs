@@ -134,8 +134,8 @@ fn run_at(config: &Config, args: &StressArgs, fps: f64) -> Result<Run, CommandEr
         config_file: None,
         overrides: Overrides::default(),
     };
-    let outcome = supervisor::run(launch, &config, Until::Finished, |view| {
-        Monitor::start(&instance, source.to_string(), &config, view, Output::Quiet)
+    let outcome = supervisor::run(launch, &config, Until::Finished, |view, config| {
+        Monitor::start(&instance, source.to_string(), config, view, Output::Quiet)
     })?;
     let Outcome::Ended(report) = outcome else {
         return Err("somebody asked the group for an upgrade in the middle of the test".into());

@@ -5,11 +5,11 @@ use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
 use super::commanders::CommanderWatch;
 use super::flow::{Flow, Sight};
+use super::gateway::GatewayWatch;
 use super::latency::LatencyMeter;
 use super::publisher::PublisherWatch;
 use super::report::{
-    Accuracy, AttendantState, Camera, Found, Gateway, Light, Process, Rate, Report, Resources,
-    Stage, Tops,
+    Accuracy, AttendantState, Camera, Found, Light, Process, Rate, Report, Resources, Stage, Tops,
 };
 use super::strangers::StrangerWatch;
 use super::unknown::UnknownScorer;
@@ -93,12 +93,6 @@ pub struct Collector {
     bus: Bus,
 }
 
-/// What is known of the gateway, from any of its processes.
-struct GatewayWatch {
-    reports: Subscriber<GatewayReport, ()>,
-    newest: Option<GatewayReport>,
-}
-
 /// Latest state and counters of a process, kept after its end.
 #[derive(Default)]
 struct ProcessRecord {
@@ -147,11 +141,6 @@ impl Collector {
                 robots_configured: config.robots.identities.len() as u32,
                 ..Found::default()
             },
-            gateway: config.access.group().map(|group| Gateway {
-                group: group.into(),
-                socket: instance.gateway_path().display().to_string(),
-                ..Gateway::default()
-            }),
             ..Report::default()
         };
         let collector = Self {
@@ -189,7 +178,7 @@ impl Collector {
             rejected: BTreeMap::new(),
             processes: HashMap::new(),
             light: bus.subscriber(&topics::LIGHT)?,
-            gateway: GatewayWatch { reports: bus.subscriber(&topics::GATEWAY)?, newest: None },
+            gateway: GatewayWatch::new(&bus, instance, config)?,
             rate: RateMeter::default(),
             supervisor_cpu_before: own_cpu_seconds(),
             memory_bytes: 0,
@@ -268,9 +257,7 @@ impl Collector {
                 self.base.light = Some(Light::from(&report.correction));
             }
         }
-        while let Some(received) = self.gateway.reports.receive()? {
-            self.gateway.newest = received.message().copied().or(self.gateway.newest);
-        }
+        self.gateway.collect()?;
         self.commanders.collect(&self.view)?;
         let met = [
             (topics::FRAMES.name, self.frames.take_strangers()),
@@ -280,6 +267,8 @@ impl Collector {
             (topics::HEALTH.name, self.health.take_strangers()),
             (topics::CAMERA.name, self.camera.take_strangers()),
             (topics::PUBLISHER.name, self.publisher.take_strangers()),
+            (topics::LIGHT.name, self.light.take_strangers()),
+            (topics::GATEWAY.name, self.gateway.take_strangers()),
         ];
         self.strangers.collect(&self.bus, &self.view, met)
     }
@@ -329,22 +318,6 @@ impl Collector {
     pub fn heartbeat(&self) -> Option<Heartbeat> {
         let now_ns = monotonic_ns();
         self.view.is_watched(now_ns).then(|| self.view.heartbeat(now_ns))
-    }
-
-    /// State of the gateway, from the supervisor's view and its own reports.
-    fn gateway(&self, attendants: &BTreeMap<String, AttendantState>) -> Option<Gateway> {
-        let known = attendants.get(Attendant::Gateway.name()).copied().unwrap_or_default();
-        let own = self.gateway.newest.filter(|report| Some(report.pid) == known.pid);
-        Some(Gateway {
-            pid: known.pid,
-            restarts: known.restarts,
-            clients: own.map_or(0, |report| report.clients),
-            given: own.map_or(0, |report| report.given),
-            lost: own.map_or(0, |report| report.lost),
-            not_permitted: own.map_or(0, |report| report.not_permitted),
-            refused: own.map_or(0, |report| report.refused),
-            ..self.base.gateway.clone()?
-        })
     }
 
     fn take_detection(&mut self, detection: &DetectionFrame) -> Result<(), BusError> {
@@ -543,7 +516,7 @@ impl Collector {
             rejected: self.rejected.clone(),
             tops: self.tops.as_ref().and_then(TopScale::measured).map(Tops::from),
             accuracy,
-            gateway: self.gateway(&attendants),
+            gateway: self.gateway.report(&attendants),
             publisher: self.publisher.report(&attendants),
             attendants,
             commanders: self.commanders.report(),

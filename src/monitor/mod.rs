@@ -12,6 +12,7 @@ mod commanders;
 mod console;
 mod containment;
 mod flow;
+mod gateway;
 mod latency;
 mod publisher;
 pub mod report;

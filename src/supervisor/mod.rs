@@ -148,7 +148,7 @@ pub fn run(
     launch: Launch,
     config: &Config,
     until: Until,
-    start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
+    start_monitor: impl Fn(Arc<GroupView>, &Config) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let instance = launch.instance.clone();
     if instance.record_path().exists() {
@@ -188,7 +188,7 @@ fn supervise(
     signals: Signals,
     premises: &mut Premises,
     inheritance: Inheritance,
-    start_monitor: impl Fn(Arc<GroupView>) -> Result<Monitor, BusError>,
+    start_monitor: impl Fn(Arc<GroupView>, &Config) -> Result<Monitor, BusError>,
 ) -> Result<Outcome, SupervisorError> {
     let view = Arc::new(GroupView::new(std::process::id()));
     let lives = inheritance.lives();
@@ -205,7 +205,7 @@ fn supervise(
         &inheritance,
         attendants,
     )?;
-    let mut monitor = match start_monitor(Arc::clone(&view)) {
+    let mut monitor = match start_monitor(Arc::clone(&view), config) {
         // The monitor only counts, so the match goes on without it.
         Err(error) if lives => {
             runtime::tell!("touchline: {error}; the match goes on, but is not counted for now");
@@ -223,7 +223,7 @@ fn supervise(
         }
         if monitor.is_none() && fallen < MOST_MONITORS && Instant::now() >= try_again {
             try_again = Instant::now() + MONITOR_PAUSE;
-            monitor = start_monitor(Arc::clone(&view)).ok();
+            monitor = start_monitor(Arc::clone(&view), config).ok();
         }
     };
     let ending =

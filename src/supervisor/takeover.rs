@@ -67,6 +67,13 @@ pub fn prepare(launch: &Launch, config: &Config) -> Result<Inheritance, Supervis
                 ..stage
             };
             let stages = stages.into_iter().map(recorded).collect();
+            if snapshot.config != *config {
+                runtime::tell!(
+                    "touchline: the group goes on with revision {} of its configuration, which was changed while it \
+                     ran; `touchline reload` uses the file",
+                    snapshot.revision.number
+                );
+            }
             if let Err(error) = configuration::keep_origin(instance, config) {
                 warn(&error);
             }

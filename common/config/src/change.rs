@@ -1,6 +1,7 @@
 //! The difference of two configurations, key by key, and what has to be replaced for it to take effect.
 
 use super::Config;
+use super::document::table;
 use messages::ProcessKind;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,7 +9,7 @@ use toml::Value;
 
 use ProcessKind::{Classifier, Filter, Grabber, Tracker};
 
-/// What a changed key has an effect on.
+/// Whom a changed key concerns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
     /// These stages read it.
@@ -67,7 +68,7 @@ pub struct Change {
 }
 
 impl Change {
-    /// What the changed key has an effect on.
+    /// Whom the changed key concerns.
     pub fn effect(&self) -> Effect {
         let begins_with = |&&(prefix, _): &&(&str, Effect)| {
             self.key
@@ -112,12 +113,8 @@ pub fn have_same_classes(old: &Config, new: &Config) -> bool {
 
 /// All keys with their values as TOML, in alphabetical order.
 pub fn values(config: &Config) -> BTreeMap<String, String> {
-    let mut config = config.clone();
-    // TOML's integers end there.
-    config.synthetic.seed = config.synthetic.seed.min(i64::MAX as u64);
-    let table = toml::Table::try_from(&config).expect("a configuration is plain TOML");
     let mut keys = BTreeMap::new();
-    flatten("", &Value::Table(table), &mut keys);
+    flatten("", &Value::Table(table(config)), &mut keys);
     // The position of a colour is its class number, and the first of two that overlap wins.
     let order: Vec<&str> = config.colors.iter().map(|color| color.name.as_str()).collect();
     keys.insert("colors.order".into(), format!("{order:?}"));

@@ -11,16 +11,21 @@ use toml::Value;
 
 /// The configuration as a commented TOML file: every key with its description above it, in the order of
 /// the structures. Parsing it gives the same configuration.
-///
-/// TOML's integers end at 2⁶³ − 1. A larger seed, which no file can contain, is written as that number.
 pub fn commented_toml(config: &Config) -> String {
-    let mut config = config.clone();
-    config.synthetic.seed = config.synthetic.seed.min(i64::MAX as u64);
-    let values = toml::Table::try_from(&config).expect("a configuration is plain TOML");
+    let values = table(config);
     let schema = Schema::new();
     let mut out = String::from(HEADER);
     write_table(&mut out, schema.root(), &values, "", Comments::Full);
     out
+}
+
+/// The configuration as a TOML table.
+///
+/// TOML's integers end at 2⁶³ − 1. A larger seed, which no file can contain, becomes that number.
+pub(crate) fn table(config: &Config) -> toml::Table {
+    let mut config = config.clone();
+    config.synthetic.seed = config.synthetic.seed.min(i64::MAX as u64);
+    toml::Table::try_from(&config).expect("a configuration is plain TOML")
 }
 
 /// The JSON schema of the configuration: types, bounds, descriptions and defaults.

@@ -1,7 +1,8 @@
 //! Single keys of a configuration by their path: `filter.actuation_delay_ms`, `colors.orange.red`,
 //! `robots.identities.yellow 3.height_mm`.
 
-use super::{Config, ConfigError, commented_toml};
+use super::document::table;
+use super::{Config, ConfigError};
 use toml::{Table, Value};
 
 /// Reason why a key could not be set.
@@ -12,6 +13,9 @@ pub enum EditError {
         "{0:?}: write KEY=VALUE, for example filter.actuation_delay_ms=60 or colors.orange.red=[200,255]"
     )]
     Form(String),
+    /// An element of a list as a whole.
+    #[error("{0}: set one of its keys, for example colors.orange.red=[200,255]")]
+    Element(String),
     /// There is no such key or element.
     #[error("{key}: there is no {part:?} in it; `touchline config init` lists all keys")]
     Key {
@@ -31,8 +35,7 @@ pub fn with_values(config: &Config, assignments: &[String]) -> Result<Config, Ed
     if assignments.is_empty() {
         return Ok(config.clone());
     }
-    let text = commented_toml(config);
-    let mut table: Table = toml::from_str(&text).expect("a written configuration can be read");
+    let mut table = table(config);
     for assignment in assignments {
         let form = || EditError::Form(assignment.clone());
         let (key, value) = assignment.split_once('=').ok_or_else(form)?;
@@ -73,9 +76,12 @@ pub fn with_value(text: &str, key: &str, value: &str) -> Result<String, EditErro
                 .or_insert_with(|| Item::Table(toml_edit::Table::new())),
         };
     }
+    if let Item::ArrayOfTables(_) = place {
+        return Err(EditError::Element(key.into()));
+    }
     let table = place.as_table_like_mut().ok_or_else(|| missing(last))?;
     match table.get_mut(last) {
-        // What follows it on the line stays.
+        // A comment behind the value stays.
         Some(Item::Value(old)) => {
             let decor = old.decor().clone();
             *old = value;
@@ -117,7 +123,7 @@ fn set_in_list(
 ) -> Result<(), EditError> {
     let missing = |part: &str| EditError::Key { key: key.into(), part: part.into() };
     let below = key.split_once(&format!("{list}.")).map_or("", |(_, below)| below);
-    let (name, field) = below.rsplit_once('.').ok_or_else(|| missing(below))?;
+    let (name, field) = below.rsplit_once('.').ok_or_else(|| EditError::Element(key.into()))?;
     let is_it = |element: &&mut Value| crate::change::name_of(element).as_deref() == Some(name);
     let element = elements.iter_mut().find(is_it).and_then(Value::as_table_mut);
     element.ok_or_else(|| missing(name))?.insert(field.into(), value);
@@ -127,6 +133,7 @@ fn set_in_list(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commented_toml;
 
     fn set_one(assignment: &str) -> Result<Config, String> {
         with_values(&Config::default(), &[assignment.into()]).map_err(|error| error.to_string())
@@ -174,6 +181,7 @@ mod tests {
             ("filter.x=", "KEY=VALUE"),
             ("filters.x=1", "\"filters\""),
             ("colors.mauve.red=[1,2]", "\"mauve\""),
+            ("colors.orange=3", "set one of its keys"),
             ("filter.actuation_dealy_ms=1", "actuation_delay_ms"),
             ("filter.actuation_delay_ms=-1", "actuation_delay_ms"),
             ("filter.actuation_delay_ms=fast", "actuation_delay_ms"),

@@ -222,7 +222,7 @@ impl Default for PublishConfig {
 }
 
 impl Default for MarkingsConfig {
-    /// Those of the VSSS; the MiroSot middle league's are alike.
+    /// The markings of the VSSS; the MiroSot middle league has nearly the same.
     fn default() -> Self {
         Self {
             line_width_mm: 3.0,
@@ -237,7 +237,7 @@ impl Default for MarkingsConfig {
 }
 
 impl MarkingsConfig {
-    /// Those of the SSL, division B.
+    /// The markings of the SSL, division B.
     pub(super) fn ssl_division_b() -> Self {
         Self {
             line_width_mm: 10.0,

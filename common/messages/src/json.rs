@@ -28,7 +28,7 @@ pub fn track_status<S: Serializer>(number: &u32, to: S) -> Result<S::Ok, S::Erro
     named(TrackStatus::from_number(*number).map(TrackStatus::name), *number, to)
 }
 
-/// What a rejected candidate could have been: a robot of a team, of either team, or the ball.
+/// The kind of a rejected candidate: a robot of a team, of either team, or the ball.
 pub fn candidate<S: Serializer>(number: &u32, to: S) -> Result<S::Ok, S::Error> {
     let name = match *number {
         Rejected::BALL => Some("ball"),

@@ -1,4 +1,4 @@
-//! What makes a type a message.
+//! The traits of messages.
 
 use bytemuck::Pod;
 use iceoryx2::prelude::ZeroCopySend;

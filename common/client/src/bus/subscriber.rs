@@ -30,7 +30,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// of our own.
 pub struct Subscriber<E: Message, H: Header>(Rc<Inbox<E, H>>);
 
-/// What a subscriber is made of.
+/// The parts of a subscriber.
 pub(super) struct Parts<E: Message, H: Header> {
     pub port: IpcSubscriber<ipc::Service, [E], H>,
     pub service: PortFactory<ipc::Service, [E], H>,
