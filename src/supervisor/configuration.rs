@@ -15,7 +15,7 @@ use config::change::{Change, Effect, changes};
 use config::input;
 use config::snapshot::{Snapshot, concerned};
 use config::{Config, ConfigError, commented_toml};
-use messages::ProcessKind;
+use messages::{ProcessKind, Revision};
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
@@ -53,7 +53,11 @@ struct Trial {
 impl Configuration {
     /// The configuration that a group starts with, or goes on with.
     pub fn new(instance: &Instance, snapshot: Snapshot) -> Self {
-        let start = Revised::new(snapshot.revision.number, "as the group was started".into());
+        let what = match snapshot.revision {
+            Revision::FIRST => "as the group was started",
+            _ => "as the supervisor before has left it",
+        };
+        let start = Revised::new(snapshot.revision.number, what.into());
         Self { instance: instance.clone(), snapshot, trial: None, history: vec![start] }
     }
 

@@ -108,6 +108,13 @@ impl Group {
         }
     }
 
+    /// Whether the group replaces processes of this kind with this revision of the configuration: after a
+    /// reload, or when a configuration is taken back because disturbed processes count against it.
+    pub fn is_outdated(&self, kind: ProcessKind, revision: u32) -> bool {
+        let snapshot = Snapshot::load(&self.instance.config_path());
+        snapshot.is_ok_and(|snapshot| revision < snapshot.needed(kind))
+    }
+
     /// An error with the end of its log, if the supervisor has ended by itself.
     pub fn check(&mut self) -> Result<(), CommandError> {
         match self.supervisor.try_wait()? {

@@ -322,7 +322,6 @@ impl Session {
                         if !self.group.reload()? {
                             return Ok(false);
                         }
-                        self.population.expect_renewal();
                     }
                     Disturbance::Emfile => {
                         self.shortages.push(Shortage::of_descriptors(pid, until)?);
@@ -501,7 +500,7 @@ impl Session {
         let now_ns = monotonic_ns();
         for death in self.population.take_ended() {
             self.deaths += 1;
-            if !death.provoked {
+            if !death.provoked && !self.group.is_outdated(death.kind, death.revision) {
                 let t_s = ms(now_ns.saturating_sub(self.began_ns)) / 1000.0;
                 self.ended_by_themselves.push(Ended { stage: death.kind, pid: death.pid, t_s });
             }

@@ -20,6 +20,8 @@ pub struct Member {
     pub kind: ProcessKind,
     state: ProcessState,
     t_sent_ns: u64,
+    /// Revision of its configuration.
+    revision: u32,
     pidfd: OwnedFd,
     /// Was disturbed, so its end is expected.
     disturbed: bool,
@@ -35,6 +37,8 @@ pub struct Death {
     pub pid: u32,
     /// Its stage.
     pub kind: ProcessKind,
+    /// Revision of its configuration.
+    pub revision: u32,
     /// Whether a disturbance caused it.
     pub provoked: bool,
 }
@@ -68,6 +72,7 @@ impl Population {
                 kind,
                 state,
                 t_sent_ns: beat.t_sent_ns,
+                revision: beat.revision,
                 pidfd,
                 disturbed: false,
                 doomed: false,
@@ -88,7 +93,12 @@ impl Population {
         let remove = |pid| self.members.remove(&pid);
         let deaths = dead.into_iter().filter_map(remove);
         deaths
-            .map(|member| Death { pid: member.pid, kind: member.kind, provoked: member.disturbed })
+            .map(|member| Death {
+                pid: member.pid,
+                kind: member.kind,
+                revision: member.revision,
+                provoked: member.disturbed,
+            })
             .collect()
     }
 
@@ -135,13 +145,6 @@ impl Population {
     pub fn expect_end(&mut self, pid: u32) {
         if let Some(member) = self.members.get_mut(&pid) {
             (member.disturbed, member.doomed) = (true, true);
-        }
-    }
-
-    /// Expects that every process but the grabber is replaced.
-    pub fn expect_renewal(&mut self) {
-        for member in self.members.values_mut().filter(|it| it.kind != ProcessKind::Grabber) {
-            member.disturbed = true;
         }
     }
 
