@@ -82,6 +82,8 @@ pub(crate) struct Scanner {
     summary: Option<Summary>,
     /// Remaining budget of bytes decompressed in vain.
     patience: u64,
+    /// Chunks may lack a checksum, because another program wrote them.
+    may_lack_checksums: bool,
     has_chunks: bool,
     is_over: bool,
 }
@@ -95,6 +97,7 @@ impl Scanner {
             return Ok(None);
         }
         let summary = summary(&mut bytes)?;
+        let may_lack_checksums = !is_ours(&mut bytes)?;
         Ok(Some(Self {
             bytes,
             unpacker: zstd::bulk::Decompressor::new()?,
@@ -103,6 +106,7 @@ impl Scanner {
             limit: summary.map_or(length, |summary| summary.start),
             summary,
             patience: 4 * length + 4 * DIRECT_BYTES,
+            may_lack_checksums,
             has_chunks: false,
             is_over: false,
         }))
@@ -358,10 +362,11 @@ impl Scanner {
         if unpacked > MAX_CHUNK_BYTES || packed > most_packed || self.patience == 0 {
             return Ok(false);
         }
+        let may_lack = self.may_lack_checksums;
         let data = self.bytes.at(at, packed as usize)?;
         let is_right = match packing {
             Packing::Plain => {
-                let is_right = packed == unpacked && has_crc(header, data);
+                let is_right = packed == unpacked && has_crc(header, data, may_lack);
                 if is_right {
                     make_room(&mut self.records, data.len());
                     self.records.extend_from_slice(data);
@@ -374,7 +379,7 @@ impl Scanner {
                     make_room(&mut self.records, unpacked as usize);
                     let count = self.unpacker.decompress_to_buffer(data, &mut self.records);
                     count.is_ok_and(|count| count as u64 == unpacked)
-                        && has_crc(header, &self.records)
+                        && has_crc(header, &self.records, may_lack)
                 }
             }
         };
@@ -442,8 +447,20 @@ fn make_room(buffer: &mut Vec<u8>, bytes: usize) {
     buffer.reserve_exact(bytes);
 }
 
-fn has_crc(header: &ChunkHeader, records: &[u8]) -> bool {
-    header.crc == 0 || crc32fast::hash(records) == header.crc
+/// Whether the file is as this program wrote it, by its header: then every chunk has a checksum, and one
+/// of zeros is damage. A repaired file may be another program's.
+fn is_ours(bytes: &mut Bytes) -> io::Result<bool> {
+    let start = bytes.at(MAGIC.len() as u64, MAX_HEADER_BYTES as usize)?;
+    let library = Cursor(start).record().and_then(|(opcode, body)| {
+        let mut cursor = Cursor(body);
+        let _profile = cursor.prefixed()?;
+        cursor.text().filter(|_| opcode == op::HEADER)
+    });
+    Ok(library.is_some_and(|name| name.starts_with("touchline ") && !name.contains("recovered")))
+}
+
+fn has_crc(header: &ChunkHeader, records: &[u8], may_lack: bool) -> bool {
+    header.crc == 0 && may_lack || crc32fast::hash(records) == header.crc
 }
 
 /// Whether compressed bytes expand to exactly this many. Takes little memory at any size.

@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 use touchline_recording::recover::{Recovery, recover, recover_to};
 use touchline_recording::{Channel, Damages, Fault, Reader, Setup, Writer};
 
+/// Bytes before the first record.
+const MAGIC_BYTES: usize = 8;
 /// Damaged files tested by default.
 const MUTATIONS: u64 = 600;
 /// Memory that reading and recovering may take, besides three times the size of the file.
@@ -498,6 +500,32 @@ fn a_frame_that_asks_for_a_huge_window_gets_none() {
     }
     // With the memory of the tests that run at the same time.
     assert!(most_resident() < 600 << 20, "{} MB", most_resident() >> 20);
+}
+
+/// A checksum of zeros means that there is none, which is normal in recordings of other programs only.
+#[test]
+fn a_checksum_that_was_wiped_out_does_not_hide_damage() {
+    let scratch = Scratch::new("wiped");
+    let whole = sample(&scratch, true);
+    let (recorded, _) = read(&scratch.file("whole.mcap", &whole));
+    let length_at = |at: usize| u64::from_le_bytes(whole[at + 1..at + 9].try_into().unwrap());
+    // Header, then the chunk with the descriptions; the next is the first with messages.
+    let mut at = MAGIC_BYTES;
+    for _ in 0..2 {
+        at += 9 + length_at(at) as usize;
+    }
+    while whole[at] != 6 {
+        at += 9 + length_at(at) as usize;
+    }
+    let (crc_at, end) = (at + 9 + 24, at + 9 + length_at(at) as usize);
+    for flipped in crc_at + 20..end {
+        let mut bytes = whole.clone();
+        bytes[crc_at..crc_at + 4].fill(0);
+        bytes[flipped] ^= 4;
+        let (messages, damages) = read(&scratch.file("damaged.mcap", &bytes));
+        assert!(messages.iter().all(|message| recorded.contains(message)), "byte {flipped}");
+        assert!(!damages.is_empty(), "byte {flipped}");
+    }
 }
 
 #[test]
