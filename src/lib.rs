@@ -5,7 +5,7 @@
 //! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two.
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write
-//! recordings and compute them again. The command line and the commands are the program's alone.
+//! recordings and compute them again. [`calibrating`] and [`learning`] set a pitch up from pictures. The command line and the commands are the program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
@@ -13,11 +13,14 @@
 #![allow(rustdoc::private_intra_doc_links)]
 
 pub mod attendants;
+pub mod calibrating;
 pub mod chain;
 pub mod colorless;
 pub mod drawing;
 pub mod gateway;
+pub mod learning;
 pub mod monitor;
+pub mod painted_light;
 pub mod publisher;
 pub mod recorder;
 pub mod replay;

@@ -1,9 +1,7 @@
 //! `touchline config`: writes a commented configuration file, checks one, prints the schema.
 
 use super::CommandError;
-use super::learn::lessons::Lessons;
 use super::output::{OutputError, Rule};
-use super::second_look::Passing;
 use crate::cli::ConfigCommand;
 use config::change::{changes, values};
 use config::edit::with_value;
@@ -16,6 +14,8 @@ use messages::Team;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use touchline::learning::lessons::Lessons;
+use touchline::learning::passing::Passing;
 
 /// Carries out a `touchline config` command; prints to the standard output.
 pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {

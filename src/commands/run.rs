@@ -1,7 +1,6 @@
 //! `touchline run`.
 
 use super::output::Rule;
-use super::painted_light::{follow_painted_light, is_other_light};
 use super::watch;
 use super::{CommandError, load_config};
 use crate::cli::RunArgs;
@@ -17,6 +16,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 use touchline::monitor::{Monitor, Output, summary};
+use touchline::painted_light::{follow_painted_light, is_other_light};
 use touchline::supervisor::{self, Launch, Outcome, Overrides, Record, Until};
 
 /// Longest wait for the reader of the last texts.

@@ -7,12 +7,12 @@
 //! * A cross at the point below the lens.
 
 use super::points::NamedMark;
+use crate::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 use config::FieldConfig;
 use geometry::{FieldPoint, ImagePoint};
 use image::RgbImage;
 use setup::calibration::Calibration;
 use std::f64::consts::TAU;
-use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
 /// Approximate width of an overlay.
 const WIDTH_PX: u32 = 1920;

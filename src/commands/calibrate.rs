@@ -1,24 +1,18 @@
 //! `touchline calibrate`: computes the camera's geometry from marked points.
 
-mod lines;
-mod overlay;
-mod points;
-
 use super::output::Rule;
 use super::{CommandError, load_config};
 use crate::cli::CalibrateArgs;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml};
 use grabber::pictures::read_picture;
 use image::RgbImage;
-use lines::Refined;
-use points::{NamedMark, PointsFile};
-use setup::calibration::{
-    Calibration, CalibrationError, KnownLens, LensSource, Mark, calibrate as calibrate_by_points,
-    calibrated,
-};
+use setup::calibration::{Calibration, KnownLens, LensSource, calibrated};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
+use touchline::calibrating::lines::{LinesFound, NotRefined};
+use touchline::calibrating::points::{NamedMark, PointsFile};
+use touchline::calibrating::{Fit, fit, overlay};
 
 /// Fits the camera to the points, prints the residuals and writes the configuration. Inconsistent points
 /// are an error, and nothing is written.
@@ -53,7 +47,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     };
     let marks: Vec<_> = points.iter().map(|point| point.mark).collect();
     let lined = picture.as_ref().filter(|_| !args.marks_only);
-    let (calibration, refinement) = fit(&config, &marks, lens, args.within_px, lined)
+    let Fit { calibration, lines } = fit(&config, &marks, lens, args.within_px, lined)
         .map_err(|error| format!("{error}\n{}nothing was written", listing(&points)))?;
     let config = calibrated(&config, &calibration);
     if let Some(problem) = config.problems().first() {
@@ -62,7 +56,8 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     if let Some((path, picture)) = args.overlay.as_deref().zip(picture.as_ref()) {
         rule.write_picture(path, &overlay::draw(picture, &config.field, &points, &calibration))?;
     }
-    let report = report(&points, &calibration, refinement.as_deref(), &config.warnings());
+    let lines = lines.as_ref().map(said_of_lines);
+    let report = report(&points, &calibration, lines.as_deref(), &config.warnings());
     match &args.output {
         None => {
             runtime::tell_part!("{report}");
@@ -78,39 +73,13 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The camera fitted to the points, refined on the pitch's lines if there is a picture, and a report
-/// about the lines.
-fn fit(
-    config: &Config,
-    marks: &[Mark],
-    lens: KnownLens,
-    within_px: f64,
-    picture: Option<&RgbImage>,
-) -> Result<(Calibration, Option<String>), CalibrationError> {
-    let (field, camera) = (&config.field, &config.camera);
-    let by_points = calibrate_by_points(marks, lens, field, camera, within_px);
-    let Some(picture) = picture else { return by_points.map(|calibration| (calibration, None)) };
-    // Roughly marked points are good enough to start the search for lines.
-    let rough = match &by_points {
-        Ok(calibration) => Ok(calibration.clone()),
-        Err(_) => calibrate_by_points(marks, lens, field, camera, ROUGHLY * within_px),
-    };
-    let Ok(rough) = rough else { return by_points.map(|calibration| (calibration, None)) };
-    match lines::refined(picture, config, marks, lens, &rough) {
-        Ok(refined) => {
-            let Refined { found, wanted, rms_px, moved_px: [mean, most], .. } = refined;
-            let text = format!(
-                "found at {found} of {wanted} places, rms {rms_px:.2} px; they moved the pitch by {mean:.1} px in the \
-                 mean,\n            {most:.1} px at most"
-            );
-            Ok((refined.calibration, Some(text)))
-        }
-        Err(why) => by_points.map(|calibration| (calibration, Some(format!("not used: {why}")))),
+/// What the lines of the pitch contributed, as text.
+fn said_of_lines(outcome: &Result<LinesFound, NotRefined>) -> String {
+    match outcome {
+        Ok(found) => found.text(),
+        Err(why) => format!("not used: {why}"),
     }
 }
-
-/// Factor by which the error limit of points is raised if lines will refine the fit.
-const ROUGHLY: f64 = 3.0;
 
 fn open(path: &Path) -> Result<RgbImage, CommandError> {
     Ok(read_picture(path)?.into_rgb8())

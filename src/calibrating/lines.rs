@@ -6,26 +6,40 @@
 //! ridge, the foot of a wall a step. The camera is fitted to the edges found, outliers are dropped
 //! (robots stand on lines), and the search is repeated with a shorter reach.
 
+use super::brightness::{Brightness, MARGIN_PX};
+use super::pitch::{Insets, lines};
 use config::{Config, FieldConfig};
-use geometry::{CameraModel, FieldPoint, ImagePoint};
+use geometry::{CameraModel, FieldPoint};
 use image::RgbImage;
 use setup::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
-use std::f64::consts::TAU;
 
-/// A calibration refined on lines.
-pub struct Refined {
-    pub calibration: Calibration,
-    /// Places that were found, and places that were searched.
+/// The lines on which a calibration was refined.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinesFound {
+    /// Places that were found.
     pub found: usize,
+    /// Places that were searched.
     pub wanted: usize,
     /// Root mean square residual of the lines after the fit.
     pub rms_px: f64,
-    /// Displacement of the pitch's outline in the picture by the fit: root mean square and maximum.
+    /// Displacement of the pitch's outline in the picture by the lines: root mean square and maximum.
     pub moved_px: [f64; 2],
+}
+
+impl LinesFound {
+    /// The same as text.
+    pub fn text(&self) -> String {
+        let Self { found, wanted, rms_px, moved_px: [mean, most] } = self;
+        format!(
+            "found at {found} of {wanted} places, rms {rms_px:.2} px; they moved the pitch by {mean:.1} px in the \
+             mean,\n            {most:.1} px at most"
+        )
+    }
 }
 
 /// Reason why a calibration is left unchanged.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
 pub enum NotRefined {
     #[error("only {found} of {wanted} places on lines were found")]
     TooFew { found: usize, wanted: usize },
@@ -61,14 +75,14 @@ const MAX_DEVIATIONS: f64 = 4.0;
 /// Smallest marking error assumed for the points.
 const FINE_POINTS_PX: f64 = 0.25;
 
-/// Fits the camera to the lines.
+/// The camera fitted to the lines near where `rough` has them.
 pub fn refined(
     picture: &RgbImage,
     config: &Config,
     marks: &[Mark],
     lens: KnownLens,
     rough: &Calibration,
-) -> Result<Refined, NotRefined> {
+) -> Result<(Calibration, LinesFound), NotRefined> {
     let brightness = Brightness::of(picture);
     let (field, camera) = (&config.field, &config.camera);
     let search = Search { brightness: &brightness, marks, lens, config };
@@ -84,7 +98,7 @@ pub fn refined(
     let moved_px =
         moved(&rough.model, &best.calibration.model, field, [camera.width, camera.height]);
     let Found { calibration, found, wanted, rms_px, .. } = best;
-    Ok(Refined { calibration, found, wanted, rms_px, moved_px })
+    Ok((calibration, LinesFound { found, wanted, rms_px, moved_px }))
 }
 
 /// Largest root mean square displacement of the points, from where they were marked, that lines may
@@ -97,14 +111,6 @@ fn may_move_px(by_points: &Calibration) -> f64 {
     let equations = 2.0 * by_points.errors_px.len() as f64;
     let deviation_px = by_points.rms_px() * (equations / surplus as f64).sqrt();
     MAX_DEVIATIONS * deviation_px.max(FINE_POINTS_PX)
-}
-
-/// Distance by which the middle of a painted line lies inside the dimension it marks. Leagues differ in
-/// whether a dimension is measured to the middle or to the outer edge of the line.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Insets {
-    border_mm: f64,
-    circle_mm: f64,
 }
 
 /// Result of a search for the lines.
@@ -190,47 +196,6 @@ impl Search<'_> {
 
 /// An inset is accepted if it reduces the residual to less than this share.
 const CLEARLY: f64 = 0.8;
-
-/// A line of the pitch: gives its points for a parameter from 0 to 1.
-struct Line {
-    at: Box<dyn Fn(f64) -> [f64; 2]>,
-    length_mm: f64,
-    /// Towards the pitch's middle, for the border.
-    inwards: Option<[f64; 2]>,
-    /// Distance of its points inside the dimension it marks.
-    inset_mm: f64,
-}
-
-fn lines(field: &FieldConfig, insets: Insets) -> Vec<Line> {
-    let Insets { border_mm, circle_mm } = insets;
-    let (x, y) = (field.length_mm / 2.0 - border_mm, field.width_mm / 2.0 - border_mm);
-    let radius = field.center_circle_radius_mm - circle_mm;
-    let straight = |from: [f64; 2], to: [f64; 2], inwards: Option<[f64; 2]>| Line {
-        inset_mm: if inwards.is_some() { border_mm } else { 0.0 },
-        at: Box::new(move |part| [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]))),
-        length_mm: (to[0] - from[0]).hypot(to[1] - from[1]),
-        inwards,
-    };
-    let mut lines = vec![
-        straight([-x, y], [x, y], Some([0.0, -1.0])),
-        straight([-x, -y], [x, -y], Some([0.0, 1.0])),
-        straight([-x, -y], [-x, y], Some([1.0, 0.0])),
-        straight([x, -y], [x, y], Some([-1.0, 0.0])),
-        straight([0.0, -y], [0.0, y], None),
-    ];
-    if radius > 0.0 {
-        lines.push(Line {
-            at: Box::new(move |part| {
-                let (sin, cos) = (TAU * part).sin_cos();
-                [radius * cos, radius * sin]
-            }),
-            length_mm: TAU * radius,
-            inwards: None,
-            inset_mm: circle_mm,
-        });
-    }
-    lines
-}
 
 /// The edges found, the number of places searched, and the apparent width of the border's line.
 fn find_edges(
@@ -349,176 +314,4 @@ fn moved(
         }
     }
     [f64::sqrt(squares / f64::max(count, 1.0)), most]
-}
-
-/// Brightness of each pixel.
-struct Brightness {
-    values: Vec<f32>,
-    width: usize,
-    height: usize,
-}
-
-/// Margin around a profile that interpolation needs, px.
-const MARGIN_PX: f64 = 4.0;
-/// Samples of a profile per pixel.
-const STEPS_PER_PX: usize = 4;
-/// Width of a brightness step, px.
-const STEP_PX: usize = 2;
-/// Smallest contrast, in grey levels, of a line against the floor on both sides.
-const LEAST_CONTRAST: f32 = 12.0;
-
-impl Brightness {
-    fn of(picture: &RgbImage) -> Self {
-        let values = picture.pixels().map(|pixel| {
-            let [red, green, blue] = pixel.0.map(f32::from);
-            0.25 * red + 0.5 * green + 0.25 * blue
-        });
-        let (width, height) = (picture.width() as usize, picture.height() as usize);
-        let brightness = Self { values: values.collect(), width, height };
-        let is_grey = picture.pixels().all(|pixel| pixel.0.iter().all(|&part| part == pixel.0[0]));
-        if is_grey { brightness.without_mosaic() } else { brightness }
-    }
-
-    /// The picture with its Bayer mosaic smoothed: each pixel averaged with its neighbours, so that all
-    /// colours have equal weight.
-    fn without_mosaic(&self) -> Self {
-        let value = |index: usize| {
-            let (column, row) = (index % self.width, index / self.width);
-            let around = |place: usize, size: usize| {
-                [(place.saturating_sub(1), 1.0), (place, 2.0), ((place + 1).min(size - 1), 1.0)]
-            };
-            let mut sum = 0.0;
-            for (row, down) in around(row, self.height) {
-                for (column, across) in around(column, self.width) {
-                    sum += down * across * self.values[row * self.width + column];
-                }
-            }
-            sum / 16.0
-        };
-        Self {
-            values: (0..self.values.len()).map(value).collect(),
-            width: self.width,
-            height: self.height,
-        }
-    }
-
-    fn holds(&self, point: ImagePoint, margin_px: f64) -> bool {
-        let inside =
-            |value: f64, size: usize| (margin_px..size as f64 - 1.0 - margin_px).contains(&value);
-        inside(point.x_px, self.width) && inside(point.y_px, self.height)
-    }
-
-    fn at(&self, x: f64, y: f64) -> f32 {
-        let (left, top) = (x.floor(), y.floor());
-        let (right_part, down_part) = ((x - left) as f32, (y - top) as f32);
-        let value = |column: usize, row: usize| {
-            self.values[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
-        };
-        let (left, top) = (left.max(0.0) as usize, top.max(0.0) as usize);
-        let blend = |a: f32, b: f32, part: f32| a + part * (b - a);
-        let above = blend(value(left, top), value(left + 1, top), right_part);
-        let below = blend(value(left, top + 1), value(left + 1, top + 1), right_part);
-        blend(above, below, down_part)
-    }
-
-    /// Brightness profile across a line, `reach_px` to each side; averaged over some pixels along the
-    /// line, which also smooths the mosaic of a raw picture.
-    fn profile(&self, here: ImagePoint, normal: [f64; 2], reach_px: f64) -> Profile {
-        let steps = (2.0 * reach_px) as usize * STEPS_PER_PX + 1;
-        let along = [-normal[1], normal[0]];
-        let value = |index: usize| {
-            let across = index as f64 / STEPS_PER_PX as f64 - reach_px;
-            let sum: f32 = [-1.5, -0.5, 0.5, 1.5]
-                .map(|beside| {
-                    let x = here.x_px + across * normal[0] + beside * along[0];
-                    let y = here.y_px + across * normal[1] + beside * along[1];
-                    self.at(x, y)
-                })
-                .iter()
-                .sum();
-            sum / 4.0
-        };
-        Profile { values: (0..steps).map(value).collect(), reach_px }
-    }
-}
-
-/// Brightness across a line.
-struct Profile {
-    values: Vec<f32>,
-    reach_px: f64,
-}
-
-impl Profile {
-    /// Position of the line, if exactly one is in the profile, and its width. Steps, where the floor
-    /// ends at something brighter, are searched at the border only and have no width.
-    fn line(&self, is_border: bool) -> Option<(f64, Option<f64>)> {
-        if let Some([from, to]) = self.ridge() {
-            return Some(((from + to) / 2.0, Some(to - from)));
-        }
-        if is_border { self.step().map(|place| (place, None)) } else { None }
-    }
-
-    /// Both edges of the one bright line in the profile.
-    fn ridge(&self) -> Option<[f64; 2]> {
-        let mut sorted = self.values.clone();
-        sorted.sort_by(f32::total_cmp);
-        let floor = sorted[sorted.len() / 4];
-        let top = *sorted.last()?;
-        if top - floor < LEAST_CONTRAST {
-            return None;
-        }
-        let level = (floor + top) / 2.0;
-        let above: Vec<usize> =
-            (0..self.values.len()).filter(|&index| self.values[index] > level).collect();
-        let (&first, &last) = (above.first()?, above.last()?);
-        let is_whole = last - first + 1 == above.len();
-        let is_inside = first > 2 && last + 3 < self.values.len();
-        if !is_whole || !is_inside {
-            return None;
-        }
-        // Both sides must be floor.
-        let side = |range: std::ops::Range<usize>| {
-            let values = &self.values[range];
-            values.iter().sum::<f32>() / values.len().max(1) as f32
-        };
-        let (before, behind) =
-            (side(0..first.saturating_sub(2).max(1)), side(last + 3..self.values.len()));
-        let rise = (top - before).min(top - behind);
-        if rise < LEAST_CONTRAST || (before - behind).abs() > 0.4 * rise {
-            return None;
-        }
-        Some([
-            self.crossing(first, (before + top) / 2.0)?,
-            self.crossing(last + 1, (behind + top) / 2.0)?,
-        ])
-    }
-
-    /// The step from something brighter outside down to the floor: the last step of the profile, because
-    /// the floor is even.
-    fn step(&self) -> Option<f64> {
-        let far = STEP_PX * STEPS_PER_PX;
-        let falls = |index: usize| self.values[index - far] - self.values[index + far];
-        let places = far..self.values.len().checked_sub(far)?;
-        let steepest = places.clone().map(falls).fold(0.0, f32::max);
-        if steepest < LEAST_CONTRAST {
-            return None;
-        }
-        let last = places.rev().find(|&index| falls(index) > 0.7 * steepest)?;
-        // Backwards to the steepest fall.
-        let index = (far.max(last.saturating_sub(2 * far))..=last)
-            .max_by(|&a, &b| falls(a).total_cmp(&falls(b)))?;
-        let level = (self.values[index - far] + self.values[index + far]) / 2.0;
-        self.crossing(index, level)
-    }
-
-    /// Position where the profile crosses a level near this sample, in pixels from its middle.
-    fn crossing(&self, near: usize, level: f32) -> Option<f64> {
-        let range = near.saturating_sub(6).max(1)..(near + 6).min(self.values.len());
-        let crosses =
-            |&index: &usize| (self.values[index - 1] > level) != (self.values[index] > level);
-        let index = range.filter(crosses).min_by_key(|index| index.abs_diff(near))?;
-        let (before, behind) = (self.values[index - 1], self.values[index]);
-        let part = f64::from((level - before) / (behind - before));
-        Some((index as f64 - 1.0 + part) / STEPS_PER_PX as f64 - self.reach_px)
-    }
 }

@@ -10,7 +10,8 @@
 
 use super::floor;
 use super::lessons::Lessons;
-use super::{CommandError, learn_from};
+use super::{LearnError, learn_from};
+use crate::chain::Chain;
 use config::{ColorConfig, Config};
 use messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
 use setup::learning::candidates::guess;
@@ -18,7 +19,6 @@ use setup::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use setup::learning::palette::{LeastSaturation, by_tone};
 use setup::learning::picture::Picture;
 use std::path::PathBuf;
-use touchline::chain::Chain;
 
 /// Least saturations to start with.
 const SATURATIONS: [LeastSaturation; 2] =
@@ -46,11 +46,7 @@ pub struct Found {
 
 /// Learns the colours for which most robots fit the layout. `configured` has the colours to start with
 /// and the light for which they are made, `config` the light for which colours are learned.
-pub fn learn(
-    configured: &Config,
-    config: &Config,
-    lessons: &Lessons,
-) -> Result<Found, CommandError> {
+pub fn learn(configured: &Config, config: &Config, lessons: &Lessons) -> Result<Found, LearnError> {
     let worn: Vec<ColorConfig> =
         config.colors.iter().filter(|color| super::is_worn(config, &color.name)).cloned().collect();
     let is_strong = |color: &ColorConfig| {
@@ -69,10 +65,9 @@ pub fn learn(
         let name = format!("saturation from {} %", (100.0 * least.weak).round());
         beginnings.push((name, with(colors)));
     }
-    let climb = |(name, begin): (String, Config)| {
-        climb(&name, begin, config, lessons, &lit, ROUNDS).map_err(|error| error.to_string())
-    };
-    let results: Vec<Result<Found, String>> = std::thread::scope(|scope| {
+    let climb =
+        |(name, begin): (String, Config)| climb(&name, begin, config, lessons, &lit, ROUNDS);
+    let results: Vec<Result<Found, LearnError>> = std::thread::scope(|scope| {
         let threads: Vec<_> =
             beginnings.into_iter().map(|beginning| scope.spawn(|| climb(beginning))).collect();
         let join = |thread: std::thread::ScopedJoinHandle<'_, _>| {
@@ -87,15 +82,11 @@ pub fn learn(
             best = Some(found);
         }
     }
-    best.filter(|best| best.robots > 0).ok_or_else(|| {
-        "no robot was found with any colours: check geometry, layout (`robots.patches`) and \
-         `looks`, or label some robots and use --samples"
-            .into()
-    })
+    best.filter(|best| best.robots > 0).ok_or(LearnError::NoRobot)
 }
 
 /// Continues from earlier detections, in another light.
-pub fn improve(found: Found, config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
+pub fn improve(found: Found, config: &Config, lessons: &Lessons) -> Result<Found, LearnError> {
     let lit = lessons.under_light(config)?;
     let samples = lessons.gather(&found.config, &lit, &found.labels)?;
     let colors = learn_from(&found.config, &samples);
@@ -112,7 +103,7 @@ fn climb(
     lessons: &Lessons,
     lit: &[Picture],
     rounds: u32,
-) -> Result<Found, CommandError> {
+) -> Result<Found, LearnError> {
     let mut best: Option<Found> = None;
     let mut worse = 0;
     let mut with = begin;
@@ -138,10 +129,10 @@ fn climb(
         }
         with = Config { colors, ..config.clone() };
     }
-    best.ok_or_else(|| "no round was played".into())
+    best.ok_or(LearnError::NoRobot)
 }
 
-fn find(config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
+fn find(config: &Config, lessons: &Lessons) -> Result<Found, LearnError> {
     let mut chain = Chain::new(config)?;
     let mut taken = floor::Taken::none(config.colors.len());
     let mut confidence = 0.0;
@@ -150,7 +141,7 @@ fn find(config: &Config, lessons: &Lessons) -> Result<Found, CommandError> {
     for lesson in &lessons.list {
         chain
             .look_at(&lesson.bayer)
-            .map_err(|fault| format!("{}: {fault}", lesson.file.display()))?;
+            .map_err(|fault| LearnError::Frame { file: lesson.file.clone(), fault })?;
         let seen = chain.detections();
         let file = lesson.file.clone();
         let labels = label(config, file, seen);

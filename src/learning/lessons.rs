@@ -1,6 +1,6 @@
 //! The pictures to learn from, as the classifier sees them.
 
-use super::CommandError;
+use super::LearnError;
 use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
 use classifier::white_balance::{Gains, NO_GAINS, PitchProbe, WhiteBalance};
@@ -15,13 +15,17 @@ use std::path::{Path, PathBuf};
 
 /// Pictures, and the data common to all of them.
 pub struct Lessons {
+    /// What the configuration says of all pictures.
     pub scene: Scene,
+    /// The pictures.
     pub list: Vec<Lesson>,
 }
 
 /// A picture.
 pub struct Lesson {
+    /// Its file, or another name for messages.
     pub file: PathBuf,
+    /// Rows of the configured camera, without padding.
     pub bayer: Vec<u8>,
     /// In full colour, as the camera gave it.
     pub picture: Picture,
@@ -32,8 +36,8 @@ impl Lessons {
     pub fn load(
         config: &Config,
         files: impl IntoIterator<Item = PathBuf>,
-    ) -> Result<Self, CommandError> {
-        let lesson = |file: PathBuf| -> Result<Lesson, CommandError> {
+    ) -> Result<Self, LearnError> {
+        let lesson = |file: PathBuf| -> Result<Lesson, LearnError> {
             let bayer = load_bayer(&file, &config.camera)?;
             Lesson::new(config, file, bayer)
         };
@@ -42,7 +46,7 @@ impl Lessons {
     }
 
     /// The pictures in the light to which `config` corrects them.
-    pub fn under_light(&self, config: &Config) -> Result<Vec<Picture>, CommandError> {
+    pub fn under_light(&self, config: &Config) -> Result<Vec<Picture>, LearnError> {
         let white_balance = WhiteBalance::new(config)?;
         let mut shaded = ShadedTables::new(config, &ClassTables::new(&[])?)?;
         let mut lattice = Lattice::new(&config.camera);
@@ -70,7 +74,7 @@ impl Lessons {
 
     /// Geometric mean of the pitch's colour over all pictures; `None` if the pitch cannot be seen in one of
     /// them.
-    pub fn pitch_color(&self, config: &Config) -> Result<Option<[f64; 3]>, CommandError> {
+    pub fn pitch_color(&self, config: &Config) -> Result<Option<[f64; 3]>, LearnError> {
         let probe = PitchProbe::new(config)?;
         let mut lattice = Lattice::new(&config.camera);
         let mut logs = [0.0; 3];
@@ -97,7 +101,7 @@ impl Lessons {
         config: &Config,
         lit: &[Picture],
         labels: &[ImageLabels],
-    ) -> Result<Samples, CommandError> {
+    ) -> Result<Samples, LearnError> {
         let mut gatherer = Gatherer::new(config, &self.scene);
         for (picture, labels) in lit.iter().zip(labels) {
             gatherer.add(labels, picture)?;
@@ -107,7 +111,8 @@ impl Lessons {
 }
 
 impl Lesson {
-    pub fn new(config: &Config, file: PathBuf, bayer: Vec<u8>) -> Result<Self, CommandError> {
+    /// A picture of the configured camera.
+    pub fn new(config: &Config, file: PathBuf, bayer: Vec<u8>) -> Result<Self, LearnError> {
         let mut rgb = Vec::new();
         let image = bayer_image(config, &bayer, &file)?;
         demosaic(&image, &mut rgb);
@@ -116,7 +121,7 @@ impl Lesson {
     }
 
     /// The picture as the camera delivered it.
-    pub fn image(&self, config: &Config) -> Result<BayerImage<'_>, CommandError> {
+    pub fn image(&self, config: &Config) -> Result<BayerImage<'_>, LearnError> {
         bayer_image(config, &self.bayer, &self.file)
     }
 }
@@ -125,8 +130,8 @@ fn bayer_image<'a>(
     config: &Config,
     bayer: &'a [u8],
     file: &Path,
-) -> Result<BayerImage<'a>, CommandError> {
+) -> Result<BayerImage<'a>, LearnError> {
     let camera = &config.camera;
     BayerImage::new(bayer, camera.width, camera.height, camera.width, camera.bayer_order)
-        .ok_or_else(|| format!("{}: too small to learn from", file.display()).into())
+        .ok_or_else(|| LearnError::TooSmall(file.to_path_buf()))
 }

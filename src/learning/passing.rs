@@ -5,7 +5,7 @@
 //! after the other. A frame is nearly all floor, so the share of the floor that passes determines its
 //! classification time.
 
-use super::CommandError;
+use super::LearnError;
 use classifier::ClassTables;
 use config::Config;
 use setup::learning::picture::Picture;
@@ -27,7 +27,7 @@ pub struct Passing {
 
 impl Passing {
     /// Starts counting for the configured colours.
-    pub fn none(config: &Config) -> Result<Self, CommandError> {
+    pub fn none(config: &Config) -> Result<Self, LearnError> {
         Ok(Self {
             tables: ClassTables::new(&config.colors)?,
             names: config.colors.iter().map(|color| color.name.clone()).collect(),

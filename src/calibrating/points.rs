@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn a_file_is_read_as_documented() {
         // The example of docs/calibration.md.
-        let text = include_str!("../../../docs/calibration.md");
+        let text = include_str!("../../docs/calibration.md");
         let (_, rest) = text.split_once("```toml\n").unwrap();
         let (example, _) = rest.split_once("```").unwrap();
         let file: PointsFile = toml::from_str(example).unwrap();

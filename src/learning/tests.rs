@@ -3,13 +3,14 @@
 
 use super::lessons::{Lesson, Lessons};
 use super::*;
+use crate::chain::Chain;
 use config::{PatchRole, Preset};
 use geometry::layout::Outlines;
 use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use messages::Team;
 use setup::learning::labels::{BallLabel, Quality, RobotLabel};
 use setup::learning::scene::Scene;
-use touchline::chain::Chain;
+use std::path::PathBuf;
 
 type Rgb = [f64; 3];
 
@@ -263,7 +264,7 @@ fn assert_learned(painters: &[Painter]) -> Config {
     let (taught, found) = without_labels(configured, &lessons, false).unwrap();
     assert_eq!(found.len(), lessons.list.len());
     let [found, all] = right(&taught, &lessons, &labels);
-    assert_eq!(found, all, "without labels: {}", fragment(&taught));
+    assert_eq!(found, all, "without labels: {:?}", taught.colors);
     taught
 }
 
@@ -292,7 +293,7 @@ fn a_floor_of_the_colour_of_a_patch_is_left_out_and_costs_little() {
         let painter = Painter { floor, ..Painter::new(&config) };
         let painters = [painter.clone(), painter.clone(), painter];
         let taught = assert_learned(&painters);
-        let mut passing = crate::commands::second_look::Passing::none(&taught).unwrap();
+        let mut passing = passing::Passing::none(&taught).unwrap();
         let (lessons, _) = painted(&painters);
         for picture in &lessons.under_light(&taught).unwrap() {
             passing.add(picture, &lessons.scene.is_on_pitch);

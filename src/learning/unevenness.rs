@@ -1,7 +1,7 @@
 //! The share of the pitch's unevenness that patches have: the regression slope of the brightness of
 //! patches of one colour in one picture on the brightness of the floor at their place, in octaves.
 
-use super::CommandError;
+use super::LearnError;
 use super::lessons::Lessons;
 use classifier::Picture as Frame;
 use classifier::lattice::Lattice;
@@ -30,7 +30,7 @@ pub fn measure(
     config: &Config,
     lessons: &Lessons,
     labels: &[ImageLabels],
-) -> Result<Option<f64>, CommandError> {
+) -> Result<Option<f64>, LearnError> {
     let Some(mut shading) = Shading::new(config)? else { return Ok(None) };
     let mut lattice = Lattice::new(&config.camera);
     // Per colour and picture, relative to their mean.
@@ -45,7 +45,7 @@ pub fn measure(
             let octaves = shading.octaves_at(index % picture.width, index / picture.width);
             *level = [(octaves * LEVELS_PER_OCTAVE + MIDDLE_LEVEL).clamp(0.0, 255.0) as u8; 3];
         }
-        let gather = |picture: &Picture| -> Result<Samples, CommandError> {
+        let gather = |picture: &Picture| -> Result<Samples, LearnError> {
             let mut gatherer = Gatherer::new(config, &lessons.scene);
             gatherer.add(labels, picture)?;
             Ok(gatherer.finish())
@@ -98,12 +98,12 @@ fn by_class(floor: &Samples, picture: &Samples) -> BTreeMap<u8, Vec<Pair>> {
 mod tests {
     use super::super::lessons::Lesson;
     use super::*;
-    use crate::commands::painted_light::painted;
+    use crate::chain::Chain;
+    use crate::painted_light::painted;
     use grabber::synthetic::SyntheticMatch;
     use messages::Team;
     use setup::learning::labels::{Quality, RobotLabel};
     use setup::learning::scene::Scene;
-    use touchline::chain::Chain;
 
     /// Pictures of a match under a lamp, with their detections as labels.
     fn lessons(config: &Config) -> (Lessons, Vec<ImageLabels>) {

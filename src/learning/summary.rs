@@ -1,22 +1,22 @@
 //! The report about learned colours: how well they are separated, how much floor they take, and what
 //! they cost the classifier.
 
-use super::CommandError;
+use super::LearnError;
 use super::floor::{Taken, covered_px};
 use super::lessons::Lessons;
-use crate::commands::second_look::Passing;
+use super::passing::Passing;
+use crate::chain::Chain;
 use classifier::ClassTables;
 use config::Config;
 use setup::learning::confusion::Confusion;
 use setup::learning::labels::ImageLabels;
-use touchline::chain::Chain;
 
 /// The whole report as text.
 pub fn text(
     config: &Config,
     lessons: &Lessons,
     labels: &[ImageLabels],
-) -> Result<String, CommandError> {
+) -> Result<String, LearnError> {
     let lit = lessons.under_light(config)?;
     let samples = lessons.gather(config, &lit, labels)?;
     let tables = ClassTables::new(&config.colors)?;
@@ -46,7 +46,7 @@ fn swallowed(
     config: &Config,
     lessons: &Lessons,
     labels: &[ImageLabels],
-) -> Result<Vec<String>, CommandError> {
+) -> Result<Vec<String>, LearnError> {
     let mut chain = Chain::new(config)?;
     // Per colour: the most pixels taken in a picture, and that picture's number.
     let mut worst = vec![(0.0, 0); config.colors.len()];
@@ -57,7 +57,7 @@ fn swallowed(
         }
         chain
             .look_at(&lesson.bayer)
-            .map_err(|fault| format!("{}: {fault}", lesson.file.display()))?;
+            .map_err(|fault| LearnError::Frame { file: lesson.file.clone(), fault })?;
         let mut taken = Taken::none(config.colors.len());
         taken.add(config, &lessons.scene, chain.runs(), labels);
         for (worst, &pixels) in worst.iter_mut().zip(&taken.pixels) {
