@@ -1,6 +1,7 @@
 //! The command line.
 
 mod calibrate;
+mod from_group;
 mod operate;
 mod pictures;
 mod recordings;
@@ -8,6 +9,7 @@ mod stages;
 mod topics;
 
 pub use calibrate::CalibrateArgs;
+pub use from_group::FromGroupArgs;
 pub use operate::{ReloadArgs, RestartArgs, RollbackArgs, UpgradeArgs};
 pub use pictures::{DetectArgs, LearnArgs, ScoreArgs};
 pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};

@@ -5,7 +5,8 @@
 //! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two.
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write
-//! recordings and compute them again. [`calibrating`] and [`learning`] set a pitch up from pictures. The command line and the commands are the program's alone.
+//! recordings and compute them again. [`calibrating`] and [`learning`] set a pitch up from pictures, and
+//! [`live_frames`] copies frames of a running group. The command line and the commands are the program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
@@ -19,6 +20,7 @@ pub mod colorless;
 pub mod drawing;
 pub mod gateway;
 pub mod learning;
+pub mod live_frames;
 pub mod monitor;
 pub mod painted_light;
 pub mod publisher;

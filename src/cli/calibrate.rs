@@ -1,10 +1,12 @@
 //! Arguments of `calibrate`.
 
-use clap::Args;
+use super::FromGroupArgs;
+use clap::{ArgGroup, Args};
 use std::path::PathBuf;
 
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("shown").args(["picture", "from_group"]))]
 pub struct CalibrateArgs {
     /// File of points (TOML)
     #[arg(long, value_name = "FILE")]
@@ -30,7 +32,7 @@ pub struct CalibrateArgs {
     #[arg(long)]
     pub force: bool,
     /// Write the picture, with pitch and points drawn over it, to this file (PNG)
-    #[arg(long, value_name = "FILE", requires = "picture")]
+    #[arg(long, value_name = "FILE", requires = "shown")]
     pub overlay: Option<PathBuf>,
     /// Largest allowed error of a point
     #[arg(long, value_name = "PX", default_value = "3", value_parser = super::parse_tolerance)]
@@ -41,6 +43,9 @@ pub struct CalibrateArgs {
     /// Height of the wall, for points named "wall …"
     #[arg(long, value_name = "MM", value_parser = super::parse_tolerance)]
     pub wall_height_mm: Option<f64>,
+    /// Frames of a running group instead of a picture file.
+    #[command(flatten)]
+    pub from_group: FromGroupArgs,
 }
 
 pub const EXAMPLES: &str = "\
@@ -51,4 +56,6 @@ Examples:
   touchline calibrate --points points.toml --config match.toml -o calibrated.toml \\
       --picture pitch.png --overlay check.png
       four rough clicks are enough where the pitch has lines: these are found in the picture. The
-      pitch is drawn over it: do the lines lie on each other?";
+      pitch is drawn over it: do the lines lie on each other?
+  touchline calibrate --points points.toml --from-group default --overlay check.png --apply
+      with the frames of a running group, which goes over to the result";

@@ -1,6 +1,7 @@
 //! Arguments of the commands for still pictures: `detect`, `learn`, `score`.
 
-use clap::Args;
+use super::FromGroupArgs;
+use clap::{ArgGroup, Args};
 use std::path::PathBuf;
 
 /// Arguments of `detect`.
@@ -25,16 +26,22 @@ pub struct DetectArgs {
 
 /// Arguments of `learn`.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("shown").args(["pictures", "from_group"]))]
 pub struct LearnArgs {
     /// Pictures to learn from; folders stand for all pictures in them [default: all labelled ones]
     #[arg(value_name = "PICTURE")]
     pub pictures: Vec<PathBuf>,
     /// File of labels (JSON): robots, balls, or marked places
-    #[arg(long, value_name = "FILE", required_unless_present = "auto")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        required_unless_present = "auto",
+        conflicts_with = "from_group"
+    )]
     pub samples: Option<PathBuf>,
     /// Find the colours without labels, from robots on the pitch: starts with the colours' configured
     /// appearance (`looks`), and maximises how well robots fit the layout
-    #[arg(long, conflicts_with = "samples", requires = "pictures")]
+    #[arg(long, conflicts_with = "samples", requires = "shown")]
     pub auto: bool,
     /// Configuration with geometry, layout, and the colours' names
     #[arg(long, value_name = "FILE")]
@@ -48,6 +55,9 @@ pub struct LearnArgs {
     /// Do not follow the light: the pictures show every lamp that will be used
     #[arg(long)]
     pub fixed_light: bool,
+    /// Frames of a running group instead of picture files, with --auto.
+    #[command(flatten)]
+    pub from_group: FromGroupArgs,
 }
 
 /// Shown below the options of `learn`.
@@ -57,7 +67,9 @@ Examples:
   touchline learn a.png b.png --samples labels.json --config match.toml -o learned.toml
       from two of the labelled pictures; `touchline score` then tells how it does on the others
   touchline learn --auto pictures/ --config match.toml -o learned.toml
-      without labels, from pictures of robots that stand about; the more the better";
+      without labels, from pictures of robots that stand about; the more the better
+  touchline learn --auto --from-group default --apply
+      from robots that drive now; the group goes over to the colours without losing a frame";
 
 /// Arguments of `score`.
 #[derive(Debug, Args)]

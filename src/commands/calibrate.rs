@@ -1,5 +1,6 @@
 //! `touchline calibrate`: computes the camera's geometry from marked points.
 
+use super::from_group::SourceGroup;
 use super::output::Rule;
 use super::{CommandError, load_config};
 use crate::cli::CalibrateArgs;
@@ -10,14 +11,24 @@ use setup::calibration::{Calibration, KnownLens, LensSource, calibrated};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 use touchline::calibrating::lines::{LinesFound, NotRefined};
 use touchline::calibrating::points::{NamedMark, PointsFile};
 use touchline::calibrating::{Fit, fit, overlay};
+use touchline::live_frames::median;
+
+/// Frames taken of a running group, and the least time between two: robots leave the lines meanwhile.
+const LIVE_FRAMES: u16 = 9;
+const APART: Duration = Duration::from_millis(250);
 
 /// Fits the camera to the points, prints the residuals and writes the configuration. Inconsistent points
 /// are an error, and nothing is written.
 pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
-    let mut config = load_config(args.config.as_deref())?;
+    let group = SourceGroup::open(&args.from_group, LIVE_FRAMES)?;
+    let mut config = match (&group, &args.config) {
+        (Some(group), None) => group.config()?,
+        (_, file) => load_config(file.as_deref())?,
+    };
     let inputs: Vec<&Path> = [&args.config, &args.points, &args.picture]
         .into_iter()
         .flatten()
@@ -36,7 +47,10 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     if points.is_empty() {
         return Err("no points: give --points FILE or --at PLACE=X,Y, at least four of them".into());
     }
-    let picture = args.picture.as_deref().map(open).transpose()?;
+    let picture = match (&group, args.picture.as_deref()) {
+        (Some(group), _) => median(&group.frames(&config, APART)?),
+        (None, path) => path.map(open).transpose()?,
+    };
     if let Some((path, picture)) = args.picture.as_deref().zip(picture.as_ref()) {
         adopt_size(&mut config, path, picture, args.config.is_some())?;
     }
@@ -59,6 +73,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let lines = lines.as_ref().map(said_of_lines);
     let report = report(&points, &calibration, lines.as_deref(), &config.warnings());
     match &args.output {
+        None if args.from_group.apply => _ = say!("{report}")?,
         None => {
             runtime::tell_part!("{report}");
             say!("{}", section(&calibration.geometry))?;
@@ -70,7 +85,8 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
             say_line!("{path}: written; `touchline config check {path}` checks it")?;
         }
     }
-    Ok(ExitCode::SUCCESS)
+    let Some(group) = group else { return Ok(ExitCode::SUCCESS) };
+    group.apply(args.output.is_some(), |newest| newest.geometry = config.geometry)
 }
 
 /// What the lines of the pitch contributed, as text.

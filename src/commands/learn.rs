@@ -1,5 +1,6 @@
 //! `touchline learn`: learns colours from pictures.
 
+use super::from_group::SourceGroup;
 use super::output::Rule;
 use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
@@ -8,12 +9,21 @@ use grabber::pictures::list_pictures;
 use setup::learning::labels::{ImageLabels, Labels};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 use touchline::learning::lessons::Lessons;
 use touchline::learning::{from_labels, summary, without_labels};
 
+/// Frames taken of a running group, and the least time between two: robots move on meanwhile.
+const LIVE_FRAMES: u16 = 20;
+const APART: Duration = Duration::from_millis(250);
+
 /// Learns, prints how well the colours are separated, and writes the configuration.
 pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
-    let configured = load_config(args.config.as_deref())?;
+    let group = SourceGroup::open(&args.from_group, LIVE_FRAMES)?;
+    let configured = match (&group, &args.config) {
+        (Some(group), None) => group.config()?,
+        (_, file) => load_config(file.as_deref())?,
+    };
     let inputs: Vec<&Path> =
         [&args.config, &args.samples].into_iter().flatten().map(|path| &**path).collect();
     let rule = Rule { inputs: &inputs, force: args.force };
@@ -22,20 +32,27 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         Some(samples) => labelled(&Labels::load(samples)?, &args.pictures)?,
         None => unlabelled(&args.pictures)?,
     };
-    let lessons = Lessons::load(&configured, labels.iter().map(|labels| labels.file.clone()))?;
+    let lessons = match &group {
+        Some(group) => Lessons::of_frames(&configured, &group.frames(&configured, APART)?)?,
+        None => Lessons::load(&configured, labels.iter().map(|labels| labels.file.clone()))?,
+    };
     let (learned, labels) = match args.auto {
         true => without_labels(&configured, &lessons, args.fixed_light)?,
         false => (from_labels(&configured, &lessons, &labels, args.fixed_light)?, labels),
     };
     runtime::tell!("{}", summary::text(&learned, &lessons, &labels)?);
     match &args.output {
+        None if args.from_group.apply => {}
         None => _ = say!("{}", fragment(&learned))?,
         Some(path) => {
             rule.write(path, commented_toml(&learned).as_bytes())?;
             say_line!("{path}: written", path = path.display())?;
         }
     }
-    Ok(ExitCode::SUCCESS)
+    let Some(group) = group else { return Ok(ExitCode::SUCCESS) };
+    group.apply(args.output.is_some(), |config| {
+        (config.colors, config.light) = (learned.colors, learned.light);
+    })
 }
 
 /// Pictures without labels.

@@ -11,6 +11,7 @@ pub mod chaos;
 mod config;
 mod detect;
 mod doctor;
+mod from_group;
 mod group;
 mod learn;
 mod operate;

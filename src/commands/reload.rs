@@ -28,7 +28,18 @@ pub fn reload(args: ReloadArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let now = Snapshot::load(&instance.config_path())?;
     let wanted = wanted(&args, &instance, &now.config)?;
-    let changes = changes(&now.config, &wanted);
+    go_over(&instance, &wanted, args.dry_run)
+}
+
+/// Has a running group go over to a configuration: says what differs and what is replaced, and waits until it
+/// is in use. A dry run only says it.
+pub fn go_over(
+    instance: &Instance,
+    wanted: &Config,
+    is_dry_run: bool,
+) -> Result<ExitCode, CommandError> {
+    let now = Snapshot::load(&instance.config_path())?;
+    let changes = changes(&now.config, wanted);
     if changes.is_empty() {
         say_line!(
             "nothing differs from what the group runs with (revision {})",
@@ -45,14 +56,14 @@ pub fn reload(args: ReloadArgs) -> Result<ExitCode, CommandError> {
     if names.contains(&"grabber") {
         say_line!("the grabber opens its camera again: frames until then are not captured")?;
     }
-    if args.dry_run {
+    if is_dry_run {
         return Ok(ExitCode::SUCCESS);
     }
-    let candidate = Candidate::write(&instance, &wanted)?;
-    let done = ask(&instance, &Request::Reload(candidate.path.clone()))?;
+    let candidate = Candidate::write(instance, wanted)?;
+    let done = ask(instance, &Request::Reload(candidate.path.clone()))?;
     drop(candidate);
     match done.revision {
-        Some(revision) => wait_for(&instance, revision),
+        Some(revision) => wait_for(instance, revision),
         // Somebody else was faster.
         None => Ok(ExitCode::SUCCESS),
     }

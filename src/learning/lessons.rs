@@ -1,6 +1,7 @@
 //! The pictures to learn from, as the classifier sees them.
 
 use super::LearnError;
+use crate::live_frames::LiveFrame;
 use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
 use classifier::white_balance::{Gains, NO_GAINS, PitchProbe, WhiteBalance};
@@ -42,6 +43,16 @@ impl Lessons {
             Lesson::new(config, file, bayer)
         };
         let list = files.into_iter().map(lesson).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { scene: Scene::new(config)?, list })
+    }
+
+    /// Frames of a running group.
+    pub fn of_frames(config: &Config, frames: &[LiveFrame]) -> Result<Self, LearnError> {
+        let lesson = |frame: &LiveFrame| {
+            let name = format!("frame {}", frame.header().seq);
+            Lesson::new(config, name.into(), frame.bayer(config.camera.bayer_order))
+        };
+        let list = frames.iter().map(lesson).collect::<Result<Vec<_>, _>>()?;
         Ok(Self { scene: Scene::new(config)?, list })
     }
 
