@@ -154,7 +154,7 @@ pub fn open(source: &Source, config: &Config) -> Result<Opened, CameraError> {
             }))
         }
         Source::Recording(playlist) => {
-            let recorded = recorded_config(&playlist.path)?.camera;
+            let recorded = recorded_config(&playlist.path, 0.0)?.camera;
             let size = (camera.width, camera.height);
             if size != (recorded.width, recorded.height) {
                 return Err(CameraError::Picture {

@@ -60,9 +60,12 @@ pub struct InfoArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
-    /// Print the recorded configuration, and nothing else
+    /// Print the recorded configuration, the newest if there are several, and nothing else
     #[arg(long, conflicts_with = "json")]
     pub config: bool,
+    /// The configuration of this revision instead
+    #[arg(long, value_name = "N", requires = "config")]
+    pub revision: Option<u32>,
 }
 
 /// Arguments of `replay`.

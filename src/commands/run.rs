@@ -75,7 +75,7 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
     let config = match (&args.config, &args.source) {
         // A recording is normally played with the configuration it was made with.
         (None, Source::Recording(playlist)) => {
-            let mut config = grabber::playback::recorded_config(&playlist.path)?;
+            let mut config = grabber::playback::recorded_config(&playlist.path, playlist.from_s)?;
             // Receivers must not take a recording for the match.
             config.publish.disable_all();
             config

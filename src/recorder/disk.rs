@@ -2,15 +2,16 @@
 //! thread syncs the file to the disk once a second.
 
 use super::RecorderError;
+use super::configurations::{Configuration, Coverage, Revisions};
 use super::files::Names;
 use super::queue::{Job, QueueReceiver, QueueSender, Recorded, Totals, queue};
 use super::room::{free_bytes, index_bytes};
-use config::Config;
 use messages::WorldFrame;
 use recording::{
-    Channel, RecordingError, Setup, Writer, ball_pose, decode_message, field_scene, robot_poses,
+    Channel, RecordingError, Writer, ball_pose, decode_message, field_scene, robot_poses,
     world_scene,
 };
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -24,6 +25,8 @@ const CHUNK_TIME: Duration = Duration::from_millis(40);
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 /// Bytes written between two checks of the free space.
 const LOOK_BYTES: u64 = 1 << 20;
+/// Most configurations kept for the beginnings of further files.
+const MOST_KEPT: usize = 64;
 /// Niceness of the writing thread: compression can wait, the group's processes cannot.
 const NICENESS: i32 = 5;
 
@@ -58,7 +61,7 @@ impl Disk {
         names: Names,
         channels: Vec<Channel>,
         limits: Limits,
-        setup: (Setup, Config),
+        newest: Configuration,
         totals: Arc<Totals>,
     ) -> Result<Self, RecordingError> {
         let (sender, receiver) = queue(Arc::clone(&totals));
@@ -68,7 +71,11 @@ impl Disk {
             names,
             channels,
             limits,
-            setup,
+            kept: BTreeMap::new(),
+            coverage: Coverage::default(),
+            newest,
+            last_sent_ns: None,
+            began_wall_ns: 0,
             totals,
             to_sync,
             writer: None,
@@ -85,14 +92,14 @@ impl Disk {
         self.sender.put(message);
     }
 
-    /// Queues a changed configuration of the group.
-    pub fn put_setup(&mut self, setup: (Setup, Config)) {
-        self.sender.put_job(Job::Setup(Box::new(setup)));
+    /// Queues a configuration of the group, to be written before all further messages.
+    pub fn put_setup(&mut self, configuration: Configuration) {
+        self.sender.put_job(Job::Setup(Box::new(configuration)));
     }
 
-    /// Starts another file for all further messages.
-    pub fn next_file(&mut self, setup: (Setup, Config)) {
-        self.sender.put_job(Job::NextFile(Box::new(setup)));
+    /// Starts another file for all further messages, which are of another group.
+    pub fn next_file(&mut self, configuration: Configuration) {
+        self.sender.put_job(Job::NextFile(Box::new(configuration)));
     }
 
     /// Whether writing has ended, because of an error or a nearly full disk;
@@ -113,7 +120,15 @@ struct Writing {
     names: Names,
     channels: Vec<Channel>,
     limits: Limits,
-    setup: (Setup, Config),
+    newest: Configuration,
+    /// Configurations of this group by revision: outputs may name them in the next file too.
+    kept: BTreeMap<u32, Configuration>,
+    /// Configurations in the present file.
+    coverage: Coverage,
+    /// When the last message was sent, nanoseconds since 1970.
+    last_sent_ns: Option<u64>,
+    /// Time of the first message of the present file.
+    began_wall_ns: u64,
     totals: Arc<Totals>,
     to_sync: Sender<File>,
     writer: Option<Writer>,
@@ -171,9 +186,11 @@ impl Writing {
 
     fn carry_out(&mut self, job: Job) -> Result<Option<Vec<u8>>, RecordingError> {
         match job {
-            Job::Message { channel, t_sent_ns, t_about_ns, data } => {
-                let (setup, config) = &self.setup;
+            Job::Message { channel, revisions, t_sent_ns, t_about_ns, data } => {
+                self.write_lacking(&revisions)?;
+                let Configuration { setup, snapshot } = &self.newest;
                 let (t_sent_ns, t_about_ns) = (setup.wall_ns(t_sent_ns), setup.wall_ns(t_about_ns));
+                self.last_sent_ns = Some(t_sent_ns);
                 let Some(writer) = &mut self.writer else { return Ok(Some(data)) };
                 self.unseen_bytes += data.len() as u64;
                 if self.channels.contains(&channel) {
@@ -181,16 +198,15 @@ impl Writing {
                     self.totals.count_written(channel);
                 }
                 if channel == Channel::World {
+                    let config = &snapshot.config;
                     draw(writer, &self.channels, config, &data, t_sent_ns, t_about_ns)?;
                 }
                 return Ok(Some(data));
             }
-            Job::Setup(setup) => {
-                self.setup = *setup;
-                self.write_setup()?;
-            }
-            Job::NextFile(setup) => {
-                self.setup = *setup;
+            Job::Setup(configuration) => self.take_configuration(*configuration)?,
+            Job::NextFile(configuration) => {
+                self.newest = *configuration;
+                self.kept.clear();
                 self.next_file()?;
             }
         }
@@ -222,16 +238,66 @@ impl Writing {
             // Ignore failures: it may have been removed already.
             let _ = std::fs::remove_file(surplus);
         }
-        self.write_setup()
+        self.coverage = Coverage::default();
+        let newest = self.newest.clone();
+        self.write_setup(&newest)
     }
 
-    fn write_setup(&mut self) -> Result<(), RecordingError> {
+    fn take_configuration(&mut self, it: Configuration) -> Result<(), RecordingError> {
+        let number = it.setup.revision;
+        self.write_setup(&it)?;
+        if number == 0 || number > self.newest.setup.revision {
+            let before = std::mem::replace(&mut self.newest, it);
+            self.keep(before);
+        } else {
+            self.keep(it);
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, it: Configuration) {
+        self.kept.insert(it.setup.revision, it);
+        if self.kept.len() > MOST_KEPT {
+            self.kept.pop_first();
+        }
+    }
+
+    /// Writes the configurations that an output names and that the file still lacks.
+    fn write_lacking(&mut self, revisions: &Revisions) -> Result<(), RecordingError> {
+        for number in self.coverage.lacks(revisions) {
+            if let Some(it) = self.kept.get(&number).cloned() {
+                self.write_setup(&it)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a configuration, and with the newest one a drawing of the pitch.
+    ///
+    /// Its time is that of its acceptance, which precedes its outputs, whenever it is written; in a file that
+    /// begins later, that of the message before.
+    fn write_setup(&mut self, it: &Configuration) -> Result<(), RecordingError> {
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        let (setup, config) = &self.setup;
-        let now_ns = setup.wall_ns(client::clock::monotonic_ns());
-        writer.write(Channel::Setup, now_ns, now_ns, &setup.encode())?;
-        let pitch = field_scene(&config.field, now_ns);
-        writer.write(Channel::Scene, now_ns, now_ns, &pitch)
+        let Configuration { setup, snapshot } = it;
+        let is_first = self.coverage.is_empty();
+        let before_ns = match self.last_sent_ns {
+            Some(sent_ns) if is_first => sent_ns,
+            _ => setup.wall_ns(client::clock::monotonic_ns()),
+        };
+        let t_ns = match setup.accepted_wall_ns {
+            accepted_ns if is_first || accepted_ns == 0 => before_ns,
+            accepted_ns => accepted_ns.clamp(self.began_wall_ns, before_ns.max(self.began_wall_ns)),
+        };
+        if is_first {
+            self.began_wall_ns = t_ns;
+        }
+        writer.write(Channel::Setup, t_ns, t_ns, &setup.encode())?;
+        self.coverage.add(snapshot);
+        if setup.revision >= self.newest.setup.revision {
+            let pitch = field_scene(&snapshot.config.field, t_ns);
+            writer.write(Channel::Scene, t_ns, t_ns, &pitch)?;
+        }
+        Ok(())
     }
 }
 
@@ -239,7 +305,7 @@ impl Writing {
 fn draw(
     writer: &mut Writer,
     channels: &[Channel],
-    config: &Config,
+    config: &config::Config,
     world: &[u8],
     t_sent_ns: u64,
     t_about_ns: u64,

@@ -4,6 +4,7 @@
 //! [`queue`] hands them to the thread of [`disk`], which compresses and writes. When the disk is too
 //! slow the queue fills up, and messages are dropped and counted here; the group never notices.
 
+mod configurations;
 mod disk;
 mod files;
 mod ports;
@@ -13,11 +14,11 @@ mod room;
 use client::bus::BusError;
 use client::consumer::is_there;
 use client::instance::Instance;
-use config::Config;
+use configurations::Configurations;
 use disk::{Disk, Limits};
 use files::Names;
 use ports::Ports;
-use queue::Totals;
+use queue::{Recorded, Totals};
 use recording::{Channel, RecordingError};
 use room::{bytes_per_second, free_bytes};
 use std::collections::BTreeMap;
@@ -133,7 +134,6 @@ pub fn record(
         names: Names::new(&options.path),
         totals: Arc::new(Totals::default()),
         missed: BTreeMap::new(),
-        wall_minus_monotonic_ns: wall_minus_monotonic_ns(),
         began: None,
         is_waiting: true,
     };
@@ -161,9 +161,6 @@ struct Recorder<'a> {
     names: Names,
     totals: Arc<Totals>,
     missed: BTreeMap<Channel, u64>,
-    /// Read once per group, so that a clock change during a match does not disturb the order of its
-    /// messages.
-    wall_minus_monotonic_ns: i64,
     began: Option<Instant>,
     is_waiting: bool,
 }
@@ -188,9 +185,7 @@ impl Recorder<'_> {
         tell: &mut impl FnMut(&Progress),
     ) -> Result<Option<End>, RecorderError> {
         let mut ports = Ports::connect(&self.options.instance, &self.options.channels)?;
-        let mut config = read_config(&self.options.instance);
-        self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
-        self.check_file_bytes(&config)?;
+        let mut configurations = self.configurations()?;
         if free_bytes(&self.options.path)? < self.options.keep_free_bytes {
             return Ok(Some(End::DiskNearlyFull));
         }
@@ -203,19 +198,17 @@ impl Recorder<'_> {
             self.names.clone(),
             self.options.channels.clone(),
             limits,
-            self.setup(&config),
+            configurations.newest().clone(),
             Arc::clone(&self.totals),
         )?;
         self.began.get_or_insert_with(Instant::now);
         let (mut looked, mut heard) = (Instant::now(), Instant::now());
         let end = loop {
-            let taken = ports.take(|message| disk.put(message))?;
+            let taken = ports.take(|message| put(&mut disk, &mut configurations, message))?;
             if taken.is_anew {
                 // Frame numbers have restarted: a new group, so a new file.
-                config = read_config(&self.options.instance);
-                self.wall_minus_monotonic_ns = wall_minus_monotonic_ns();
-                self.check_file_bytes(&config)?;
-                disk.next_file(self.setup(&config));
+                configurations = self.configurations()?;
+                disk.next_file(configurations.newest().clone());
             }
             if taken.messages > 0 {
                 heard = Instant::now();
@@ -229,11 +222,8 @@ impl Recorder<'_> {
             }
             if looked.elapsed() >= LOOK {
                 looked = Instant::now();
-                let now = read_config(&self.options.instance);
-                if now != config && now.is_some() {
-                    config = now;
-                    disk.put_setup(self.setup(&config));
-                }
+                // Not all of them concern a stage.
+                configurations.look().into_iter().for_each(|it| disk.put_setup(it));
                 self.missed = ports.missed();
                 tell(&self.progress()?);
             }
@@ -245,35 +235,26 @@ impl Recorder<'_> {
             }
             std::thread::sleep(POLL);
         };
-        ports.take(|message| disk.put(message))?;
+        ports.take(|message| put(&mut disk, &mut configurations, message))?;
         self.missed = ports.missed();
         let written = disk.finish()?;
         self.names = written.names;
         Ok(if written.is_disk_full { Some(End::DiskNearlyFull) } else { end })
     }
 
-    /// Refuses a file size that holds less than a second.
-    fn check_file_bytes(&self, config_toml: &Option<String>) -> Result<(), RecorderError> {
-        let Some(file_bytes) = self.options.file_bytes else { return Ok(()) };
-        let (_, config) = self.setup(config_toml);
-        let second_bytes = bytes_per_second(&config, &self.options.channels);
-        if file_bytes < second_bytes {
-            return Err(RecorderError::SmallFiles { file_bytes, second_bytes });
+    /// The configurations of a group that is met now. Refuses a file size that holds less than a second of it.
+    fn configurations(&self) -> Result<Configurations, RecorderError> {
+        // Read once per group, so that a clock change during a match does not disturb the order of its
+        // messages.
+        let it = Configurations::new(&self.options.instance, wall_minus_monotonic_ns());
+        let config = &it.newest().snapshot.config;
+        let second_bytes = bytes_per_second(config, &self.options.channels);
+        match self.options.file_bytes {
+            Some(file_bytes) if file_bytes < second_bytes => {
+                Err(RecorderError::SmallFiles { file_bytes, second_bytes })
+            }
+            _ => Ok(it),
         }
-        Ok(())
-    }
-
-    fn setup(&self, config_toml: &Option<String>) -> (recording::Setup, Config) {
-        let text = config_toml.clone().unwrap_or_default();
-        // The group has validated it; only the drawings depend on it here.
-        let config = Config::parse(&text, "the group's configuration").unwrap_or_default();
-        let setup = recording::Setup {
-            touchline_version: env!("CARGO_PKG_VERSION").into(),
-            instance: self.options.instance.name().into(),
-            wall_minus_monotonic_ns: self.wall_minus_monotonic_ns,
-            config_toml: text,
-        };
-        (setup, config)
     }
 
     fn progress(&self) -> Result<Progress, RecorderError> {
@@ -293,12 +274,15 @@ impl Recorder<'_> {
     }
 }
 
+/// Queues a message, after the configurations that it is the first to name.
+fn put(disk: &mut Disk, configurations: &mut Configurations, message: Recorded<'_>) {
+    for configuration in configurations.of_output(&message.revisions) {
+        disk.put_setup(configuration);
+    }
+    disk.put(message);
+}
+
 fn wall_minus_monotonic_ns() -> i64 {
     let now_ns = client::clock::monotonic_ns();
     client::clock::wall_ns() as i64 - now_ns as i64
-}
-
-/// The running group's configuration, as text.
-fn read_config(instance: &Instance) -> Option<String> {
-    std::fs::read_to_string(instance.config_path()).ok()
 }

@@ -1,6 +1,7 @@
 //! The recorder's subscribers. They poll, so that writers need not wake them, and copy at once, so
 //! that no shared memory is held.
 
+use super::configurations::{Revised, Revisions};
 use super::queue::Recorded;
 use client::bus::{Bus, BusError, Received, Subscriber};
 use client::clock::monotonic_ns;
@@ -67,33 +68,41 @@ impl Ports {
 
 fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> {
     Ok(match channel {
-        Channel::Frames => Some(open(bus, channel, &topics::FRAMES, |frame, now_ns, out| {
-            let header = frame.header();
-            encode_frame(header, frame.elements(), out);
-            Some((stamp(header.t_sent_ns, now_ns), header.t_capture_ns))
-        })?),
-        Channel::Runs => Some(open(bus, channel, &topics::RUNS, |runs, now_ns, out| {
+        Channel::Frames => {
+            Some(open(bus, channel, &topics::FRAMES, none, |frame, now_ns, out| {
+                let header = frame.header();
+                encode_frame(header, frame.elements(), out);
+                Some((stamp(header.t_sent_ns, now_ns), header.t_capture_ns))
+            })?)
+        }
+        Channel::Runs => Some(open(bus, channel, &topics::RUNS, of_runs, |runs, now_ns, out| {
             let header = runs.header();
             encode_list(header, header.valid(runs.elements()), out);
             Some((stamp(header.t_sent_ns, now_ns), header.frame.t_capture_ns))
         })?),
         Channel::Detections => {
             let mut copy = bytemuck::allocation::zeroed_box::<DetectionFrame>();
-            Some(open(bus, channel, &topics::DETECTIONS, move |received, now_ns, out| {
-                take_message(received, &mut copy, out)?;
-                Some((stamp(copy.t_sent_ns, now_ns), copy.frame.t_capture_ns))
-            })?)
+            Some(open(
+                bus,
+                channel,
+                &topics::DETECTIONS,
+                of_message,
+                move |received, now_ns, out| {
+                    take_message(received, &mut copy, out)?;
+                    Some((stamp(copy.t_sent_ns, now_ns), copy.frame.t_capture_ns))
+                },
+            )?)
         }
         Channel::World => {
             let mut copy = bytemuck::allocation::zeroed_box::<WorldFrame>();
-            Some(open(bus, channel, &topics::WORLD, move |received, now_ns, out| {
+            Some(open(bus, channel, &topics::WORLD, of_message, move |received, now_ns, out| {
                 take_message(received, &mut copy, out)?;
                 Some((stamp(copy.t_sent_ns, now_ns), copy.frame.t_capture_ns))
             })?)
         }
         Channel::Commands => {
             let mut copy = bytemuck::allocation::zeroed_box::<Commands>();
-            Some(open(bus, channel, &topics::COMMANDS, move |received, now_ns, out| {
+            Some(open(bus, channel, &topics::COMMANDS, none, move |received, now_ns, out| {
                 take_message(received, &mut copy, out)?;
                 let t_ns = stamp(copy.t_sent_ns, now_ns);
                 Some((t_ns, t_ns))
@@ -101,14 +110,14 @@ fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> 
         }
         Channel::Truth => {
             let mut copy = bytemuck::allocation::zeroed_box::<TruthFrame>();
-            Some(open(bus, channel, &topics::TRUTH, move |received, now_ns, out| {
+            Some(open(bus, channel, &topics::TRUTH, none, move |received, now_ns, out| {
                 take_message(received, &mut copy, out)?;
                 Some((stamp(copy.t_capture_ns, now_ns), copy.t_capture_ns))
             })?)
         }
         Channel::Health => {
             let mut copy = bytemuck::allocation::zeroed_box::<Heartbeat>();
-            Some(open(bus, channel, &topics::HEALTH, move |received, now_ns, out| {
+            Some(open(bus, channel, &topics::HEALTH, none, move |received, now_ns, out| {
                 take_message(received, &mut copy, out)?;
                 let t_ns = stamp(copy.t_sent_ns, now_ns);
                 Some((t_ns, t_ns))
@@ -116,6 +125,18 @@ fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> 
         }
         Channel::Setup | Channel::Scene | Channel::Robots | Channel::Ball => None,
     })
+}
+
+fn none<E: Message, H: Header>(_: &Received<E, H>) -> Revisions {
+    Revisions::default()
+}
+
+fn of_runs(received: &Received<Run, RunsHeader>) -> Revisions {
+    received.header().revisions()
+}
+
+fn of_message<E: Message + Revised>(received: &Received<E, ()>) -> Revisions {
+    received.message().map(Revised::revisions).unwrap_or_default()
 }
 
 /// Copies a message, clears stale entries behind its lists, and writes it to `out`.
@@ -152,6 +173,7 @@ struct TopicLane<E: Message, H: Header, F> {
     subscriber: Subscriber<E, H>,
     order: Order,
     missed: u64,
+    revisions: fn(&Received<E, H>) -> Revisions,
     encode: F,
 }
 
@@ -159,6 +181,7 @@ fn open<E, H, F>(
     bus: &Bus,
     channel: Channel,
     topic: &'static Topic<E, H>,
+    revisions: fn(&Received<E, H>) -> Revisions,
     encode: F,
 ) -> Result<Box<dyn Lane>, BusError>
 where
@@ -173,6 +196,7 @@ where
         subscriber,
         order: Order::default(),
         missed: 0,
+        revisions,
         encode,
     }))
 }
@@ -188,7 +212,7 @@ where
         put: &mut dyn FnMut(Recorded<'_>),
         taken: &mut Taken,
     ) -> Result<(), BusError> {
-        let Self { channel, topic, subscriber, order, missed, encode } = self;
+        let Self { channel, topic, subscriber, order, missed, revisions, encode } = self;
         // At most one buffer at a time, so that no topic delays the others.
         for _ in 0..topic.buffer {
             let Some(received) = subscriber.receive()? else { break };
@@ -204,6 +228,7 @@ where
             taken.messages += 1;
             put(Recorded {
                 channel: *channel,
+                revisions: revisions(&received),
                 size_hint: size_of::<H>() + size_of_val(received.elements()),
                 encode: &mut |out| encode(&received, monotonic_ns(), out),
             });

@@ -1,7 +1,7 @@
 //! Queue from the reading to the writing thread: bounded in bytes, with reused buffers.
 
-use config::Config;
-use recording::{Channel, Setup};
+use super::configurations::{Configuration, Revisions};
+use recording::Channel;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -27,6 +27,8 @@ pub type Encode<'a> = dyn FnMut(&mut Vec<u8>) -> Option<(u64, u64)> + 'a;
 pub struct Recorded<'a> {
     /// Its channel.
     pub channel: Channel,
+    /// Revisions that it names.
+    pub revisions: Revisions,
     /// Approximate size in bytes.
     pub size_hint: usize,
     /// Its content.
@@ -39,6 +41,8 @@ pub enum Job {
     Message {
         /// Its channel.
         channel: Channel,
+        /// Revisions that it names.
+        revisions: Revisions,
         /// Time it was sent, monotonic clock.
         t_sent_ns: u64,
         /// Time it is about, monotonic clock.
@@ -46,10 +50,10 @@ pub enum Job {
         /// Its recorded bytes.
         data: Vec<u8>,
     },
-    /// Write a changed configuration.
-    Setup(Box<(Setup, Config)>),
-    /// Start another file.
-    NextFile(Box<(Setup, Config)>),
+    /// Write a configuration.
+    Setup(Box<Configuration>),
+    /// Start another file, of another group.
+    NextFile(Box<Configuration>),
 }
 
 /// Counts shared by both threads.
@@ -146,9 +150,9 @@ impl QueueSender {
         let mut data = self.spare.try_recv().unwrap_or_default();
         let Some((t_sent_ns, t_about_ns)) = (message.encode)(&mut data) else { return };
         self.waiting_bytes.fetch_add(data.len(), Ordering::Relaxed);
-        let channel = message.channel;
+        let (channel, revisions) = (message.channel, message.revisions);
         // Ignore failures: the caller checks whether the other thread has ended.
-        let _ = self.jobs.send(Job::Message { channel, t_sent_ns, t_about_ns, data });
+        let _ = self.jobs.send(Job::Message { channel, revisions, t_sent_ns, t_about_ns, data });
     }
 
     /// Queues a job that is not a message; never dropped.
@@ -186,6 +190,7 @@ mod tests {
         let put = |sender: &mut QueueSender, channel| {
             sender.put(Recorded {
                 channel,
+                revisions: Revisions::default(),
                 size_hint: size,
                 encode: &mut |out| {
                     out.resize(size, 0);
@@ -224,6 +229,7 @@ mod tests {
             for _ in 0..frames {
                 sender.put(Recorded {
                     channel: Channel::Frames,
+                    revisions: Revisions::default(),
                     size_hint: frame,
                     encode: &mut |out| {
                         out.clear();

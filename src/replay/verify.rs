@@ -5,15 +5,12 @@
 //! used in between. A stage's whole state is in its last output. So each output can be checked by itself,
 //! from recorded inputs, even after faults of the stages: a take-over by a spare affects only the times.
 
+use super::configurations::{ConfigurationError, Configurations, NoStage};
 use super::inputs::Inputs;
-use classifier::Classifier;
-use config::Config;
-use filter::Filter;
 use messages::structure::{Structure, name_at, structures_of};
 use messages::{ClearStale, DetectionFrame, MAX_RUNS, Run, RunsHeader, WorldFrame};
 use recording::{Channel, Entry, Setup, decode_frame, decode_list, decode_message};
 use std::collections::{BTreeMap, VecDeque};
-use tracker::Tracker;
 
 /// Delay in recorded time before an output is checked: with invalid time stamps, inputs may be
 /// recorded a little after the outputs made from them.
@@ -49,7 +46,8 @@ pub struct Tally {
 /// Checks a recording, message by message.
 #[derive(Default)]
 pub struct Verifier {
-    stages: Option<Stages>,
+    configurations: Configurations,
+    results: Results,
     inputs: Inputs,
     waiting: VecDeque<(u64, Output)>,
     findings: Findings,
@@ -61,40 +59,43 @@ enum Output {
     World(u64),
 }
 
-struct Stages {
-    config: Config,
-    classifier: Classifier,
-    tracker: Tracker,
+/// Reused outputs, and the structures to name differences with.
+struct Results {
     detections: Box<DetectionFrame>,
     world: Box<WorldFrame>,
     detection_structures: Vec<Structure>,
     world_structures: Vec<Structure>,
 }
 
-/// Reason for which a recording cannot be checked.
-#[derive(Debug, thiserror::Error)]
-#[error("the recorded configuration: {0}")]
-pub struct ConfigurationError(String);
+impl Default for Results {
+    fn default() -> Self {
+        Self {
+            detections: bytemuck::allocation::zeroed_box(),
+            world: bytemuck::allocation::zeroed_box(),
+            detection_structures: structures_of::<DetectionFrame>(),
+            world_structures: structures_of::<WorldFrame>(),
+        }
+    }
+}
 
 impl Verifier {
     /// Processes the next message.
     pub fn take(&mut self, entry: &Entry) -> Result<(), ConfigurationError> {
-        if self.stages.is_some() {
+        if !self.configurations.is_empty() {
             self.work_off(Some(entry.t_sent_ns));
         }
         if entry.channel == Channel::Setup {
-            // All outputs up to here were made with the previous configuration, if there was one:
-            // messages in flight when the recording began were sent a moment before its first
-            // message.
-            if self.stages.is_some() {
-                self.work_off(None);
-            }
             let Some(setup) = Setup::decode(&entry.data) else {
                 self.findings.rubbish += 1;
                 return Ok(());
             };
-            self.stages = Some(Stages::new(&setup.config_toml)?);
-            return Ok(());
+            // Where outputs name no revision, all those up to here were made with the configuration before, if
+            // there was one: messages in flight when the recording began were sent a moment before its first
+            // message.
+            if setup.revision == 0 && !self.configurations.is_empty() {
+                self.work_off(None);
+            }
+            return self.configurations.add(&setup);
         }
         if self.note(entry).is_none() {
             self.findings.rubbish += 1;
@@ -148,22 +149,23 @@ impl Verifier {
             && now_ns.is_none_or(|now_ns| now_ns.saturating_sub(*t_ns) > PATIENCE_NS)
         {
             let Some((_, output)) = self.waiting.pop_front() else { break };
-            let Some(stages) = &mut self.stages else {
+            if self.configurations.is_empty() {
                 self.findings.rubbish += 1;
                 continue;
+            }
+            let mut check = Check {
+                inputs: &self.inputs,
+                configurations: &mut self.configurations,
+                results: &mut self.results,
             };
             let (channel, verdict) = match output {
-                Output::Runs(header, runs) => {
-                    (Channel::Runs, stages.check_runs(&self.inputs, header, &runs))
-                }
-                Output::Detections(seq) => {
-                    (Channel::Detections, stages.check_detections(&self.inputs, seq))
-                }
+                Output::Runs(header, runs) => (Channel::Runs, check.runs(header, &runs)),
+                Output::Detections(seq) => (Channel::Detections, check.detections(seq)),
                 Output::World(seq) => {
                     let prior = self.inputs.world(seq).map(|world| world.prior_world_seq);
                     let is_start = prior == Some(WorldFrame::NO_WORLD);
                     self.findings.filter_starts += u64::from(is_start);
-                    (Channel::World, stages.check_world(&self.inputs, seq))
+                    (Channel::World, check.world(seq))
                 }
             };
             let tally = self.findings.outputs.entry(channel).or_default();
@@ -187,46 +189,42 @@ enum Verdict {
     Different(String),
 }
 
-impl Stages {
-    fn new(config_toml: &str) -> Result<Self, ConfigurationError> {
-        let error = |error: &dyn std::fmt::Display| ConfigurationError(error.to_string());
-        let config = Config::parse(config_toml, "recorded").map_err(|e| error(&e))?;
-        // Validate the filter's configuration now, so that it need not be checked later.
-        Filter::new(&config).map_err(|e| error(&e))?;
-        Ok(Self {
-            classifier: Classifier::new(&config).map_err(|e| error(&e))?,
-            tracker: Tracker::new(&config).map_err(|e| error(&e))?,
-            config,
-            detections: bytemuck::allocation::zeroed_box(),
-            world: bytemuck::allocation::zeroed_box(),
-            detection_structures: structures_of::<DetectionFrame>(),
-            world_structures: structures_of::<WorldFrame>(),
-        })
+impl From<NoStage> for Verdict {
+    fn from(reason: NoStage) -> Self {
+        match reason {
+            NoStage::NotRecorded => Self::Without("its configuration"),
+            NoStage::Unusable(why) => Self::Different(format!("its configuration: {why}")),
+        }
     }
+}
 
-    /// The classifier's output for a recorded frame.
-    fn classify(&mut self, inputs: &Inputs, seq: u64) -> Result<(RunsHeader, Vec<Run>), Verdict> {
-        let frame = inputs.frame(seq).ok_or(Verdict::Without("its frame"))?;
+/// What an output is computed from.
+struct Check<'a> {
+    inputs: &'a Inputs,
+    configurations: &'a mut Configurations,
+    results: &'a mut Results,
+}
+
+impl Check<'_> {
+    /// The classifier's output for a recorded frame, with a revision of the configuration.
+    fn classify(&mut self, seq: u64, revision: u32) -> Result<(RunsHeader, Vec<Run>), Verdict> {
+        let frame = self.inputs.frame(seq).ok_or(Verdict::Without("its frame"))?;
         let mut header = RunsHeader::default();
         let mut runs = vec![bytemuck::Zeroable::zeroed(); MAX_RUNS];
-        self.classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).map_err(
-            |fault| Verdict::Different(format!("frame {seq} was classified, but: {fault}")),
-        )?;
+        let classifier = self.configurations.classifier(revision)?;
+        classifier.step(&frame.header, &frame.pixels, &mut header, &mut runs).map_err(|fault| {
+            Verdict::Different(format!("frame {seq} was classified, but: {fault}"))
+        })?;
         runs.truncate(header.run_count as usize);
+        header.revision = revision;
         Ok((header, runs))
     }
 
-    fn check_runs(
-        &mut self,
-        inputs: &Inputs,
-        recorded: RunsHeader,
-        recorded_runs: &[Run],
-    ) -> Result<(), Verdict> {
+    fn runs(&mut self, recorded: RunsHeader, recorded_runs: &[Run]) -> Result<(), Verdict> {
         let seq = recorded.frame.seq;
-        let (mut header, runs) = self.classify(inputs, seq)?;
+        let (mut header, runs) = self.classify(seq, recorded.revision)?;
         header.t_frame_taken_ns = recorded.t_frame_taken_ns;
         header.t_sent_ns = recorded.t_sent_ns;
-        header.revision = recorded.revision;
         header.classes_since = recorded.classes_since;
         if bytemuck::bytes_of(&header) != bytemuck::bytes_of(&recorded) {
             return Err(Verdict::Different(format!(
@@ -239,12 +237,12 @@ impl Stages {
         }
     }
 
-    fn check_detections(&mut self, inputs: &Inputs, seq: u64) -> Result<(), Verdict> {
+    fn detections(&mut self, seq: u64) -> Result<(), Verdict> {
+        let inputs = self.inputs;
         let recorded = inputs.detections(seq).ok_or(Verdict::Without("itself"))?;
-        let (mut header, runs) = self.classify(inputs, seq)?;
+        let (mut header, runs) = self.classify(seq, recorded.classifier_revision)?;
         header.t_frame_taken_ns = recorded.t_frame_taken_ns;
         header.t_sent_ns = recorded.t_runs_ns;
-        header.revision = recorded.classifier_revision;
         let prior = match recorded.prior_world_seq {
             DetectionFrame::NO_WORLD => None,
             prior => Some(inputs.world(prior).ok_or(Verdict::Without("the world it used"))?),
@@ -252,19 +250,21 @@ impl Stages {
         // The tracker either had the frame or did not.
         let frame = (recorded.flags & DetectionFrame::FRAME_USED != 0).then(|| inputs.frame(seq));
         let pixels = frame.flatten().map(|frame| &frame.pixels[..]);
-        self.tracker.step(&header, &runs, pixels, prior, &mut self.detections);
-        self.detections.clear_stale();
-        self.detections.t_runs_taken_ns = recorded.t_runs_taken_ns;
-        self.detections.t_sent_ns = recorded.t_sent_ns;
-        self.detections.revision = recorded.revision;
-        compare("detections", seq, &*self.detections, recorded, &self.detection_structures)
+        let Results { detections, detection_structures, .. } = &mut *self.results;
+        let tracker = self.configurations.tracker(recorded.revision)?;
+        tracker.step(&header, &runs, pixels, prior, detections);
+        detections.clear_stale();
+        detections.t_runs_taken_ns = recorded.t_runs_taken_ns;
+        detections.t_sent_ns = recorded.t_sent_ns;
+        detections.revision = recorded.revision;
+        compare("detections", seq, &**detections, recorded, detection_structures)
     }
 
-    fn check_world(&mut self, inputs: &Inputs, seq: u64) -> Result<(), Verdict> {
+    fn world(&mut self, seq: u64) -> Result<(), Verdict> {
+        let inputs = self.inputs;
         let recorded = inputs.world(seq).ok_or(Verdict::Without("itself"))?;
         let detections = inputs.detections(seq).ok_or(Verdict::Without("its detections"))?;
-        let mut filter = Filter::new(&self.config)
-            .map_err(|error| Verdict::Different(format!("world of frame {seq}: {error}")))?;
+        let mut filter = self.configurations.filter(recorded.revision)?;
         if recorded.prior_world_seq != WorldFrame::NO_WORLD {
             let prior = inputs.world(recorded.prior_world_seq);
             filter.resume(prior.ok_or(Verdict::Without("the world before it"))?);
@@ -273,12 +273,13 @@ impl Stages {
             let commands = inputs.commands(name).ok_or(Verdict::Without("its commands"))?;
             filter.command(commands);
         }
-        filter.step(detections, &mut self.world);
-        self.world.clear_stale();
-        self.world.t_detections_taken_ns = recorded.t_detections_taken_ns;
-        self.world.t_sent_ns = recorded.t_sent_ns;
-        self.world.revision = recorded.revision;
-        compare("world", seq, &*self.world, recorded, &self.world_structures)
+        let Results { world, world_structures, .. } = &mut *self.results;
+        filter.step(detections, world);
+        world.clear_stale();
+        world.t_detections_taken_ns = recorded.t_detections_taken_ns;
+        world.t_sent_ns = recorded.t_sent_ns;
+        world.revision = recorded.revision;
+        compare("world", seq, &**world, recorded, world_structures)
     }
 }
 

@@ -59,6 +59,12 @@ impl Snapshot {
         self.needed[kind as usize]
     }
 
+    /// Whether a process of this kind does the same with this configuration as with revision `number`.
+    pub fn stands_for(&self, number: u32, kind: ProcessKind) -> bool {
+        let own = self.revision.number;
+        number == own || (self.needed(kind)..own).contains(&number)
+    }
+
     /// The file's text.
     pub fn to_text(&self) -> String {
         let mut line = format!("{MARK}{}", self.revision);
@@ -128,6 +134,8 @@ mod tests {
         assert_eq!(third.revision, Revision { number: 3, classes_since: 3 });
         assert_eq!(ProcessKind::ALL.map(|kind| third.needed(kind)), [1, 3, 3, 2]);
         assert_eq!(Snapshot::parse(&third.to_text(), "test").unwrap(), third);
+        let stands_for = |number| third.stands_for(number, ProcessKind::Filter);
+        assert_eq!([0, 1, 2, 3, 4].map(stands_for), [false, false, true, true, false]);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use serde::Serialize;
 /// One channel of a recording; channels of topics have the topic's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Channel {
-    /// [`Setup`], JSON; always the first message.
+    /// [`Setup`], JSON; the first message, and one for each further configuration.
     Setup,
     /// Frames as `foxglove.RawImage`.
     Frames,

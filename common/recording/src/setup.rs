@@ -3,7 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Circumstances of a recording; written at its start and again when the configuration changes.
+/// Circumstances of a recording; written at its start, and again for each further configuration, before the
+/// first output that was made with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Setup {
     /// Version of the program that wrote the recording.
@@ -15,6 +16,12 @@ pub struct Setup {
     pub wall_minus_monotonic_ns: i64,
     /// The group's configuration, as TOML.
     pub config_toml: String,
+    /// The configuration's revision, which outputs name; 0 if the group was started by hand.
+    #[serde(default)]
+    pub revision: u32,
+    /// When the group accepted the configuration, nanoseconds since 1970; 0 if unknown.
+    #[serde(default)]
+    pub accepted_wall_ns: u64,
 }
 
 impl Setup {

@@ -80,6 +80,8 @@ fn sample(scratch: &Scratch, is_finished: bool) -> Vec<u8> {
         instance: "test".into(),
         wall_minus_monotonic_ns: 0,
         config_toml: "# a comment\n".repeat(20),
+        revision: 1,
+        accepted_wall_ns: 0,
     };
     writer.write(Channel::Setup, BEGIN_NS, BEGIN_NS, &setup.encode()).unwrap();
     let mut random = Random(7);

@@ -31,13 +31,22 @@ const KEPT_TRUTH: usize = 16;
 /// Time until the next frame above which the source reports a pause.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// The configuration with which a recording was made.
-pub fn recorded_config(path: &Path) -> Result<Config, CameraError> {
+/// The configuration with which a recording was made, at its beginning or some seconds later.
+pub fn recorded_config(path: &Path, from_s: f64) -> Result<Config, CameraError> {
     let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
-    let mut reader =
-        Reader::open(path).map_err(|error| CameraError::Recording(error.to_string()))?;
-    let setup = reader.by_ref().flatten().take(1000).find(|e| e.channel == Channel::Setup);
-    let setup = setup.and_then(|entry| Setup::decode(&entry.data));
+    let reader = Reader::open(path).map_err(|error| CameraError::Recording(error.to_string()))?;
+    let from_ns = (from_s * 1e9) as u64;
+    let mut begin_ns = None;
+    let is_before = |entry: &Entry| {
+        entry.t_sent_ns.saturating_sub(*begin_ns.get_or_insert(entry.t_sent_ns)) <= from_ns
+    };
+    let setups = reader
+        .flatten()
+        .take_while(is_before)
+        .filter(|entry| entry.channel == Channel::Setup)
+        .filter_map(|entry| Setup::decode(&entry.data));
+    // Of equal revisions the last one: groups started by hand name none.
+    let setup = setups.max_by_key(|setup| setup.revision);
     let setup = setup.ok_or_else(|| problem("there is no configuration in it".into()))?;
     let origin = format!("the configuration recorded in {}", path.display());
     Config::parse(&setup.config_toml, &origin).map_err(|error| problem(error.to_string()))

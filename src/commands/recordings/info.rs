@@ -1,5 +1,6 @@
 //! `touchline info`: shows the contents of a recording.
 
+use super::configurations::{Configuration, Configurations};
 use super::{size_text, tell_damages, time_text};
 use crate::cli::InfoArgs;
 use crate::commands::CommandError;
@@ -18,7 +19,7 @@ struct Info {
     damage: Damages,
     touchline_version: Option<String>,
     instance: Option<String>,
-    configurations: usize,
+    configurations: Vec<Configuration>,
     picture: Option<Picture>,
     channels: BTreeMap<String, Content>,
 }
@@ -47,7 +48,7 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
     let mut reader = Reader::open(&args.file)?;
     let mut info = Info { bytes: args.file.metadata()?.len(), ..Default::default() };
     let (mut begin, mut end) = (u64::MAX, 0);
-    let mut config = None;
+    let mut configurations = Configurations::default();
     let mut frames = 0;
     for entry in reader.by_ref() {
         let entry = entry?;
@@ -57,11 +58,10 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
         content.bytes += entry.data.len() as u64;
         match entry.channel {
             Channel::Setup => {
-                info.configurations += 1;
                 if let Some(setup) = Setup::decode(&entry.data) {
-                    info.touchline_version = Some(setup.touchline_version);
-                    info.instance = Some(setup.instance);
-                    config = Some(setup.config_toml);
+                    info.touchline_version = Some(setup.touchline_version.clone());
+                    info.instance = Some(setup.instance.clone());
+                    configurations.add(entry.t_sent_ns, setup);
                 }
             }
             Channel::Frames => {
@@ -87,13 +87,14 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
     info.is_complete = !info.damage.is_recoverable();
     info.seconds = end.saturating_sub(begin) as f64 / 1e9;
     info.begins_wall_ns = if begin == u64::MAX { 0 } else { begin };
+    info.configurations = configurations.list(info.begins_wall_ns);
     for content in info.channels.values_mut() {
         if info.seconds > 0.0 {
             content.per_second = (content.messages as f64 / info.seconds * 10.0).round() / 10.0;
         }
     }
     if args.config {
-        say!("{}", config.ok_or("no configuration was recorded")?)?;
+        say!("{}", configurations.text(args.revision)?)?;
     } else if args.json {
         say_line!("{}", serde_json::to_string_pretty(&info)?)?;
     } else {
@@ -113,6 +114,7 @@ fn text(info: &Info) -> String {
             "  frames {first_seq} to {last_seq}, {width}×{height} pixels, {missing} missing\n"
         );
     }
+    text += &super::configurations::text(&info.configurations);
     text += &format!("  {:<12}{:>10}{:>10}{:>12}\n", "", "messages", "a second", "size");
     for (name, content) in &info.channels {
         text += &format!(

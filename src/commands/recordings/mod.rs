@@ -1,5 +1,6 @@
 //! Making and using recordings.
 
+mod configurations;
 mod export;
 mod info;
 mod record;

@@ -30,6 +30,8 @@ const GEOMETRY_NS: u64 = 1_000_000_000;
 pub struct SslLog {
     log: LogWriter<BufWriter<Target>>,
     scene: Option<Scene>,
+    /// Revision of the configuration of `scene`.
+    revision: u32,
     geometry_ns: u64,
     without_config: bool,
 }
@@ -50,16 +52,21 @@ impl SslLog {
             false => Target::Plain(output),
         };
         let log = LogWriter::new(BufWriter::new(target))?;
-        Ok(Self { log, scene: None, geometry_ns: 0, without_config: false })
+        Ok(Self { log, scene: None, revision: 0, geometry_ns: 0, without_config: false })
     }
 
     /// Appends what a message of the recording becomes.
     pub fn take(&mut self, entry: &Entry) -> Result<(), CommandError> {
         if entry.channel == Channel::Setup {
-            if let Some(setup) = Setup::decode(&entry.data) {
+            let setup = Setup::decode(&entry.data);
+            // An earlier one may follow, for the outputs of a process that still worked with it.
+            if let Some(setup) = setup.filter(|setup| setup.revision >= self.revision) {
                 let config = Config::parse(&setup.config_toml, "the recorded configuration")?;
                 let scene = Scene::new(&config, &setup.instance);
                 self.scene = Some(scene.map_err(|error| format!("geometry: {error}"))?);
+                self.revision = setup.revision;
+                // Receivers get the new geometry at once.
+                self.geometry_ns = 0;
             }
             return Ok(());
         }
