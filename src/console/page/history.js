@@ -1,0 +1,101 @@
+// The last ten seconds, kept in the browser, so that a moment can be looked at after it has passed.
+
+/** @typedef {import('./types').Scene} Scene */
+
+const KEPT_S = 10;
+/** Pictures above this are dropped, oldest first; what was found in them stays. */
+const MOST_PICTURE_BYTES = 96e6;
+
+export class History {
+  constructor() {
+    /** By frame number, in the order in which they came. @type {Map<number, Scene & {time_ms: number}>} */
+    this.scenes = new Map();
+    this.picture_bytes = 0;
+    this.frozen = false;
+  }
+
+  /**
+   * @param {number} seq
+   * @param {Partial<Scene>} part
+   * @param {number} now_ms of any steady clock
+   */
+  add(seq, part, now_ms) {
+    if (this.frozen) return;
+    let scene = this.scenes.get(seq);
+    if (!scene) {
+      // Numbers start again with a new group.
+      const newest = this.newest();
+      if (newest && seq < newest.seq - 2000) this.clear();
+      scene = { seq, time_ms: now_ms };
+      this.scenes.set(seq, scene);
+    }
+    if (part.picture) this.picture_bytes += part.picture.bytes.length - (scene.picture?.bytes.length ?? 0);
+    Object.assign(scene, part);
+    this.forget(now_ms);
+  }
+
+  /** @private @param {number} now_ms */
+  forget(now_ms) {
+    for (const [seq, scene] of this.scenes) {
+      const too_old = now_ms - scene.time_ms > KEPT_S * 1000;
+      if (!too_old && this.picture_bytes <= MOST_PICTURE_BYTES) break;
+      this.picture_bytes -= scene.picture?.bytes.length ?? 0;
+      if (too_old) this.scenes.delete(seq);
+      else delete scene.picture;
+    }
+  }
+
+  clear() {
+    this.scenes.clear();
+    this.picture_bytes = 0;
+  }
+
+  /** @returns {Scene|undefined} */
+  newest() {
+    let newest;
+    for (const scene of this.scenes.values()) if (!newest || scene.seq > newest.seq) newest = scene;
+    return newest;
+  }
+
+  /** Frames that can be shown, oldest first. */
+  shown() {
+    return [...this.scenes.values()].filter((scene) => scene.picture).sort((a, b) => a.seq - b.seq);
+  }
+
+  /**
+   * What is known of a frame; what is missing there is taken from the nearest earlier frame.
+   * @param {number} seq
+   * @returns {Scene}
+   */
+  around(seq) {
+    /** @type {Scene} */
+    const whole = { seq, ...this.scenes.get(seq) };
+    if (whole.detections && whole.world) return whole;
+    let [near, near_world] = [-Infinity, -Infinity];
+    for (const scene of this.scenes.values()) {
+      if (scene.seq > seq) continue;
+      if (!this.scenes.get(seq)?.detections && scene.detections && scene.seq > near) {
+        near = scene.seq;
+        whole.detections = scene.detections;
+      }
+      if (!this.scenes.get(seq)?.world && scene.world && scene.seq > near_world) {
+        near_world = scene.seq;
+        whole.world = scene.world;
+      }
+    }
+    return whole;
+  }
+
+  /**
+   * Worlds up to a frame, oldest first: for trails.
+   * @param {number} seq
+   * @param {number} frames
+   */
+  worlds(seq, frames) {
+    const worlds = [];
+    for (const scene of this.scenes.values()) {
+      if (scene.world && scene.seq <= seq && scene.seq > seq - frames) worlds.push(scene.world);
+    }
+    return worlds.sort((a, b) => a.seq - b.seq);
+  }
+}
