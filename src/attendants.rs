@@ -4,7 +4,7 @@
 //! attendant, write it in a folder of its own, and give it a number and a name in
 //! [`messages::Attendant`], a row here and a section in the configuration.
 
-use crate::{gateway, publisher};
+use crate::{console, gateway, publisher};
 use client::instance::{Instance, InstanceError};
 use config::Config;
 use messages::Attendant;
@@ -29,7 +29,7 @@ pub struct Row {
 }
 
 /// All attendants.
-pub const TABLE: [Row; 2] = [gateway::ROW, publisher::ROW];
+pub const TABLE: [Row; 3] = [gateway::ROW, publisher::ROW, console::ROW];
 
 impl Row {
     /// Its name.

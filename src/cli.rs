@@ -1,6 +1,7 @@
 //! The command line.
 
 mod calibrate;
+mod console;
 mod from_group;
 mod operate;
 mod pictures;
@@ -9,6 +10,7 @@ mod stages;
 mod topics;
 
 pub use calibrate::CalibrateArgs;
+pub use console::ConsoleArgs;
 pub use from_group::FromGroupArgs;
 pub use operate::{ReloadArgs, RestartArgs, RollbackArgs, UpgradeArgs};
 pub use pictures::{DetectArgs, LearnArgs, ScoreArgs};
@@ -48,8 +50,10 @@ pub enum Invocation {
 /// Parses the command line; prints errors and ends the program if it is invalid.
 pub fn parse() -> Invocation {
     let matches = command().get_matches();
-    let attendant =
-        matches.subcommand().and_then(|(name, rest)| Some((attendants::named(name)?, rest)));
+    let attendant = matches
+        .subcommand()
+        .filter(|(name, _)| !Cli::command().get_subcommands().any(|it| it.get_name() == *name))
+        .and_then(|(name, rest)| Some((attendants::named(name)?, rest)));
     match attendant {
         Some((row, rest)) => {
             let args = AttendantArgs::from_arg_matches(rest).unwrap_or_else(|error| error.exit());
@@ -65,7 +69,11 @@ pub fn parse() -> Invocation {
 fn command() -> clap::Command {
     let attendant =
         |row: &Row| AttendantArgs::augment_args(clap::Command::new(row.name()).about(row.about));
-    Cli::command().subcommands(attendants::TABLE.iter().map(attendant))
+    let cli = Cli::command();
+    // `console` is a command for people as well: [`Command::Console`].
+    let is_new = |row: &&Row| cli.find_subcommand(row.name()).is_none();
+    let rows: Vec<_> = attendants::TABLE.iter().filter(is_new).map(attendant).collect();
+    cli.subcommands(rows)
 }
 
 /// What to do.
@@ -76,6 +84,12 @@ pub enum Command {
     /// Ctrl-C ends it and leaves nothing behind. On a terminal a display is kept up to date; into
     /// a pipe goes a line a second. A bounded run (--frames, --seconds) prints a summary.
     Run(RunArgs),
+    /// Says where a group's page for browsers is; starts the group if it is not running.
+    ///
+    /// The page shows the camera's picture with everything that was found on it, leads through setting up
+    /// camera, field, colours and robots, and watches a match. It takes the same options as `run`, with
+    /// which the group is started.
+    Console(ConsoleArgs),
     /// Finds robots and ball on still pictures, one JSON line each.
     ///
     /// The same code as in a running group, in one process. Pixels: the centre of the top-left
@@ -238,6 +252,10 @@ pub struct RunArgs {
     #[arg(long, value_name = "PROTOCOLS", value_delimiter = ',',
         value_parser = PossibleValuesParser::new(PROTOCOLS))]
     pub publish: Vec<String>,
+    /// Serve no page for browsers, whatever the configuration says; the variable TOUCHLINE_NO_CONSOLE has
+    /// the same effect
+    #[arg(long)]
+    pub no_console: bool,
     /// Name of the group; groups of different names never meet
     #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE)]
     pub instance: String,

@@ -2,7 +2,7 @@
 //!
 //! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
-//! [`attendants`] lists the processes that serve people, of which [`gateway`] and [`publisher`] are two.
+//! [`attendants`] lists the processes that serve people, of which are [`gateway`], [`publisher`] and [`console`].
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write
 //! recordings and compute them again. [`calibrating`] and [`learning`] set a pitch up from pictures, and
@@ -17,6 +17,7 @@ pub mod attendants;
 pub mod calibrating;
 pub mod chain;
 pub mod colorless;
+pub mod console;
 pub mod drawing;
 pub mod gateway;
 pub mod learning;

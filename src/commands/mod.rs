@@ -9,6 +9,7 @@ mod calibrate;
 mod cameras;
 pub mod chaos;
 mod config;
+mod console;
 mod detect;
 mod doctor;
 mod from_group;
@@ -46,6 +47,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
     match cli.command {
         None => run::run(crate::cli::default_run()),
         Some(Command::Run(args)) => run::run(args),
+        Some(Command::Console(args)) => console::console(args),
         Some(Command::Detect(args)) => detect::detect(args),
         Some(Command::Calibrate(args)) => calibrate::calibrate(args),
         Some(Command::Learn(args)) => learn::learn(args),

@@ -6,7 +6,7 @@ use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use client::clock::monotonic_ns;
 use client::instance::Instance;
-use config::Config;
+use config::{Config, ConsoleConfig};
 use grabber::playback::Playlist;
 use grabber::source::Source;
 use runtime::descriptors;
@@ -21,6 +21,9 @@ use touchline::supervisor::{self, Launch, Outcome, Overrides, Record, Until};
 
 /// Longest wait for the reader of the last texts.
 const LAST_TEXTS: Duration = Duration::from_secs(1);
+
+/// Set, it has the effect of `--no-console`: for scripts and tests that start groups in many places.
+const NO_CONSOLE_VARIABLE: &str = "TOUCHLINE_NO_CONSOLE";
 
 /// Runs a group until it is done or stopped.
 pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
@@ -78,12 +81,15 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
             let mut config = grabber::playback::recorded_config(&playlist.path, playlist.from_s)?;
             // Receivers must not take a recording for the match.
             config.publish.disable_all();
+            // Nor does a recording of somebody else's open addresses of this computer.
+            config.console = ConsoleConfig::default();
             config
         }
         _ => load_config(args.config.as_deref())?,
     };
     let source = absolute(args.source.clone())?;
-    let overrides = Overrides { fps: args.fps, publish: args.publish.clone() };
+    let no_console = args.no_console || std::env::var_os(NO_CONSOLE_VARIABLE).is_some();
+    let overrides = Overrides { fps: args.fps, publish: args.publish.clone(), no_console };
     let config = as_run(config, &overrides, &source);
     let ends_at_ns = args.seconds.map(|seconds| monotonic_ns() + (seconds * 1e9) as u64);
     let config_file = args.config.as_deref().map(std::path::absolute).transpose()?;
@@ -102,6 +108,9 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
 pub fn as_run(mut config: Config, overrides: &Overrides, source: &Source) -> Config {
     for protocol in &overrides.publish {
         config.publish.enable(protocol);
+    }
+    if overrides.no_console {
+        config.console.enabled = false;
     }
     if let Some(fps) = overrides.fps {
         config.camera.fps = fps;

@@ -12,7 +12,7 @@
 mod clock;
 pub mod convert;
 mod intake;
-mod interfaces;
+pub mod interfaces;
 mod listening;
 mod rivals;
 mod sender;

@@ -48,6 +48,8 @@ pub struct Overrides {
     pub fps: Option<f64>,
     /// Protocols to publish.
     pub publish: Vec<String>,
+    /// No console.
+    pub no_console: bool,
 }
 
 /// One process of the group.

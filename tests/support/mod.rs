@@ -53,6 +53,8 @@ impl Drop for Scratch {
 pub fn touchline(scratch: &Scratch, args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_touchline"));
     command.args(args).env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"));
+    // Tests of the console start it by a configuration; the other groups would compete for its port.
+    command.env("TOUCHLINE_NO_CONSOLE", "1");
     command.stdin(Stdio::null());
     command
 }
@@ -86,6 +88,13 @@ impl Group {
     pub fn start_with(name: &str, config: &str, args: &[&str], variables: &[(&str, &str)]) -> Self {
         Self::start_changed(name, config, args, |supervisor| {
             supervisor.envs(variables.iter().copied());
+        })
+    }
+
+    /// Like [`start`](Self::start), without a variable in the environment of its processes.
+    pub fn start_without(name: &str, config: &str, variable: &str) -> Self {
+        Self::start_changed(name, config, &[], |supervisor| {
+            supervisor.env_remove(variable);
         })
     }
 

@@ -171,6 +171,11 @@ impl Instance {
         self.directory.join("control")
     }
 
+    /// Where the console is reached, and its tokens.
+    pub fn console_path(&self) -> PathBuf {
+        self.directory.join("console.json")
+    }
+
     /// Socket for requests to a grabber that plays a recording step by step.
     pub fn step_path(&self) -> PathBuf {
         self.directory.join("step")
@@ -266,8 +271,8 @@ impl Instance {
     fn remove_files(&self) -> Result<(), InstanceError> {
         let names =
             [lock::NAME, namespace::NOTE, "config.toml", "config.new", "group.json", "group.new"];
-        let sockets = ["control", "step"];
-        for path in names.into_iter().chain(sockets).map(|name| self.directory.join(name)) {
+        let others = ["console.json", "console.new", "control", "step"];
+        for path in names.into_iter().chain(others).map(|name| self.directory.join(name)) {
             remove(fs::remove_file(&path), &path)?;
         }
         let revisions = self.revisions_directory();

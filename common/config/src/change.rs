@@ -76,7 +76,7 @@ impl Change {
                 .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
         };
         let longest = EFFECTS.iter().filter(begins_with).max_by_key(|(prefix, _)| prefix.len());
-        // `access` and `publish`.
+        // `access`, `publish` and `console`.
         longest.map_or(ATTENDANTS, |&(_, effect)| effect)
     }
 }
@@ -174,7 +174,7 @@ mod tests {
                     key.strip_prefix(*prefix)
                         .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
                 };
-                let sections_of_attendants = ["access", "publish"];
+                let sections_of_attendants = ["access", "publish", "console"];
                 let section = key.split('.').next().unwrap();
                 assert!(
                     change.effect() != ATTENDANTS || sections_of_attendants.contains(&section),

@@ -9,6 +9,7 @@
 mod access;
 mod camera;
 pub mod change;
+mod console;
 mod diagnostic;
 mod document;
 pub mod edit;
@@ -31,6 +32,7 @@ use serde::{Deserialize, Serialize};
 
 pub use access::{AccessConfig, TeamsAccess};
 pub use camera::{CameraConfig, GenicamConfig, SettingValue, V4l2Config};
+pub use console::ConsoleConfig;
 pub use diagnostic::{Diagnostic, Diagnostics, Place};
 pub use document::{commented_toml, schema_json};
 pub use filter::FilterConfig;
@@ -87,6 +89,8 @@ pub struct Config {
     /// Which of the leagues' own protocols are sent to other programs, and received from them; see
     /// docs/leagues.md. Nothing is sent unless a protocol is `enabled`.
     pub publish: PublishConfig,
+    /// The page in a browser.
+    pub console: ConsoleConfig,
     /// How stages wait for their input, and how the system schedules them.
     pub scheduling: SchedulingConfig,
     /// The synthetic match (`--source synthetic`).

@@ -88,6 +88,7 @@ impl Preset {
             supervisor: SupervisorConfig::default(),
             access: AccessConfig::default(),
             publish: PublishConfig::default(),
+            console: ConsoleConfig::default(),
             scheduling: SchedulingConfig::default(),
             synthetic: SyntheticConfig::default(),
         };

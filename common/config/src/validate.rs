@@ -1,5 +1,6 @@
 //! Checks beyond the schema: references between keys, contradictions, and robots that look alike.
 
+mod console;
 mod geometry;
 mod publish;
 mod robots;
@@ -21,6 +22,7 @@ impl Config {
         self.check_identities(&mut problems);
         self.check_rest(&mut problems);
         publish::check(self, &mut problems);
+        console::check(self, &mut problems);
         // With absurd sizes a check of the geometry would only repeat the problem.
         if none_in(&problems, &["field", "camera", "geometry", "robots.height_mm"]) {
             geometry::check(self, &mut problems);

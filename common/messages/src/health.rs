@@ -55,11 +55,13 @@ pub enum Attendant {
     Gateway = 5,
     /// Sends poses in the leagues' own protocols.
     Publisher = 6,
+    /// Serves the page in a browser.
+    Console = 7,
 }
 
 impl Attendant {
     /// All attendants.
-    pub const ALL: [Self; 3] = [Self::Supervisor, Self::Gateway, Self::Publisher];
+    pub const ALL: [Self; 4] = [Self::Supervisor, Self::Gateway, Self::Publisher, Self::Console];
 
     /// Process name.
     pub fn name(self) -> &'static str {
@@ -67,6 +69,7 @@ impl Attendant {
             Self::Supervisor => "supervisor",
             Self::Gateway => "gateway",
             Self::Publisher => "publisher",
+            Self::Console => "console",
         }
     }
 }

@@ -53,7 +53,8 @@ impl Group {
             .map_err(|error| format!("{}: {error}", place.display()))?;
         let place = place.canonicalize()?;
         let instance = Instance::below(&place.join("run"), &name)?;
-        let mut args: Vec<String> = ["run", "--quiet", "--instance"].map(Into::into).into();
+        let mut args: Vec<String> =
+            ["run", "--quiet", "--no-console", "--instance"].map(Into::into).into();
         args.extend([name, "--fps".into(), fps.to_string()]);
         args.extend(["--source".into(), source.to_string()]);
         args.extend(["--seconds".into(), (seconds + SPARE_TIME_S).to_string()]);

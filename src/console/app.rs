@@ -1,0 +1,44 @@
+//! What the tasks that serve clients share.
+
+use super::access::Policy;
+use super::desk::Desk;
+use client::instance::Instance;
+use config::ConsoleConfig;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// Most web sockets of clients that may change something, and of those that only watch: spectators cannot keep
+/// the owner out.
+const SOCKETS: usize = 32;
+const WATCHING_SOCKETS: usize = 48;
+
+/// The group, and who may do what.
+pub struct App {
+    /// The group.
+    pub instance: Instance,
+    /// Where the newest of every topic lies.
+    pub desk: Arc<Desk>,
+    /// Who may do what.
+    pub policy: Policy,
+    /// Free web sockets for those that may change something.
+    pub sockets: Arc<Semaphore>,
+    /// Free web sockets for spectators.
+    pub watching_sockets: Arc<Semaphore>,
+    /// Free jobs of the set-up: one at a time.
+    pub jobs: Arc<Semaphore>,
+}
+
+impl App {
+    /// The group's console at this place.
+    pub fn new(instance: &Instance, place: super::Place, config: &ConsoleConfig) -> Self {
+        let owner = rustix::process::getuid().as_raw();
+        Self {
+            instance: instance.clone(),
+            desk: Arc::new(Desk::new()),
+            policy: Policy { place, allow_hosts: config.allow_hosts.clone(), owner },
+            sockets: Arc::new(Semaphore::new(SOCKETS)),
+            watching_sockets: Arc::new(Semaphore::new(WATCHING_SOCKETS)),
+            jobs: Arc::new(Semaphore::new(1)),
+        }
+    }
+}

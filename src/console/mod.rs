@@ -1,0 +1,177 @@
+//! The console: a page in a browser to set up and watch a group by, and the same data for other programs.
+//!
+//! It reads topics like any consumer, holds no authority, and may die at any time. While no client is connected it
+//! receives nothing. Changes go through requests to the supervisor, as those of the command line do.
+//!
+//! Everything runs on one thread, beside which only pictures are encoded: [`reading`] reads topics and puts the
+//! newest of what clients wait for on a [`desk`]; [`server`] accepts connections, [`routes`] lets through what
+//! [`access`] permits, and a task for each client takes from the desk. [`scene`] turns messages into what a page
+//! draws, [`picture`] frames into pictures. [`place`] is where the console is found.
+
+pub mod access;
+mod answer;
+mod app;
+mod desk;
+pub mod live;
+mod page;
+pub mod peer;
+mod picture;
+pub mod pictures;
+mod place;
+mod reading;
+mod routes;
+mod scene;
+mod server;
+mod still;
+
+pub use place::Place;
+
+use crate::attendants::{AttendantError, Row};
+use app::App;
+use client::bus::BusError;
+use client::instance::Instance;
+use config::Config;
+use messages::Attendant;
+use reading::Reading;
+use runtime::attendant::AttendantProcess;
+use runtime::process::{MAX_WAIT, ProcessError};
+use std::io::{self, IsTerminal};
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Time between two rounds of reading while a client waits, at most; at high frame rates half a frame.
+const ROUND: Duration = Duration::from_millis(4);
+/// Time between two attempts to listen at an address that this computer does not have yet.
+const LISTEN_AGAIN: Duration = Duration::from_secs(1);
+/// Below the stages and everything else that a match needs.
+const NICE: i32 = 10;
+/// Threads that encode pictures.
+const ENCODERS: usize = 2;
+
+/// Reason for which the console cannot go on.
+#[derive(Debug, thiserror::Error)]
+enum ConsoleError {
+    /// The configuration has none.
+    #[error("[console] enabled is false")]
+    NotConfigured,
+    /// Its process failed.
+    #[error(transparent)]
+    Process(#[from] ProcessError),
+    /// Shared memory failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The system refused something.
+    #[error("{0}")]
+    System(#[from] io::Error),
+}
+
+/// The console's row in the table of attendants.
+pub const ROW: Row = Row {
+    attendant: Attendant::Console,
+    about: "The console: a page for browsers",
+    prepare,
+    run: |instance, config, supervised| Ok(run(instance, config, supervised)?),
+    remove: |_| Ok(()),
+};
+
+/// Chooses the address and says it. A match does not depend on it, so that nothing here ends its start.
+fn prepare(instance: &Instance, config: &Config) -> Result<bool, AttendantError> {
+    if !config.console.enabled {
+        Place::remove(instance);
+        return Ok(false);
+    }
+    let earlier = Place::read(instance);
+    let chosen = Place::choose(&config.console, earlier.as_ref())
+        .and_then(|place| place.write(instance).map(|()| place));
+    match chosen {
+        Ok(place) => {
+            for line in place.words(io::stderr().is_terminal()).lines() {
+                runtime::tell!("touchline: {line}");
+            }
+            Ok(true)
+        }
+        Err(error) => {
+            runtime::tell!("touchline: there is no console: {error}");
+            Ok(false)
+        }
+    }
+}
+
+/// Runs until it is told to end, or its group is gone.
+fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), ConsoleError> {
+    if !config.console.enabled {
+        return Err(ConsoleError::NotConfigured);
+    }
+    let process = AttendantProcess::start(Attendant::Console, instance, config, supervised)?;
+    // A refusal is harmless.
+    let _ = rustix::process::nice(NICE);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_io()
+        .enable_time()
+        .max_blocking_threads(ENCODERS)
+        .build()?;
+    let outcome = runtime.block_on(tend(process, instance, config));
+    // Clients are not waited for.
+    runtime.shutdown_background();
+    outcome
+}
+
+async fn tend(
+    mut process: AttendantProcess,
+    instance: &Instance,
+    config: &Config,
+) -> Result<(), ConsoleError> {
+    let Some((listener, place)) = listen(&mut process, instance, config).await? else {
+        return Ok(());
+    };
+    let listener = tokio::net::TcpListener::from_std(listener)?;
+    let app = Arc::new(App::new(instance, place, &config.console));
+    let desk = Arc::clone(&app.desk);
+    tokio::spawn(server::serve(listener, app));
+    let round = ROUND.min(Duration::from_secs_f64(0.5 / config.camera.fps.max(1.0)));
+    let mut reading = Reading::new(instance);
+    while process.keep_running(|_| ())? {
+        reading.round(&process.bus, &desk)?;
+        if desk.is_busy() {
+            tokio::time::sleep(round).await;
+        } else {
+            desk.pause(MAX_WAIT).await;
+        }
+    }
+    Ok(())
+}
+
+/// Listens at the address that was chosen when the group started. Keeps trying while the computer has no such
+/// address. `None` when the process is to end.
+async fn listen(
+    process: &mut AttendantProcess,
+    instance: &Instance,
+    config: &Config,
+) -> Result<Option<(TcpListener, Place)>, ConsoleError> {
+    let chosen = match Place::read(instance) {
+        Some(place) => place,
+        None => Place::choose(&config.console, None)?,
+    };
+    let mut told = false;
+    loop {
+        match chosen.listen() {
+            Ok((listener, place)) => {
+                // Another program may have taken the port meanwhile.
+                place.write(instance)?;
+                return Ok(Some((listener, place)));
+            }
+            Err(error) if !told => {
+                told = true;
+                runtime::tell!("console: {}: {error}; it is tried again", chosen.address);
+            }
+            Err(_) => {}
+        }
+        for _ in 0..LISTEN_AGAIN.as_millis() / MAX_WAIT.as_millis() {
+            if !process.keep_running(|_| ())? {
+                return Ok(None);
+            }
+            tokio::time::sleep(MAX_WAIT).await;
+        }
+    }
+}
