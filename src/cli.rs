@@ -157,6 +157,9 @@ pub enum Command {
     /// Prints, as JSON, what programs must agree on to work in one group.
     #[command(hide = true)]
     Interface,
+    /// Answers a request of the console about setting up: JSON on standard input and output.
+    #[command(hide = true)]
+    SetupWorker(SetupWorkerArgs),
     /// Disturbs a match of its own at random, and checks that nothing is lost.
     ///
     /// Starts a match that no other group notices, kills, freezes and otherwise troubles
@@ -312,6 +315,16 @@ pub struct StatusArgs {
     /// Print the whole report as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Arguments of `setup-worker`.
+#[derive(Debug, Args)]
+pub struct SetupWorkerArgs {
+    /// find-field, calibrate, learn or try
+    pub kind: String,
+    /// The group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
 }
 
 /// Arguments of `doctor`.

@@ -27,5 +27,6 @@ pub mod painted_light;
 pub mod publisher;
 pub mod recorder;
 pub mod replay;
+pub mod setup_worker;
 pub mod supervisor;
 pub mod top_scale;

@@ -75,13 +75,15 @@ const MAX_DEVIATIONS: f64 = 4.0;
 /// Smallest marking error assumed for the points.
 const FINE_POINTS_PX: f64 = 0.25;
 
-/// The camera fitted to the lines near where `rough` has them.
+/// The camera fitted to the lines near where `rough` has them, unless they move the marks by more than
+/// `may_move_px` (root mean square).
 pub fn refined(
     picture: &RgbImage,
     config: &Config,
     marks: &[Mark],
     lens: KnownLens,
     rough: &Calibration,
+    may_move_px: f64,
 ) -> Result<(Calibration, LinesFound), NotRefined> {
     let brightness = Brightness::of(picture);
     let (field, camera) = (&config.field, &config.camera);
@@ -92,7 +94,7 @@ pub fn refined(
         return Err(NotRefined::Scattered { rms_px: best.rms_px });
     }
     let rms_px = best.calibration.rms_px();
-    if rms_px > may_move_px(rough) {
+    if rms_px > may_move_px {
         return Err(NotRefined::Contradicted { rms_px });
     }
     let moved_px =
@@ -101,9 +103,9 @@ pub fn refined(
     Ok((calibration, LinesFound { found, wanted, rms_px, moved_px }))
 }
 
-/// Largest root mean square displacement of the points, from where they were marked, that lines may
+/// Largest root mean square displacement of points marked by hand, from where they were marked, that lines may
 /// cause.
-fn may_move_px(by_points: &Calibration) -> f64 {
+pub fn marking_error_px(by_points: &Calibration) -> f64 {
     let surplus = by_points.surplus;
     if surplus < SUFFICIENT_SURPLUS {
         return ROUGH_POINTS_PX;

@@ -38,6 +38,14 @@ pub struct NamedMark {
     pub mark: Mark,
 }
 
+impl NamedMark {
+    /// A mark that the program has found.
+    pub fn found(mark: &Mark) -> Self {
+        let [x, y, _] = mark.field_mm;
+        Self { name: format!("({x}, {y}) as found"), mark: *mark }
+    }
+}
+
 /// Reason why points cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PointsError {

@@ -16,7 +16,8 @@ pub struct CalibrateArgs {
     #[arg(long, value_name = "PLACE=X,Y", allow_hyphen_values = true)]
     pub at: Vec<String>,
     /// The picture the points were marked in; the pitch's lines are looked for in it, near where the
-    /// points predict them, and the calibration is refined on them
+    /// points predict them, and the calibration is refined on them. Without any points, the pitch is found by its
+    /// lines
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
     /// Do not look for lines: the points alone count
@@ -50,9 +51,11 @@ pub struct CalibrateArgs {
 
 pub const EXAMPLES: &str = "\
 Examples:
+  touchline calibrate --picture pitch.png --config match.toml -o calibrated.toml --overlay check.png
+      finds a pitch with border, centre line and circle painted as configured; look at check.png
   touchline calibrate --at corner-tl=111.1,6.7 --at corner-tr=597.7,11.9 \\
       --at corner-br=580.1,399.7 --at corner-bl=117.9,393.1 --config match.toml
-      the least there is; prints a [geometry] to put into the configuration
+      four corners are the least if there is no picture; prints a [geometry] to put into the configuration
   touchline calibrate --points points.toml --config match.toml -o calibrated.toml \\
       --picture pitch.png --overlay check.png
       four rough clicks are enough where the pitch has lines: these are found in the picture. The

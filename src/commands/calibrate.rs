@@ -7,14 +7,14 @@ use crate::cli::CalibrateArgs;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml};
 use grabber::pictures::read_picture;
 use image::RgbImage;
-use setup::calibration::{Calibration, KnownLens, LensSource, calibrated};
+use setup::calibration::{Calibration, KnownLens, calibrated};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 use touchline::calibrating::lines::{LinesFound, NotRefined};
 use touchline::calibrating::points::{NamedMark, PointsFile};
-use touchline::calibrating::{Fit, fit, overlay};
+use touchline::calibrating::{Fit, Marking, fit, fit_without_marks, overlay, words};
 use touchline::live_frames::median;
 
 /// Frames taken of a running group, and the least time between two: robots leave the lines meanwhile.
@@ -43,10 +43,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         file.add_argument(argument)?;
     }
     file.wall_height_mm = args.wall_height_mm.or(file.wall_height_mm);
-    let points = file.marks(&config.field)?;
-    if points.is_empty() {
-        return Err("no points: give --points FILE or --at PLACE=X,Y, at least four of them".into());
-    }
+    let mut points = file.marks(&config.field)?;
     let picture = match (&group, args.picture.as_deref()) {
         (Some(group), _) => median(&group.frames(&config, APART)?),
         (None, path) => path.map(open).transpose()?,
@@ -59,10 +56,22 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         (None, Some(place)) => KnownLens::Position(place),
         (None, None) => KnownLens::Guess(config.geometry.camera_mm),
     };
-    let marks: Vec<_> = points.iter().map(|point| point.mark).collect();
     let lined = picture.as_ref().filter(|_| !args.marks_only);
-    let Fit { calibration, lines } = fit(&config, &marks, lens, args.within_px, lined)
-        .map_err(|error| format!("{error}\n{}nothing was written", listing(&points)))?;
+    let Fit { calibration, lines } = match (points.is_empty(), lined) {
+        (true, Some(picture)) => {
+            let (fit, pitch) = fit_without_marks(&config, lens, picture)
+                .map_err(|error| format!("{error}\nnothing was written"))?;
+            points = pitch.marks.iter().map(NamedMark::found).collect();
+            fit
+        }
+        (true, None) => return Err(NO_POINTS.into()),
+        (false, _) => {
+            let marks: Vec<_> = points.iter().map(|point| point.mark).collect();
+            let marking = Marking::Within(args.within_px);
+            fit(&config, &marks, marking, lens, lined)
+                .map_err(|error| format!("{error}\n{}nothing was written", listing(&points)))?
+        }
+    };
     let config = calibrated(&config, &calibration);
     if let Some(problem) = config.problems().first() {
         return Err(format!("{problem}\n{}nothing was written", listing(&points)).into());
@@ -88,6 +97,9 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let Some(group) = group else { return Ok(ExitCode::SUCCESS) };
     group.apply(args.output.is_some(), |newest| newest.geometry = config.geometry)
 }
+
+const NO_POINTS: &str = "no points: give a picture (--picture FILE) in which the pitch can be found, or points (--points \
+                         FILE or --at PLACE=X,Y), at least four of them";
 
 /// What the lines of the pitch contributed, as text.
 fn said_of_lines(outcome: &Result<LinesFound, NotRefined>) -> String {
@@ -163,77 +175,15 @@ fn report(
     if let Some(refinement) = refinement {
         let _ = writeln!(text, "lines       {refinement}");
     }
-    let _ = writeln!(text, "lens        {}", lens(calibration));
-    let _ = writeln!(text, "camera      {}", camera(calibration));
-    for hint in hints(calibration) {
+    let _ = writeln!(text, "lens        {}", words::lens(calibration));
+    let _ = writeln!(text, "camera      {}", words::camera(calibration));
+    for hint in words::hints(calibration) {
         let _ = writeln!(text, "note: {hint}");
     }
     for warning in warnings.iter().filter(|warning| warning.path.starts_with("geometry")) {
         let _ = writeln!(text, "warning: {warning}");
     }
     text
-}
-
-fn lens(calibration: &Calibration) -> String {
-    let DistortionConfig { model, focal_px, k1, k2, k3, k4, center_px: [x, y] } =
-        calibration.geometry.distortion;
-    if calibration.distortion_parameters == 0 {
-        return "no distortion that these points could tell".into();
-    }
-    let mut text = match model {
-        DistortionModel::Polynomial => "polynomial".to_string(),
-        DistortionModel::Fisheye => format!("fisheye, focal length {focal_px:.1} px"),
-    };
-    for (name, term) in [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)] {
-        if term != 0.0 {
-            let _ = write!(text, ", {name} = {term}");
-        }
-    }
-    let _ = write!(text, ", around ({x:.1}, {y:.1}) px");
-    text
-}
-
-fn camera(calibration: &Calibration) -> String {
-    let place = calibration.geometry.camera_mm;
-    let sigma = calibration.lens_sigma_mm;
-    let coordinate = |axis: usize| match sigma[axis] {
-        0.0 => format!("{:.0}", place[axis]),
-        sigma => format!("{:.0} ± {sigma:.0}", place[axis]),
-    };
-    let source = match calibration.lens_source {
-        LensSource::Points => "from points of different heights",
-        LensSource::HeightAndPoints => "height as measured, the rest from points above the floor",
-        LensSource::HeightAndPerspective => "height as measured, the rest from the perspective",
-        LensSource::Perspective => "from the perspective; its height is uncertain",
-        LensSource::Given => "as given",
-        LensSource::Guessed => "as configured, not measured",
-    };
-    format!("{} mm high, at x {}, y {} mm ({source})", coordinate(2), coordinate(0), coordinate(1))
-}
-
-/// Advice on how to improve the calibration.
-fn hints(calibration: &Calibration) -> Vec<&'static str> {
-    let mut hints = Vec::new();
-    if calibration.surplus == 0 {
-        hints.push(
-            "so few points fit whatever they are; mark more to have them checked, and the lens'\n      \
-             distortion found: points along walls and lines, and in the middle",
-        );
-    }
-    if matches!(calibration.lens_source, LensSource::Guessed | LensSource::Perspective) {
-        hints.push(
-            "how high the camera hangs cannot be told from points of one height; it matters for\n      \
-             where robots stand. Mark the upper edge of the wall (\"wall top left\" …, with\n      \
-             --wall-height-mm), or measure the height (--camera-height-mm)",
-        );
-    }
-    if calibration.lens_source == LensSource::HeightAndPerspective {
-        hints.push(
-            "points at the upper edge of the wall (\"wall top left\" …) would tell better above\n      \
-             which place the camera hangs",
-        );
-    }
-    hints
 }
 
 /// The part of the configuration that was determined.

@@ -20,6 +20,7 @@ mod recordings;
 mod reload;
 mod run;
 mod score;
+mod setup_worker;
 mod step;
 mod stress;
 mod topics;
@@ -72,6 +73,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Replay(args)) => recordings::replay(args),
         Some(Command::Export(args)) => recordings::export(args),
         Some(Command::Recover(args)) => recordings::recover(args),
+        Some(Command::SetupWorker(args)) => setup_worker::work(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
         Some(Command::Classifier(args)) => {

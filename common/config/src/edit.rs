@@ -32,11 +32,7 @@ pub enum EditError {
 /// The configuration with these keys set, each `KEY=VALUE` with a value as in a TOML file; quotes around
 /// a text may be left out.
 pub fn with_values(config: &Config, assignments: &[String]) -> Result<Config, EditError> {
-    if assignments.is_empty() {
-        return Ok(config.clone());
-    }
-    let mut table = table(config);
-    for assignment in assignments {
+    let assignment = |assignment: &String| {
         let form = || EditError::Form(assignment.clone());
         let (key, value) = assignment.split_once('=').ok_or_else(form)?;
         let (key, value) = (key.trim(), value.trim());
@@ -45,7 +41,20 @@ pub fn with_values(config: &Config, assignments: &[String]) -> Result<Config, Ed
         }
         let parsed = toml::from_str::<Table>(&format!("value = {value}")).ok();
         let parsed = parsed.and_then(|mut table| table.remove("value"));
-        set(&mut table, key, parsed.unwrap_or_else(|| Value::String(value.into())))?;
+        Ok((key.to_string(), parsed.unwrap_or_else(|| Value::String(value.into()))))
+    };
+    let pairs = assignments.iter().map(assignment).collect::<Result<Vec<_>, EditError>>()?;
+    with_pairs(config, pairs)
+}
+
+/// The configuration with these keys set to these values.
+pub fn with_pairs(config: &Config, pairs: Vec<(String, Value)>) -> Result<Config, EditError> {
+    if pairs.is_empty() {
+        return Ok(config.clone());
+    }
+    let mut table = table(config);
+    for (key, value) in pairs {
+        set(&mut table, &key, value)?;
     }
     let text = toml::to_string(&table).expect("a table can be written");
     Ok(Config::parse(&text, "the configuration with --set")?)
