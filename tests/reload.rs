@@ -156,6 +156,14 @@ fn what_cannot_be_is_refused_and_nothing_changes() {
     // Nothing to do is no error, and a dry run does nothing.
     let (done, said) = reload(&group, &[]);
     assert!(done && said.contains("nothing differs"), "{said}");
+    let file = group.scratch.path.join("config.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let other = "[filter]\nactuation_delay_ms = 44\n[tracker]\nmin_region_px = 7\n";
+    let other = group.scratch.write("other.toml", &format!("{text}\n{other}"));
+    let arguments = ["--dry-run", "--stages", "filter", "--config", other.to_str().unwrap()];
+    let (done, said) = reload(&group, &arguments);
+    assert!(done && said.contains("to be replaced: filter\n"), "{said}");
+    assert!(said.contains("stays as it runs: tracker.min_region_px (the file has 7)"), "{said}");
     let (done, said) = reload(&group, &["--dry-run", "--set", "tracker.min_region_px=7"]);
     assert!(done && said.contains("to be replaced: tracker\n"), "{said}");
     assert!(!group.touchline(&["rollback"]).status.success(), "there is none before");
@@ -205,9 +213,56 @@ fn the_next_supervisor_goes_on_with_the_newest_configuration() {
     let status = group.wait_until_working();
     assert_eq!(revision(&status), 2, "{status:#}");
     assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
+    let history = status["configuration"]["history"].as_array().unwrap();
+    assert_eq!(history.len(), 2, "{history:?}");
+    assert_eq!(history[0]["what"], "as the group was started");
+    assert!(history[1]["what"].as_str().unwrap().contains("50.0 → 61.0"), "{history:?}");
+    assert_eq!(history[1]["hash"], status["configuration"]["hash"]);
+    assert_ne!(history[0]["hash"], history[1]["hash"]);
     let (done, said) = reload(&group, &["--set", "filter.actuation_delay_ms=62"]);
     assert!(done && said.contains("61.0 → 62.0"), "{said}");
     assert!(said.contains("revision 3"), "{said}");
+    group.signal_supervisor(Signal::TERM);
+    assert!(group.wait_until_ended().success());
+    group.assert_nothing_left();
+}
+
+/// Attendants are restarted only for keys that they read; the monitor goes over by itself.
+#[test]
+fn attendants_and_monitor_go_over_to_what_concerns_them() {
+    let mut group = Group::start("reload-others", SMALL, &["--publish", "json"]);
+    let pid = |status: &Value| status["attendants"]["publisher"]["pid"].as_u64();
+    let status = group.wait_for("a publisher", |status| {
+        pid(status).is_some() && status["complete"] == true && status["publisher"].is_object()
+    });
+    let first = pid(&status);
+    let mut config = config::Config::load(&group.instance.config_path()).unwrap();
+    config.filter.actuation_delay_ms = 61.0;
+    let robots = config.robots.identities.len();
+    let go_over = |group: &Group, config: &config::Config| {
+        let file = group.scratch.write("next.toml", &config::commented_toml(config));
+        let (done, said) = reload(group, &["--config", file.to_str().unwrap()]);
+        assert!(done, "{said}");
+    };
+    go_over(&group, &config);
+    let status = group.wait_until_working();
+    assert_eq!((pid(&status), revision(&status)), (first, 2), "{status:#}");
+    assert_eq!(status["found"]["robots_configured"], robots);
+
+    config.robots.identities.pop();
+    go_over(&group, &config);
+    let status = group.wait_for("another publisher", |status| {
+        pid(status).is_some_and(|pid| Some(pid) != first) && revision(status) == 3
+    });
+    assert_eq!(status["found"]["robots_configured"], robots - 1, "{status:#}");
+    let second = pid(&status);
+
+    config.camera.fps = 30.0;
+    go_over(&group, &config);
+    let status = group.wait_for("another rate", |status| {
+        pid(status).is_some_and(|pid| Some(pid) != second) && status["camera"]["fps"] == 30.0
+    });
+    assert_eq!(status["frames"]["missing_in_world"], 0, "{status:#}");
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
     group.assert_nothing_left();

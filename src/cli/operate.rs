@@ -47,6 +47,10 @@ pub struct ReloadArgs {
     /// robots by name: `colors.orange.red=[190,255]`, `robots.identities.yellow 1.height_mm=120`
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Take over only the sections of which every change concerns these stages alone, separated by commas:
+    /// any of grabber, classifier, tracker, filter. What else differs is listed, and stays as it runs
+    #[arg(long, value_name = "STAGES", value_delimiter = ',', value_parser = super::parse_stage)]
+    pub stages: Vec<ProcessKind>,
     /// Only tell what differs and which stages it concerns
     #[arg(long)]
     pub dry_run: bool,

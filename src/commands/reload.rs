@@ -7,7 +7,7 @@ use super::run::as_run;
 use crate::cli::{ReloadArgs, RollbackArgs};
 use client::instance::Instance;
 use client::private;
-use config::change::{Change, Effect, changes};
+use config::change::{Change, Effect, changes, only_for};
 use config::edit::with_values;
 use config::snapshot::{Snapshot, concerned};
 use config::{Config, commented_toml};
@@ -28,6 +28,13 @@ pub fn reload(args: ReloadArgs) -> Result<ExitCode, CommandError> {
     let instance = running(&args.instance)?;
     let now = Snapshot::load(&instance.config_path())?;
     let wanted = wanted(&args, &instance, &now.config)?;
+    if args.stages.is_empty() {
+        return go_over(&instance, &wanted, args.dry_run);
+    }
+    let (wanted, left) = only_for(&now.config, &wanted, &args.stages)?;
+    for change in left {
+        say_line!("stays as it runs: {} (the file has {})", change.key, change.new_text())?;
+    }
     go_over(&instance, &wanted, args.dry_run)
 }
 

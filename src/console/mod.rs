@@ -72,6 +72,8 @@ pub const ROW: Row = Row {
     about: "The console: a page for browsers",
     prepare,
     run: |instance, config, supervised| Ok(run(instance, config, supervised)?),
+    // The page fetches everything else anew when the revision has changed.
+    reads: &["console"],
     remove: |_| Ok(()),
 };
 

@@ -93,6 +93,7 @@ pub const ROW: Row = Row {
     about: "The gateway alone: `world` and `commands` for users of the group `access.group`",
     prepare: |instance, config| Ok(prepare(instance, config)?),
     run: |instance, config, supervised| Ok(run(instance, config, supervised)?),
+    reads: &["access", "camera.fps"],
     remove: Instance::remove_gateway_directory,
 };
 

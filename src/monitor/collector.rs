@@ -1,5 +1,7 @@
 //! Reads all topics and builds the report.
 
+mod configuration;
+
 use super::Outlets;
 use super::accuracy::{ReportedRobot, Scorer};
 use super::camera::CameraWatch;
@@ -56,6 +58,8 @@ pub struct Collector {
     strangers: StrangerWatch,
     commanders: CommanderWatch,
     view: Arc<GroupView>,
+    /// The configuration in use, and its revision; 0 for that of the start.
+    config: (u32, Arc<Config>),
     base: Report,
     started_ns: u64,
     flow: Flow,
@@ -155,6 +159,7 @@ impl Collector {
             publisher: PublisherWatch::new(&bus, &config.publish)?,
             strangers: StrangerWatch::new(instance, &config.access.publishers, &bus)?,
             view,
+            config: (0, Arc::new(config.clone())),
             base,
             started_ns: monotonic_ns(),
             flow: Flow::default(),
@@ -190,6 +195,7 @@ impl Collector {
 
     /// Reads everything published since the last call.
     pub fn collect(&mut self) -> Result<(), BusError> {
+        self.use_newest_config();
         self.see_again();
         let mut received_frames = 0;
         while let Some(frame) = self.frames.receive()? {

@@ -56,14 +56,22 @@ pub struct CommanderWatch {
 impl CommanderWatch {
     /// Connects.
     pub fn new(instance: &Instance, config: &Config, bus: &Bus) -> Result<Self, BusError> {
-        let identities = config.robots.identities.iter();
-        Ok(Self {
-            robots: identities.map(|it| (it.team as u32, it.id)).collect(),
+        let mut it = Self {
+            robots: BTreeSet::new(),
             instance: instance.clone(),
             commands: bus.subscriber(&topics::COMMANDS)?,
-            timeout_ns: (config.filter.command_timeout_ms * 1e6) as u64,
+            timeout_ns: 0,
             senders: HashMap::new(),
-        })
+        };
+        it.use_config(config);
+        Ok(it)
+    }
+
+    /// Goes over to another configuration; what is known of the senders stays.
+    pub fn use_config(&mut self, config: &Config) {
+        let identities = config.robots.identities.iter();
+        self.robots = identities.map(|it| (it.team as u32, it.id)).collect();
+        self.timeout_ns = (config.filter.command_timeout_ms * 1e6) as u64;
     }
 
     /// Reads new commands, and reports senders that publish too many.

@@ -226,7 +226,11 @@ fn body(report: &Report) -> String {
         found.regions
     );
     if let Some(last) = report.configuration.history.last().filter(|last| last.revision > 1) {
-        let _ = writeln!(text, "  configured   revision {}: {}", last.revision, last.what);
+        let _ = writeln!(
+            text,
+            "  configured   revision {} ({}): {}",
+            last.revision, last.hash, last.what
+        );
     }
     if let Some(light) = &report.light {
         let _ = writeln!(text, "  light        {}", light_words(light));

@@ -30,7 +30,7 @@ use client::clock::monotonic_ns;
 use client::eventcount::EventCount;
 use client::instance::Instance;
 use collector::Collector;
-use config::{CameraConfig, Config};
+use config::Config;
 use messages::topics;
 use messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
 use runtime::process::HEARTBEAT;
@@ -91,8 +91,7 @@ impl Monitor {
             match Collector::new(&instance, source, &config, view) {
                 Ok((mut collector, outlets)) => {
                     let _ = connected.send(Ok(()));
-                    let poll = poll_period(&config.camera);
-                    watch(&mut collector, outlets, output, poll, &stop_requested)
+                    watch(&mut collector, outlets, output, &stop_requested)
                 }
                 Err(error) => {
                     let _ = connected.send(Err(error));
@@ -141,7 +140,6 @@ fn watch(
     collector: &mut Collector,
     mut outlets: Outlets,
     output: Output,
-    poll: Duration,
     stop: &AtomicBool,
 ) -> Report {
     let mut display = console::Display::new(output);
@@ -181,7 +179,7 @@ fn watch(
                 display.draw(&report);
             }
         }
-        asked.sleep(outlets.requests.as_ref(), poll);
+        asked.sleep(outlets.requests.as_ref(), collector.poll_period());
     }
 }
 
@@ -217,10 +215,9 @@ impl Asked {
     }
 }
 
-/// Time between two rounds of reading.
-fn poll_period(camera: &CameraConfig) -> Duration {
-    let buffer = topics::frames(camera.frame_bytes()).buffer as f64;
-    Duration::from_secs_f64(buffer / POLLS_PER_BUFFER / camera.fps).min(LONGEST_POLL)
+/// Time between two rounds of reading, for a buffer of so many frames.
+fn poll_period(buffer: usize, fps: f64) -> Duration {
+    Duration::from_secs_f64(buffer as f64 / POLLS_PER_BUFFER / fps).min(LONGEST_POLL)
 }
 
 fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {

@@ -30,19 +30,27 @@ pub struct UnknownScorer {
 impl UnknownScorer {
     /// Nothing scored yet.
     pub fn new(config: &Config) -> Self {
-        let robots = &config.robots;
-        let layout = Layout::new(robots);
-        let patch = layout.patches.iter().find(|patch| patch.role == PatchRole::Team);
-        Self {
-            named: robots.identities.iter().map(|it| (it.team as u32, it.id)).collect(),
-            patch_mm: patch.map_or([0.0; 2], |patch| patch.centroid_mm),
+        let mut it = Self {
+            named: Default::default(),
+            patch_mm: [0.0; 2],
             expected: 0,
             followed: 0,
             ghosts: 0,
             switches: 0,
             position: Distribution::new(),
             tracks: HashMap::new(),
-        }
+        };
+        it.use_config(config);
+        it
+    }
+
+    /// Goes over to another configuration; what was scored so far stays.
+    pub fn use_config(&mut self, config: &Config) {
+        let robots = &config.robots;
+        let layout = Layout::new(robots);
+        let patch = layout.patches.iter().find(|patch| patch.role == PatchRole::Team);
+        self.named = robots.identities.iter().map(|it| (it.team as u32, it.id)).collect();
+        self.patch_mm = patch.map_or([0.0; 2], |patch| patch.centroid_mm);
     }
 
     /// Truth restricted to the identifiable robots.

@@ -2,13 +2,15 @@
 
 use bytemuck::Zeroable;
 use client::clock::monotonic_ns;
+use config::Config;
+use config::change::content_hash;
 use messages::stages::StageId;
 use messages::{
     Attendant, EventKind, GroupEvent, Heartbeat, ProcessState, process_number, write_text,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Events kept for the status; the log on standard error has all of them.
@@ -111,12 +113,16 @@ pub struct Revised {
     pub time_s: f64,
     /// What changed, or why it was taken back.
     pub what: String,
+    /// Identifies the content: equal for configurations with equal keys.
+    #[serde(default)]
+    pub hash: String,
 }
 
 impl Revised {
     /// Accepted now.
-    pub fn new(revision: u32, what: String) -> Self {
-        Self { revision, time_s: seconds_since_1970(), what }
+    pub fn new(revision: u32, config: &Config, what: String) -> Self {
+        let hash = content_hash(config);
+        Self { revision, time_s: seconds_since_1970(), what, hash }
     }
 }
 
@@ -125,6 +131,9 @@ impl Revised {
 pub struct Configured {
     /// Revision of the newest accepted configuration.
     pub revision: u32,
+    /// Identifies its content: equal for configurations with equal keys.
+    #[serde(default)]
+    pub hash: String,
     /// Stages whose active process still runs with an earlier one, or has only just taken over.
     pub pending: Vec<String>,
     /// The last accepted configurations, oldest first.
@@ -145,6 +154,8 @@ struct Inner {
     lacks: Vec<String>,
     attendants: Vec<AttendantView>,
     configured: Configured,
+    /// The newest accepted configuration, with its revision.
+    config: Option<(u32, Arc<Config>)>,
     updated_ns: Option<u64>,
     events: VecDeque<Event>,
     /// Number of events of this supervisor.
@@ -217,6 +228,16 @@ impl GroupView {
     /// The configuration.
     pub fn configured(&self) -> Configured {
         self.lock().configured.clone()
+    }
+
+    /// Replaces the configuration that the group goes over to.
+    pub fn update_config(&self, revision: u32, config: &Config) {
+        self.lock().config = Some((revision, Arc::new(config.clone())));
+    }
+
+    /// The configuration that the group goes over to, if it is another revision than the given one.
+    pub fn other_config(&self, than: u32) -> Option<(u32, Arc<Config>)> {
+        self.lock().config.clone().filter(|(revision, _)| *revision != than)
     }
 
     /// The attendants.

@@ -87,6 +87,7 @@ pub const ROW: Row = Row {
     about: "The publisher alone: poses in the leagues' protocols over UDP, as [publish] says",
     prepare: |_, config| Ok(prepare(config)?),
     run: |instance, config, supervised| Ok(run(instance, config, supervised)?),
+    reads: &["field", "camera", "geometry", "ball", "robots", "publish"],
     remove: |_| Ok(()),
 };
 

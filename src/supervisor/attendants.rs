@@ -12,6 +12,7 @@ use crate::monitor::AttendantView;
 use client::bus::participants;
 use client::instance::Instance;
 use config::Config;
+use config::change::Change;
 use messages::EventKind;
 use std::fs;
 use std::process::Child;
@@ -154,6 +155,15 @@ impl Attendants {
                 }
                 None => attendant.rules = Rules { start_after_ns: now_ns, ..Rules::default() },
             }
+        }
+    }
+
+    /// Replaces the processes of those that a change of the configuration concerns.
+    pub fn go_over(&mut self, config: &Config, changes: &[Change], now_ns: u64) {
+        self.config = config.clone();
+        let is_concerned = |row: &&Row| changes.iter().any(|change| row.is_concerned(change));
+        for row in TABLE.iter().filter(is_concerned) {
+            self.restart(row.name(), now_ns);
         }
     }
 

@@ -6,6 +6,7 @@
 //! revision, and for going back. Both are replaced atomically, so a supervisor that dies at any moment
 //! leaves one accepted configuration.
 
+use super::history::{self, KEPT_CHANGES};
 use super::premises::make_private_directory;
 use super::sys::{self, Call};
 use crate::monitor::Revised;
@@ -24,8 +25,6 @@ use std::path::Path;
 const ORIGIN: &str = "origin.toml";
 /// Revisions kept as files.
 pub const KEPT_REVISIONS: u32 = 16;
-/// Changes kept for the status.
-const KEPT_CHANGES: usize = 20;
 /// A configuration with which processes fail so often within its trial is given up.
 const MOST_FAULTS: u32 = 2;
 /// Length of a trial, from the acceptance of a configuration.
@@ -51,19 +50,31 @@ struct Trial {
 }
 
 impl Configuration {
-    /// The configuration that a group starts with, or goes on with.
-    pub fn new(instance: &Instance, snapshot: Snapshot) -> Self {
+    /// The configuration that a group starts with or, if it `lives` already, goes on with.
+    pub fn new(instance: &Instance, snapshot: Snapshot, lives: bool) -> Self {
         let what = match snapshot.revision {
             Revision::FIRST => "as the group was started",
             _ => "as the supervisor before has left it",
         };
-        let start = Revised::new(snapshot.revision.number, what.into());
-        Self { instance: instance.clone(), snapshot, trial: None, history: vec![start] }
+        let number = snapshot.revision.number;
+        let start = Revised::new(number, &snapshot.config, what.into());
+        let history = if lives { history::read(instance) } else { Vec::new() };
+        let is_known = history.last().is_some_and(|last| last.revision == number);
+        let mut it = Self { instance: instance.clone(), snapshot, trial: None, history };
+        if !is_known {
+            it.remember(start);
+        }
+        it
     }
 
     /// The newest accepted one.
     pub fn snapshot(&self) -> &Snapshot {
         &self.snapshot
+    }
+
+    /// Identifies the content of the newest accepted one.
+    pub fn hash(&self) -> &str {
+        self.history.last().map_or("", |last| &last.hash)
     }
 
     /// Changes so far, oldest first.
@@ -142,12 +153,17 @@ impl Configuration {
         let number = snapshot.revision.number;
         write(&self.instance, &snapshot)
             .map_err(|error| format!("the new configuration cannot be kept: {error}"))?;
-        self.history.push(Revised::new(number, what));
-        if self.history.len() > KEPT_CHANGES {
-            self.history.remove(0);
-        }
+        self.remember(Revised::new(number, &snapshot.config, what));
         self.snapshot = snapshot;
         Ok(())
+    }
+
+    fn remember(&mut self, change: Revised) {
+        self.history.push(change);
+        let surplus = self.history.len().saturating_sub(KEPT_CHANGES);
+        self.history.drain(..surplus);
+        // Best effort: the configuration counts without its history, and the next change writes all of it.
+        let _ = history::write(&self.instance, &self.history);
     }
 }
 
@@ -220,7 +236,7 @@ mod tests {
         instance.create_directory().unwrap();
         let snapshot = Snapshot::first(Config::default());
         write(&instance, &snapshot).unwrap();
-        (Configuration::new(&instance, snapshot), base)
+        (Configuration::new(&instance, snapshot, false), base)
     }
 
     fn file(base: &Path, config: &Config) -> std::path::PathBuf {
@@ -249,6 +265,13 @@ mod tests {
         assert_eq!(it.snapshot().config, Config::default());
         assert!(it.roll_back("again").is_err());
         assert_eq!(it.history().len(), 3);
+        assert_eq!(it.history()[0].hash, it.hash(), "the content of the first");
+        assert_ne!(it.history()[1].hash, it.hash());
+
+        let next = Configuration::new(&it.instance, it.snapshot().clone(), true);
+        assert_eq!(next.history(), it.history(), "it outlives the supervisor");
+        let anew = Configuration::new(&it.instance, Snapshot::first(Config::default()), false);
+        assert_eq!(anew.history().len(), 1);
         it.instance.remove_directory().unwrap();
         fs::remove_dir_all(base).unwrap();
     }

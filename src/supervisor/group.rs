@@ -144,6 +144,7 @@ impl<'a> Group<'a> {
             .filter_map(|(stage, &count)| Some((StageId::from_name(stage)?, count)))
             .collect();
         view.remember(record.events.clone());
+        view.update_config(configuration.snapshot().revision.number, config);
         let settings = settings(config, graph);
         Ok(Self {
             progress,

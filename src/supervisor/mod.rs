@@ -2,7 +2,7 @@
 //!
 //! * [`policy`] decides, and [`group`] carries the decisions out while the group runs.
 //! * [`children`] starts, signals and reaps processes, with a [`log`] for each.
-//! * [`configuration`] accepts changes of the configuration, and takes them back.
+//! * [`configuration`] accepts changes of the configuration, and takes them back; [`history`] remembers them.
 //! * [`progress`] observes the stages' outputs, also through their [`pages`].
 //! * [`starvation`] measures which process gets no processor.
 //! * [`control`] receives requests, and [`signals`] signals.
@@ -24,6 +24,7 @@ mod control;
 mod drops;
 mod evidence;
 mod group;
+mod history;
 mod janitor;
 mod log;
 mod notify;
@@ -195,7 +196,7 @@ fn supervise(
     let config = &inheritance.snapshot.config;
     let attendants =
         Attendants::prepare(&launch.instance, config, lives).map_err(SupervisorError::Attendant)?;
-    let configuration = Configuration::new(&launch.instance, inheritance.snapshot.clone());
+    let configuration = Configuration::new(&launch.instance, inheritance.snapshot.clone(), lives);
     let mut group = Group::new(
         launch,
         configuration,

@@ -116,6 +116,11 @@ impl Progress {
         Ok(progress)
     }
 
+    /// Recognises impossible frame numbers by another frame rate.
+    pub fn use_fps(&mut self, fps: f64) {
+        self.fps = fps;
+    }
+
     /// Starts without a connection: for a supervisor that takes over a group and lacks the memory
     /// to connect.
     pub fn unconnected(instance: &Instance, config: &Config, graph: StageGraph) -> Self {

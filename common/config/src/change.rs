@@ -1,9 +1,9 @@
 //! The difference of two configurations, key by key, and what has to be replaced for it to take effect.
 
-use super::Config;
 use super::document::table;
+use super::{Config, ConfigError};
 use messages::ProcessKind;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use toml::Value;
 
@@ -56,6 +56,9 @@ const SIZE: Effect =
 const ATTENDANTS: Effect =
     Effect::NewGroup("who may attach, and what is published, is set up when a group starts");
 
+/// Text for a value that is not set.
+const NONE: &str = "(none)";
+
 /// One changed key.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
@@ -68,13 +71,20 @@ pub struct Change {
 }
 
 impl Change {
+    /// Whether the key is this one, or one of this section.
+    pub fn is_below(&self, section: &str) -> bool {
+        let rest = self.key.strip_prefix(section);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    }
+
+    /// The value after, as text.
+    pub fn new_text(&self) -> &str {
+        self.new.as_deref().unwrap_or(NONE)
+    }
+
     /// Whom the changed key concerns.
     pub fn effect(&self) -> Effect {
-        let begins_with = |&&(prefix, _): &&(&str, Effect)| {
-            self.key
-                .strip_prefix(prefix)
-                .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-        };
+        let begins_with = |&&(prefix, _): &&(&str, Effect)| self.is_below(prefix);
         let longest = EFFECTS.iter().filter(begins_with).max_by_key(|(prefix, _)| prefix.len());
         // `access`, `publish` and `console`.
         longest.map_or(ATTENDANTS, |&(_, effect)| effect)
@@ -84,8 +94,8 @@ impl Change {
 /// `filter.actuation_delay_ms: 80.0 → 60.0`
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "(none)".into());
-        write!(f, "{}: {} → {}", self.key, value(&self.old), value(&self.new))
+        let old = self.old.as_deref().unwrap_or(NONE);
+        write!(f, "{}: {old} → {}", self.key, self.new_text())
     }
 }
 
@@ -104,6 +114,45 @@ pub fn changes(old: &Config, new: &Config) -> Vec<Change> {
         })
     };
     keys.into_iter().filter_map(change).collect()
+}
+
+/// Identifies the content of a configuration: 16 hexadecimal digits, equal for configurations with equal keys,
+/// whatever their texts look like. FNV-1a over keys and values; nothing relies on it being hard to forge.
+pub fn content_hash(config: &Config) -> String {
+    const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0000_0100_0000_01b3;
+    let text: String =
+        values(config).iter().map(|(key, value)| format!("{key}={value}\n")).collect();
+    let hash = text.bytes().fold(OFFSET, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(PRIME));
+    format!("{hash:016x}")
+}
+
+/// `old` with those sections of `new` of which every change concerns only these stages, and the changes that
+/// are left out.
+pub fn only_for(
+    old: &Config,
+    new: &Config,
+    stages: &[ProcessKind],
+) -> Result<(Config, Vec<Change>), ConfigError> {
+    let section = |change: &Change| change.key.split('.').next().unwrap_or_default().to_string();
+    let is_theirs = |change: &Change| match change.effect() {
+        Effect::Stages(kinds) => kinds.iter().all(|kind| stages.contains(kind)),
+        Effect::Supervisor | Effect::NewGroup(_) => false,
+    };
+    let all = changes(old, new);
+    let others: BTreeSet<String> =
+        all.iter().filter(|change| !is_theirs(change)).map(section).collect();
+    let (left, taken): (Vec<_>, Vec<_>) =
+        all.into_iter().partition(|change| others.contains(&section(change)));
+    let (mut merged, mut from) = (table(old), table(new));
+    for name in taken.iter().map(section) {
+        // A section with several changes is moved at the first of them.
+        if let Some(value) = from.remove(&name) {
+            merged.insert(name, value);
+        }
+    }
+    let text = toml::to_string(&merged).expect("a table can be written");
+    Ok((Config::parse(&text, "the sections for these stages")?, left))
 }
 
 /// Whether class numbers mean the same colours in both.
@@ -184,6 +233,38 @@ mod tests {
             }
         }
         assert_eq!(unused, Vec::<&str>::new());
+    }
+
+    #[test]
+    fn the_hash_is_of_the_content_not_of_the_text() {
+        let config = Config::default();
+        let hash = content_hash(&config);
+        assert_eq!(hash.len(), 16);
+        assert_eq!(content_hash(&Config::parse("# other text\n", "test").unwrap()), hash);
+        let mut changed = config.clone();
+        changed.filter.actuation_delay_ms += 1.0;
+        assert_ne!(content_hash(&changed), hash);
+        changed = config;
+        changed.colors.swap(0, 1);
+        assert_ne!(content_hash(&changed), hash);
+    }
+
+    #[test]
+    fn only_sections_for_the_named_stages_are_taken_over() {
+        let old = Config::default();
+        let mut new = old.clone();
+        new.filter.actuation_delay_ms += 1.0;
+        new.colors.swap(0, 1);
+        new.supervisor.stall_min_ms += 1.0;
+        let keys = |left: Vec<Change>| left.into_iter().map(|it| it.key).collect::<Vec<_>>();
+        let (config, left) = only_for(&old, &new, &[Filter]).unwrap();
+        assert_eq!(config, Config { filter: new.filter.clone(), ..old.clone() });
+        assert_eq!(keys(left), ["colors.order", "supervisor.stall_min_ms"]);
+        let (config, _) = only_for(&old, &new, &[Classifier]).unwrap();
+        assert_eq!(config, old, "the tracker reads the colours too");
+        let (config, left) = only_for(&old, &new, &[Classifier, Tracker, Filter]).unwrap();
+        assert_eq!((config.colors, config.filter), (new.colors, new.filter));
+        assert_eq!(keys(left), ["supervisor.stall_min_ms"]);
     }
 
     #[test]

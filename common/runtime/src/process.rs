@@ -39,7 +39,8 @@ const HEARTBEAT_AFTER_DROP: Duration = Duration::from_millis(10);
 pub const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// For tests and rehearsals: `STAGE@NUMBER` makes that stage, or the `monitor`, panic when it receives
-/// that frame, `STAGE@rNUMBER` whenever it works with that revision of the configuration.
+/// that frame, `STAGE@rNUMBER` whenever it works with that revision of the configuration. Several are separated
+/// by semicolons.
 pub const FAULT_VARIABLE: &str = "TOUCHLINE_FAULT";
 
 /// Start options of a process.
@@ -158,7 +159,7 @@ impl Process {
             panic,
             promotion,
             fault: fault_from_environment(&stage.to_string()),
-            has_faulty_revision: faulty_revision(&stage.to_string()) == Some(revision.number),
+            has_faulty_revision: is_faulty_revision(&stage.to_string(), revision),
             skip_next: false,
             spare: options.spare,
             supervised: options.supervised,
@@ -352,18 +353,21 @@ impl Process {
 
 /// The frame at which the named part of the group must panic, from [`FAULT_VARIABLE`].
 pub fn fault_from_environment(name: &str) -> Option<u64> {
-    fault_of(name)?.parse().ok()
+    faults_of(name).iter().find_map(|fault| fault.parse().ok())
 }
 
-/// The revision with which the named stage must panic, from [`FAULT_VARIABLE`].
-fn faulty_revision(name: &str) -> Option<u32> {
-    fault_of(name)?.strip_prefix('r')?.parse().ok()
+/// Whether the named stage must panic with this revision, according to [`FAULT_VARIABLE`].
+fn is_faulty_revision(name: &str, revision: Revision) -> bool {
+    faults_of(name).iter().any(|fault| *fault == format!("r{}", revision.number))
 }
 
-fn fault_of(name: &str) -> Option<String> {
-    let fault = std::env::var(FAULT_VARIABLE).ok()?;
-    let (stage, what) = fault.rsplit_once('@')?;
-    (stage == name).then(|| what.to_string())
+fn faults_of(name: &str) -> Vec<String> {
+    let faults = std::env::var(FAULT_VARIABLE).unwrap_or_default();
+    let of_stage = |fault: &str| {
+        let (stage, what) = fault.rsplit_once('@')?;
+        (stage == name).then(|| what.to_string())
+    };
+    faults.split(';').filter_map(of_stage).collect()
 }
 
 pub(crate) fn system(action: &'static str) -> impl FnOnce(std::io::Error) -> ProcessError {

@@ -148,8 +148,8 @@ fn shared_memory(namespace: Option<&Namespace>) -> Vec<String> {
 /// Entries of the runtime directory. The configurations that a supervisor keeps do not count, but more of
 /// them do.
 fn runtime_entries(instance: &Instance) -> u64 {
-    // The last revisions, and the configuration of the start.
-    let kept = u64::from(KEPT_REVISIONS) + 1;
+    // The last revisions, the configuration of the start, and the history.
+    let kept = u64::from(KEPT_REVISIONS) + 2;
     let revisions = entries_below(&instance.revisions_directory());
     entries_below(instance.directory()) - revisions.min(kept)
 }

@@ -6,22 +6,26 @@ use crate::monitor::Event as LogEvent;
 use crate::supervisor::control::{Answer, Done};
 use crate::supervisor::policy::MemberId;
 use client::clock::monotonic_ns;
+use config::Config;
+use config::change::changes;
 use messages::{Attendant, EventKind, ProcessKind};
 use std::path::Path;
 
 impl Group<'_> {
     /// Goes over to the configuration in a file.
     pub(super) fn reload(&mut self, file: &Path) -> Answer {
+        let before = self.configuration.snapshot().config.clone();
         match self.configuration.accept(file, monotonic_ns())? {
             None => Ok(Done::default()),
-            Some(kinds) => Ok(self.go_over(&kinds)),
+            Some(kinds) => Ok(self.go_over(&before, &kinds)),
         }
     }
 
     /// Goes back to the configuration before the present one.
     pub(super) fn roll_back(&mut self, reason: &str) -> Answer {
+        let before = self.configuration.snapshot().config.clone();
         let kinds = self.configuration.roll_back(reason)?;
-        Ok(self.go_over(&kinds))
+        Ok(self.go_over(&before, &kinds))
     }
 
     /// Rolls back a configuration with which processes fail.
@@ -43,8 +47,9 @@ impl Group<'_> {
         revision.is_some_and(|revision| self.configuration.blame(kind, revision, monotonic_ns()))
     }
 
-    /// Has the processes replaced that do not do as the newest configuration says.
-    fn go_over(&mut self, kinds: &[ProcessKind]) -> Done {
+    /// Has the processes replaced that do not do as the newest configuration says, which the one before
+    /// differs from.
+    fn go_over(&mut self, before: &Config, kinds: &[ProcessKind]) -> Done {
         let snapshot = self.configuration.snapshot();
         let number = snapshot.revision.number;
         let is_outdated = |revision: Option<u32>, kind| {
@@ -63,9 +68,10 @@ impl Group<'_> {
         for id in outdated {
             self.policy.outdate(id);
         }
-        // It sends field and calibration, and converts with them. Clients of the gateway do not notice any of
-        // this, and stay connected.
-        self.attendants.restart(Attendant::Publisher.name(), monotonic_ns());
+        let config = &self.configuration.snapshot().config;
+        self.progress.use_fps(config.camera.fps);
+        self.attendants.go_over(config, &changes(before, config), monotonic_ns());
+        self.view.update_config(number, config);
         let change = self.configuration.history().last().map_or("", |change| &change.what);
         let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
         let replaced = match &names[..] {

@@ -166,6 +166,7 @@ impl Group<'_> {
             self.policy.pending_stages(monotonic_ns()).iter().map(StageId::to_string).collect();
         self.view.update_configured(Configured {
             revision: self.configuration.snapshot().revision.number,
+            hash: self.configuration.hash().into(),
             pending,
             history: self.configuration.history().to_vec(),
         });
