@@ -3,6 +3,7 @@
 
 import { ApiError, post } from './api.js';
 import { h, mark, replace, say } from './dom.js';
+import { tryOut } from './jobs.js';
 import { store } from './store.js';
 import { attempt, toast } from './toast.js';
 
@@ -15,7 +16,7 @@ class Changes {
   constructor() {
     /** Proposed, not applied. @type {Map<string, any>} */
     this.draft = new Map();
-    /** What was found with the proposal on a live frame. @type {{detections: Detections|null, notes: string[]}|null} */
+    /** What was found with the proposal on a live frame; no detections if it could not be tried. @type {{detections: Detections|null, has_ball: boolean}|null} */
     this.tried = null;
     /** Why the proposal is refused. @type {ApiError|null} */
     this.refused = null;
@@ -82,13 +83,14 @@ class Changes {
     const set = Object.fromEntries(this.draft);
     try {
       await post('/api/reload', { base_revision: store.config.revision, set, dry_run: true });
-      const answer = await post('/api/setup/try', { set }).catch((error) => {
+      const values = this.values;
+      const answer = values && await tryOut(set, values).catch((error) => {
         // Another job may be running; the proposal is valid all the same.
         if (!(error instanceof ApiError) || error.status === 422) throw error;
         return null;
       });
       if (attempt_number !== this.attempt || !this.draft.size) return;
-      this.tried = { detections: answer?.detections ?? null, notes: answer?.notes ?? [] };
+      this.tried = { detections: answer?.detections ?? null, has_ball: answer?.has_ball ?? false };
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
       if (attempt_number !== this.attempt || !this.draft.size) return;
@@ -184,8 +186,7 @@ class ChangesBar {
       const then = tried?.detections ? new Set(tried.detections.robots.filter((robot) => robot.identity !== null).map((robot) => robot.name)).size : null;
       replace(this.what, h('b', null, busy ? 'Being applied: ' : 'Proposed: '), keys, ' · ',
         then === null ? h('span', { class: 'soft' }, tried ? 'valid' : 'being tried on a live frame …')
-          : h('span', { class: then >= (found?.robots ?? 0) ? 'good' : 'warn' }, `${found?.robots ?? '–'} robots found now, ${then} with it${tried?.detections?.balls.length ? ' and the ball' : ''}`),
-        tried?.notes.length ? h('span', { class: 'soft' }, ` · ${tried.notes.join('; ')}`) : null);
+          : h('span', { class: then >= (found?.robots ?? 0) ? 'good' : 'warn' }, `${found?.robots ?? '–'} robots found now, ${then} with it${tried?.has_ball ? ' and the ball' : ', no ball'}`));
       return;
     }
     const file = config?.file ? config.file.split('/').at(-1) : null;

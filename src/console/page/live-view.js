@@ -13,6 +13,9 @@ import { attempt, toast } from './toast.js';
 /** @typedef {import('./types').Scene} Scene */
 /** @typedef {import('./types').RobotName} RobotName */
 
+/** A picture older than this is not live. */
+const STALE_MS = 3000;
+
 export class LiveView {
   constructor() {
     this.picture = new PictureView();
@@ -45,15 +48,17 @@ export class LiveView {
     this.reading = h('div', { class: 'reading' });
     this.rows = h('tbody', null);
     this.ball_row = h('p', { class: 'soft' });
-    this.empty = h('div', { class: 'empty', hidden: true }, h('b', null, 'No picture yet'), h('span', null, 'Waiting for the camera. If this stays, look at its state in Match.'));
+    this.none = h('p', { class: 'soft' }, 'No robots are configured. ', h('a', { href: '#setup/robots' }, 'Add them in Set-up.'));
+    this.empty = h('div', { class: 'empty over' }, h('b', null, 'No picture yet'), h('span', null, 'Waiting for the camera. If this stays, its state is in Match.'));
+    this.picture_ms = 0;
     this.element = h('section', { class: 'live' },
       h('div', { class: 'switches', role: 'toolbar', 'aria-label': 'Shown over the picture' }, this.buttons, h('span', { class: 'grow' }), this.raw_button),
-      this.picture,
+      h('div', { class: 'frame' }, this.picture, this.empty),
       h('div', { class: 'side' },
         h('div', { class: 'panel stack' }, this.field),
         h('div', { class: 'panel list' },
           h('table', null, h('thead', null, h('tr', null, h('th', null, 'Robot'), h('th', { class: 'n' }, 'x'), h('th', { class: 'n' }, 'y, mm'), h('th', { class: 'n' }, '°'), h('th', { class: 'n' }, 'mm/s'), h('th', { class: 'n' }, 'seen'))), this.rows),
-          this.ball_row,
+          this.none, this.ball_row,
         ),
       ),
       h('div', { class: 'under' }, this.pause_button, this.back, this.forward, this.slider, this.time, this.reading),
@@ -67,6 +72,8 @@ export class LiveView {
     store.on('scene', () => this.update());
     store.on('model', () => this.update());
     store.on('selection', () => this.update());
+    // Without news nothing else would notice.
+    setInterval(() => this.checkPicture(), 500);
   }
 
   show() {
@@ -80,6 +87,7 @@ export class LiveView {
       }
       await this.picture.show(picture);
       this.shown_seq = picture.header.seq;
+      this.picture_ms = performance.now();
       this.update();
     });
     this.pictures.go();
@@ -92,6 +100,13 @@ export class LiveView {
     this.pictures?.close();
     this.pictures = null;
     if (this.paused !== null) this.togglePause();
+  }
+
+  /** @private */
+  checkPicture() {
+    const missing = this.paused === null && performance.now() - this.picture_ms > STALE_MS;
+    this.empty.hidden = !missing;
+    say(/** @type {Element} */ (this.empty.firstElementChild), this.picture_ms ? 'No new picture' : 'No picture yet');
   }
 
   /** @private */
@@ -241,6 +256,7 @@ export class LiveView {
       say(cells[4], number(Math.hypot(...seen.velocity_mm_s)));
       say(cells[5], seen.seen_ms < 1 ? '✓' : `${seen.seen_ms.toFixed(0)} ms`);
     });
+    this.none.hidden = (store.model?.robots.length ?? 1) > 0;
     const ball = world?.ball;
     const extra = detections?.rejected.length ?? 0;
     say(this.ball_row, `${ball ? `Ball ${number(ball.position_mm[0])}, ${number(ball.position_mm[1])} mm, ${number(Math.hypot(...ball.velocity_mm_s))} mm/s${ball.visible ? '' : ', not seen now'}` : 'No ball'}${extra ? ` · ${extra} candidate${extra === 1 ? '' : 's'} rejected` : ''}`);

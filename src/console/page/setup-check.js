@@ -97,7 +97,8 @@ export class CheckStep {
   }
 
   update() {
-    this.field.scene = { seq: store.world?.seq ?? 0, world: store.world ?? undefined };
+    // Robots would hide the result.
+    this.field.scene = this.quality && !this.running ? null : { seq: store.world?.seq ?? 0, world: store.world ?? undefined };
     this.field.redraw();
     this.proofs.show(this.proof());
     if (this.running) say(this.button, `${number(Math.max(0, CHECK_S - (performance.now() - this.started_ms) / 1000), 0)} s to go`);

@@ -1,9 +1,10 @@
 // Step 3: which pixels have which colour. Learned by itself from live frames; then corrected by
 // clicking and saying what it is, or by dragging bounds with the classes in view.
 
-import { get, post } from './api.js';
+import { get } from './api.js';
 import { changes } from './changes.js';
 import { h, keyed, number, replace, say } from './dom.js';
+import { learn } from './jobs.js';
 import { css, label, place } from './overlay.js';
 import { RangeInput } from './range.js';
 import { jobButton, proofBox } from './setup-parts.js';
@@ -15,7 +16,7 @@ import { attempt, toast } from './toast.js';
 
 /** Room around a pixel that was named, in steps of a channel. */
 const ROOM = 12;
-const LEARN_FRAMES = 20;
+const LEARN_FRAMES = 12;
 
 const BOUNDS = /** @type {const} */ ([
   ['red', 'Red', 0, 255, 1, 0], ['green', 'Green', 0, 255, 1, 0], ['blue', 'Blue', 0, 255, 1, 0], ['hue_deg', 'Hue', 0, 360, 1, 0], ['saturation', 'Saturation', 0, 1, 0.01, 2],
@@ -34,8 +35,6 @@ export class ColorsStep {
     /** @type {string|null} */
     this.selected = null;
     this.shows_classes = true;
-    /** @type {string[]} */
-    this.notes = [];
     this.proofs = proofBox();
     this.list = h('div', { class: 'colors' });
     this.bounds = h('div', { class: 'bounds' });
@@ -49,13 +48,13 @@ export class ColorsStep {
       return range;
     });
     replace(this.bounds, BOUNDS.flatMap(([, title], index) => [h('span', { class: 'soft' }, title), this.ranges[index]]));
-    this.learn_notes = h('div', { class: 'stack soft' });
+    this.learn_notes = h('div', null);
     this.learn = jobButton('Learn the colours', `Learning from ${LEARN_FRAMES} frames …`, () => this.learnColors());
     this.classes = h('button', { class: 'switch', 'aria-pressed': 'true', onclick: () => this.switchClasses() }, 'Show classes');
     this.forget = h('button', { class: 'small', onclick: () => { this.samples = []; this.update(); } }, 'Forget clicks');
     this.side = h('div', null,
       h('h1', null, 'Colours'), this.proofs.element,
-      h('p', { class: 'soft' }, 'Put all robots and the ball on the pitch, also into the corners.'),
+      h('p', { class: 'soft' }, 'Put all robots and the ball on the pitch, also into the corners. What you click on must stand still while colours are learned.'),
       h('div', { class: 'row' }, this.learn, this.classes, this.forget),
       this.learn_notes,
       h('p', { class: 'soft' }, 'Wrong or missing? Click on the patch in the picture and say what it is.'),
@@ -99,14 +98,13 @@ export class ColorsStep {
 
   /** @private */
   async learnColors() {
-    const answer = await attempt(post('/api/setup/learn', { frames: LEARN_FRAMES, samples: this.samples }));
+    const answer = await attempt(learn({ frames: LEARN_FRAMES, samples: this.samples, set: Object.fromEntries(changes.draft) }));
     if (!answer) return;
-    this.notes = answer.notes ?? answer.warnings ?? [];
-    const then = answer.found ?? null;
     replace(this.learn_notes,
-      then === null ? null : h('p', null, `Found with the learned colours: ${number(then, 1)} of ${answer.configured} robots${answer.found_before === undefined ? '' : `, before ${number(answer.found_before, 1)}`}.`),
-      this.notes.map((note) => h('p', null, note)));
-    changes.propose(answer.set ?? {}, true);
+      h('p', null, `Learned from ${answer.frames} frames with ${number(answer.found, 1)} of ${number(answer.configured)} robots${answer.balls ? '' : ', without a ball'}.`),
+      h('details', null, h('summary', { class: 'soft' }, 'How well the colours are separated'), h('pre', { class: 'code' }, answer.summary)));
+    if (!Object.keys(answer.set).length) return toast('The colours are as they were learned before.');
+    changes.propose(answer.set, true);
   }
 
   /** @private @param {typeof BOUNDS[number][0]} key @param {[number, number]} value @param {boolean} done */

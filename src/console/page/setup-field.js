@@ -1,10 +1,11 @@
 // Step 2: where the pitch lies in the picture. It is found by itself, or its corners are dragged; the
 // lines follow the hand at once, and the program's calibration answers with the error of each point.
 
-import { get, post } from './api.js';
+import { get } from './api.js';
 import { changes } from './changes.js';
 import { h, number, replace, say } from './dom.js';
 import { Camera, fieldLines, subdivided } from './geometry.js';
+import { calibrate, findField } from './jobs.js';
 import { label, path, place } from './overlay.js';
 import { jobButton, keysForm, proofBox } from './setup-parts.js';
 import { store } from './store.js';
@@ -31,6 +32,8 @@ export class FieldStep {
     /** Revision whose geometry the marks were made from. */
     this.revision = -1;
     this.busy = false;
+    /** Height of the lens, if the user gave it. @type {number|undefined} */
+    this.height_mm = undefined;
     this.proofs = proofBox();
     this.presets = h('select', { id: 'preset', onchange: () => this.choosePreset() }, h('option', { value: '' }, 'Sizes of a league …'));
     this.form = keysForm([
@@ -40,9 +43,12 @@ export class FieldStep {
       { key: 'field.goal_depth_mm', title: 'Goal depth', unit: 'mm', min: 0 },
       { key: 'field.center_circle_radius_mm', title: 'Radius of the centre circle', unit: 'mm', min: 0 },
     ]);
-    this.height = h('input', { type: 'number', id: 'camera-height', min: 100, max: 20000, step: 10, onchange: () => this.calibrate() });
+    this.height = h('input', { type: 'number', id: 'camera-height', min: 100, max: 20000, step: 10, onchange: () => {
+      this.height_mm = Number(this.height.value) || undefined;
+      this.calibrate(false);
+    } });
     this.errors = h('tbody', null);
-    this.lens = h('p', { class: 'soft' });
+    this.lens = h('div', { class: 'soft' });
     this.find = jobButton('Find the field', 'Looking for lines …', () => this.findField());
     this.side = h('div', null,
       h('h1', null, 'Field'), this.proofs.element,
@@ -106,7 +112,7 @@ export class FieldStep {
         this.picture.redraw();
         this.list();
       },
-      done: () => this.calibrate(),
+      done: () => this.calibrate(false),
     }));
   }
 
@@ -121,56 +127,46 @@ export class FieldStep {
 
   /** @private */
   async findField() {
-    const answer = await attempt(post('/api/setup/find-field', { camera_height_mm: Number(this.height.value) || null, ...this.proposedSizes() }));
-    if (!answer) return;
-    this.accept(answer);
-    for (const corner of answer.corners ?? []) {
-      const mark = this.marks.find(({ mm }) => Math.hypot(mm[0] - corner.mm[0], mm[1] - corner.mm[1]) < 1);
-      if (mark) mark.px = corner.px;
-    }
-    toast('The field was found.', 'Check that the drawn lines lie on those of the pitch, then apply.');
+    const found = await attempt(findField(Object.fromEntries(changes.draft)));
+    if (!found) return;
+    if (!found.found) return toast(found.why ?? 'The field was not found.', 'Check length and width, or drag the corners to their places.');
+    this.found = found.points;
+    const corner = (/** @type {Mark} */ mark) => found.points.find(({ mm }) => Math.hypot(mm[0] - mark.mm[0], mm[1] - mark.mm[1]) < 1)?.px ?? null;
+    for (const mark of this.marks) mark.px = corner(mark) ?? mark.px;
+    await this.calibrate(true);
   }
 
-  /** @private @returns {Promise<void>} */
-  async calibrate() {
+  /** All points of the last search. @type {import('./jobs.js').Point[]} */
+  found = [];
+
+  /** @private @param {boolean} as_found whether the points are those of the search @returns {Promise<void>} */
+  async calibrate(as_found) {
     if (this.busy) {
       this.again = true;
       return;
     }
     this.busy = true;
-    const points = this.marks.filter((mark) => mark.px).map((mark) => ({ px: mark.px, mm: mark.mm }));
-    const answer = await attempt(post('/api/setup/calibrate', { points, camera_height_mm: Number(this.height.value) || null, use_lines: true, ...this.proposedSizes() }));
+    const marks = this.marks.filter((mark) => mark.px);
+    const points = as_found ? this.found : marks.map((mark) => ({ px: /** @type {Pair} */ (mark.px), mm: mark.mm }));
+    const set = Object.fromEntries([...changes.draft].filter(([key]) => !key.startsWith('geometry')));
+    const answer = await attempt(calibrate({ points, as_found, use_lines: true, set, camera_height_mm: this.height_mm }));
     this.busy = false;
     if (this.again) {
       this.again = false;
-      return this.calibrate();
+      return this.calibrate(false);
     }
-    if (answer) this.accept(answer);
+    if (!answer) return;
+    this.rms_px = answer.rms_px;
+    points.forEach(({ mm }, index) => {
+      const mark = this.marks.find((each) => Math.hypot(mm[0] - each.mm[0], mm[1] - each.mm[1]) < 1);
+      if (mark) mark.error_px = Math.hypot(...answer.errors_px[index]);
+    });
+    replace(this.lens, answer.notes.map((note) => h('p', null, note)));
+    if (Object.keys(answer.set).length) changes.propose(answer.set, true);
+    if (as_found) toast('The field was found.', 'Check that the drawn lines lie on those of the pitch, then apply.');
   }
 
   again = false;
-
-  /** Sizes that are proposed and not applied yet count for the calibration. @private */
-  proposedSizes() {
-    const set = Object.fromEntries([...changes.draft].filter(([key]) => key.startsWith('field.')));
-    return Object.keys(set).length ? { set } : {};
-  }
-
-  /** @private @param {any} answer of find-field or calibrate */
-  accept(answer) {
-    this.rms_px = answer.rms_px ?? null;
-    for (const point of answer.points ?? []) {
-      const mark = this.marks.find(({ mm }) => Math.hypot(mm[0] - point.mm[0], mm[1] - point.mm[1]) < 1);
-      if (mark) mark.error_px = point.error_px;
-    }
-    const notes = [
-      answer.lines ? `${answer.lines} places on lines used` : null,
-      answer.camera_mm ? `lens at ${answer.camera_mm.map((/** @type {number} */ mm) => number(mm)).join(', ')} mm` : null,
-      ...(answer.notes ?? []),
-    ].filter(Boolean);
-    say(this.lens, notes.join('; '));
-    if (answer.set && Object.keys(answer.set).length) changes.propose(answer.set, true);
-  }
 
   update() {
     const values = changes.values;

@@ -70,6 +70,7 @@ export class RobotsStep {
     );
     // Ticks are made all the time: a step may be left and come back to.
     store.on('scene', () => this.tick());
+    store.on('model', () => this.forget());
   }
 
   show() {
@@ -99,6 +100,18 @@ export class RobotsStep {
     changes.propose({ 'robots.patches': patches, 'robots.identities': identities, 'robots.size_mm': size_mm, 'robots.height_mm': height_mm, 'robots.shape': shape });
     this.selected = null;
   }
+
+  /** Ticks of robots that look otherwise now say nothing. @private */
+  forget() {
+    const looks = JSON.stringify([store.model?.robots, store.model?.body, store.model?.teams]);
+    if (looks !== this.looks) {
+      this.ticked.clear();
+      this.since.clear();
+    }
+    this.looks = looks;
+  }
+
+  looks = '';
 
   /** @private */
   tick() {

@@ -29,6 +29,9 @@ import { store } from './store.js';
  * @property {() => Partial<import('./overlay.js').Switches>} [switches]
  */
 
+/** How long the frame on which a proposal was tried is shown. */
+const HELD_MS = 2500;
+
 const NO_SWITCHES = {
   robots: false, names: false, headings: false, ball: false, rejected: false, regions: false, runs: false, trails: false, prediction: false,
   covariance: false, lines: false, mask: false,
@@ -37,7 +40,8 @@ const NO_SWITCHES = {
 export class SetupView {
   constructor() {
     this.picture = new PictureView();
-    this.work = h('div', { class: 'work' }, this.picture);
+    this.held = h('div', { class: 'held', hidden: true }, 'The proposal, tried on this frame');
+    this.work = h('div', { class: 'work' }, this.picture, this.held);
     /** @type {Step[]} */
     this.steps = [new CameraStep(), new FieldStep(this.picture), new ColorsStep(this.picture, this.work), new RobotsStep(), new CheckStep()];
     this.links = this.steps.map((step, index) => h('a', { href: `#setup/${step.name}` },
@@ -57,7 +61,10 @@ export class SetupView {
       this.step?.pick?.(px, x, y);
     });
     for (const topic of /** @type {const} */ (['scene', 'model', 'config', 'status'])) store.on(topic, () => this.update());
-    changes.on(() => this.update());
+    changes.on(() => {
+      this.hold();
+      this.update();
+    });
   }
 
   /** @param {string} part */
@@ -83,6 +90,7 @@ export class SetupView {
 
   hide() {
     this.visible = false;
+    this.release();
     this.step?.hide?.();
     this.step = null;
     store.want('setup', []);
@@ -101,7 +109,7 @@ export class SetupView {
 
   /** @private */
   wanted() {
-    if (!this.visible || document.hidden) return null;
+    if (!this.visible || document.hidden || this.holds) return null;
     return /** @type {const} */ ({ scale: this.raw ? 1 : this.picture.neededScale(), format: this.raw ? 'raw' : 'jpeg' });
   }
 
@@ -111,6 +119,7 @@ export class SetupView {
       this.raw = false;
       return;
     }
+    if (this.holds) return;
     await this.picture.show(picture);
     this.shown_seq = picture.header.seq;
     this.step?.take?.(picture);
@@ -141,10 +150,40 @@ export class SetupView {
 
   updated_ms = 0;
 
+  /** Shows for a moment what the proposal finds, on the frame on which it was tried. @private */
+  async hold() {
+    const tried = changes.tried?.detections ?? null;
+    if (tried === this.shown_try) return;
+    this.shown_try = tried;
+    if (!tried || !this.visible || !this.step?.switches?.().robots) return this.release();
+    const nearest = store.history.shown().sort((a, b) => Math.abs(a.seq - tried.seq) - Math.abs(b.seq - tried.seq))[0];
+    // Where robots have moved on, their outlines would lie beside them.
+    if (!nearest?.picture || Math.abs(nearest.seq - tried.seq) > 4) return this.release();
+    clearTimeout(this.timer);
+    this.holds = true;
+    this.held.hidden = false;
+    await this.picture.show(nearest.picture);
+    this.timer = setTimeout(() => this.release(), HELD_MS);
+  }
+
+  /** @private */
+  release() {
+    clearTimeout(this.timer);
+    this.holds = false;
+    this.held.hidden = true;
+    this.pictures?.go();
+  }
+
+  holds = false;
+  /** @type {import('./types').Detections|null} */
+  shown_try = null;
+  /** @type {number|undefined} */
+  timer = undefined;
+
   /** What was found with the proposal while it is tried; else what is found now, on the shown picture. @private @returns {import('./types').Scene} */
   scene() {
     const tried = changes.tried?.detections;
-    if (tried) return { seq: tried.seq, detections: tried };
+    if (this.holds && tried) return { seq: tried.seq, detections: tried };
     if (store.history.scenes.get(this.shown_seq)?.detections) return store.history.around(this.shown_seq);
     return { seq: store.detections?.seq ?? 0, detections: store.detections ?? undefined, world: store.world ?? undefined };
   }
