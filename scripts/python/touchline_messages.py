@@ -66,6 +66,7 @@ class Attendant(enum.IntEnum):
     SUPERVISOR = 4
     GATEWAY = 5
     PUBLISHER = 6
+    CONSOLE = 7
 
 
 class ProcessState(enum.IntEnum):
@@ -100,6 +101,7 @@ class EventKind(enum.IntEnum):
     CAMERA = 9
     STRANGER = 10
     RECONFIGURED = 11
+    MARKED = 12
 
 
 class CameraState(enum.IntEnum):

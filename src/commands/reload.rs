@@ -3,20 +3,16 @@
 use super::CommandError;
 use super::group::running;
 use super::operate::{ask, status};
-use super::run::as_run;
 use crate::cli::{ReloadArgs, RollbackArgs};
 use client::instance::Instance;
-use client::private;
+use config::Config;
 use config::change::{Change, Effect, changes, only_for};
 use config::edit::with_values;
 use config::snapshot::{Snapshot, concerned};
-use config::{Config, commented_toml};
-use std::io::{self, Write};
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use touchline::monitor::Configured;
-use touchline::supervisor::{Record, Request};
+use touchline::supervisor::{Candidate, Record, Request, as_run};
 
 /// Each concerned stage has to start a process, on a machine that may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -116,28 +112,6 @@ fn note(change: &Change) -> String {
     match change.effect() {
         Effect::NewGroup(reason) => format!("   needs a new group: {reason}"),
         Effect::Stages(_) | Effect::Supervisor => String::new(),
-    }
-}
-
-/// A file for the supervisor, removed when it has been read.
-pub struct Candidate {
-    /// Where it is.
-    pub path: PathBuf,
-}
-
-impl Candidate {
-    /// Writes it into the runtime directory.
-    pub fn write(instance: &Instance, config: &Config) -> io::Result<Self> {
-        let path = instance.candidate_path(std::process::id());
-        let candidate = Self { path };
-        private::create_file(&candidate.path)?.write_all(commented_toml(config).as_bytes())?;
-        Ok(candidate)
-    }
-}
-
-impl Drop for Candidate {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 

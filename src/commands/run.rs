@@ -16,8 +16,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 use touchline::monitor::{Monitor, Output, summary};
-use touchline::painted_light::{follow_painted_light, is_other_light};
-use touchline::supervisor::{self, Launch, Outcome, Overrides, Record, Until};
+use touchline::supervisor::{self, Launch, Outcome, Overrides, Record, Until, as_run};
 
 /// Longest wait for the reader of the last texts.
 const LAST_TEXTS: Duration = Duration::from_secs(1);
@@ -102,23 +101,6 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
         overrides,
     };
     Ok((launch, config))
-}
-
-/// The configuration of a group whose file says `config`, with what its command line changes.
-pub fn as_run(mut config: Config, overrides: &Overrides, source: &Source) -> Config {
-    for protocol in &overrides.publish {
-        config.publish.enable(protocol);
-    }
-    if overrides.no_console {
-        config.console.enabled = false;
-    }
-    if let Some(fps) = overrides.fps {
-        config.camera.fps = fps;
-    }
-    if matches!(source, Source::Synthetic) && is_other_light(&config) {
-        follow_painted_light(&mut config);
-    }
-    config
 }
 
 /// The group left behind by an earlier supervisor, with that supervisor's configuration and source.

@@ -1,7 +1,5 @@
 //! `touchline run --watch`: goes over to the configuration file whenever somebody has changed it.
 
-use super::reload::Candidate;
-use super::run::as_run;
 use client::instance::Instance;
 use config::Config;
 use config::change::changes;
@@ -10,7 +8,7 @@ use grabber::source::Source;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use touchline::supervisor::{self, Launch, Overrides, Request};
+use touchline::supervisor::{self, Candidate, Launch, Overrides, Request, as_run};
 
 /// Time between two looks. Editors write a file in several steps; one look later it is complete.
 const LOOK: Duration = Duration::from_millis(300);

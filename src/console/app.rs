@@ -2,9 +2,11 @@
 
 use super::access::Policy;
 use super::desk::Desk;
+use super::recording::Recordings;
 use client::instance::Instance;
 use config::ConsoleConfig;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::Semaphore;
 
 /// Most web sockets of clients that may change something, and of those that only watch: spectators cannot keep
@@ -25,7 +27,13 @@ pub struct App {
     /// Free web sockets for spectators.
     pub watching_sockets: Arc<Semaphore>,
     /// Free jobs of the set-up: one at a time.
-    pub jobs: Arc<Semaphore>,
+    pub jobs: Semaphore,
+    /// Held by the request that changes something: one at a time.
+    pub changes: tokio::sync::Mutex<()>,
+    /// The recording that was started here.
+    pub recordings: Recordings,
+    /// The file that a group without a file was saved to.
+    saved_to: Mutex<Option<PathBuf>>,
 }
 
 impl App {
@@ -38,7 +46,20 @@ impl App {
             policy: Policy { place, allow_hosts: config.allow_hosts.clone(), owner },
             sockets: Arc::new(Semaphore::new(SOCKETS)),
             watching_sockets: Arc::new(Semaphore::new(WATCHING_SOCKETS)),
-            jobs: Arc::new(Semaphore::new(1)),
+            jobs: Semaphore::new(1),
+            changes: tokio::sync::Mutex::new(()),
+            recordings: Recordings::new(instance),
+            saved_to: Mutex::default(),
         }
+    }
+
+    /// The file that a group without a file was saved to last.
+    pub fn saved_to(&self) -> Option<PathBuf> {
+        self.saved_to.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// From now on the group is saved to this file, if it has none of its own.
+    pub fn save_to(&self, path: &Path) {
+        *self.saved_to.lock().unwrap_or_else(PoisonError::into_inner) = Some(path.into());
     }
 }

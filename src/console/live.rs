@@ -125,20 +125,22 @@ async fn answer(app: &App, credit: &Credit) -> String {
         let news = kinds.iter().filter_map(|&kind| Some((kind, app.desk.news(kind)?)));
         let news: Vec<_> = news.filter(|(kind, news)| credit.is_new(*kind, news)).collect();
         if !news.is_empty() {
-            return join(&news);
+            return join(&news, &app.recordings.json());
         }
     }
     "{}".into()
 }
 
-fn join(news: &[(Kind, News)]) -> String {
+fn join(news: &[(Kind, News)], recording: &Value) -> String {
     let mut text = String::from("{");
     for (index, (kind, news)) in news.iter().enumerate() {
         let comma = if index == 0 { "" } else { "," };
         text += &format!("{comma}\"{}\":", kind.name());
         match (kind, news.text.strip_prefix('{')) {
             // The report has no number of its own.
-            (Kind::Status, Some(rest)) => text += &format!("{{\"seq\":{},{rest}", news.seq),
+            (Kind::Status, Some(rest)) => {
+                text += &format!("{{\"seq\":{},\"recording\":{recording},{rest}", news.seq);
+            }
             _ => text += &news.text,
         }
     }
@@ -198,11 +200,11 @@ mod tests {
     #[test]
     fn answers_are_valid_json_with_numbers() {
         let news = |seq, text: &str| News { seq, text: text.into() };
-        let text = join(&[
-            (Kind::World, news(3, "{\"seq\":3}")),
-            (Kind::Status, news(5, "{\"complete\":true}")),
-        ]);
-        assert_eq!(text, r#"{"world":{"seq":3},"status":{"seq":5,"complete":true}}"#);
-        assert_eq!(join(&[]), "{}");
+        let news =
+            [(Kind::World, news(3, "{\"seq\":3}")), (Kind::Status, news(5, "{\"complete\":true}"))];
+        let text = join(&news, &Value::Null);
+        let right = r#"{"world":{"seq":3},"status":{"seq":5,"recording":null,"complete":true}}"#;
+        assert_eq!(text, right);
+        assert_eq!(join(&[], &Value::Null), "{}");
     }
 }

@@ -6,20 +6,27 @@
 //! Everything runs on one thread, beside which only pictures are encoded: [`reading`] reads topics and puts the
 //! newest of what clients wait for on a [`desk`]; [`server`] accepts connections, [`routes`] lets through what
 //! [`access`] permits, and a task for each client takes from the desk. [`scene`] turns messages into what a page
-//! draws, [`picture`] frames into pictures. [`place`] is where the console is found.
+//! draws, [`picture`] frames into pictures. [`changes`] asks the supervisor for what [`changing`] has checked,
+//! [`saving`] writes it into the user's file, [`jobs`] sets a pitch up. [`place`] is where the console is found.
 
 pub mod access;
 mod answer;
 mod app;
+mod changes;
+pub mod changing;
 mod desk;
+mod jobs;
 pub mod live;
+mod metrics;
 mod page;
 pub mod peer;
 mod picture;
 pub mod pictures;
 mod place;
 mod reading;
+mod recording;
 mod routes;
+pub mod saving;
 mod scene;
 mod server;
 mod still;
@@ -130,7 +137,7 @@ async fn tend(
     let listener = tokio::net::TcpListener::from_std(listener)?;
     let app = Arc::new(App::new(instance, place, &config.console));
     let desk = Arc::clone(&app.desk);
-    tokio::spawn(server::serve(listener, app));
+    tokio::spawn(server::serve(listener, Arc::clone(&app)));
     let round = ROUND.min(Duration::from_secs_f64(0.5 / config.camera.fps.max(1.0)));
     let mut reading = Reading::new(instance);
     while process.keep_running(|_| ())? {
@@ -141,6 +148,8 @@ async fn tend(
             desk.pause(MAX_WAIT).await;
         }
     }
+    // It would wait for the next group of this name.
+    app.recordings.stop(Duration::ZERO);
     Ok(())
 }
 

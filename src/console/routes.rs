@@ -5,14 +5,14 @@ use super::answer::{self, Failure};
 use super::app::App;
 use super::desk;
 use super::server::Connection;
-use super::{live, page, pictures, still};
+use super::{changes, jobs, live, metrics, page, pictures, recording, still};
 use axum::Router;
 use axum::extract::{Path, Request, State};
 use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN, SET_COOKIE, UPGRADE};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,6 +36,17 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/picture", get(pictures::pictures))
         .route("/api/frame.png", get(still::frame))
         .route("/api/pixel", get(still::pixel))
+        .route("/api/config", get(changes::config))
+        .route("/api/schema", get(changes::schema))
+        .route("/api/presets", get(changes::presets))
+        .route("/api/reload", post(changes::reload))
+        .route("/api/rollback", post(changes::rollback))
+        .route("/api/save", post(changes::save))
+        .route("/api/restart", post(changes::restart))
+        .route("/api/mark", post(changes::mark))
+        .route("/api/record", post(recording::record))
+        .route("/api/setup/{kind}", post(jobs::run))
+        .route("/metrics", get(metrics::metrics))
         .fallback(async || nothing_there())
         .layer(middleware::from_fn_with_state(Arc::clone(&app), gate))
         .with_state(app)
@@ -161,7 +172,7 @@ async fn status(State(app): State<Arc<App>>) -> Result<Response, Failure> {
         Failure::unavailable("the group's supervisor says nothing")
             .help("it may be stopped; see `touchline status`")
     })?;
-    Ok(answer::text("application/json", news.text.to_string()))
+    Ok(answer::text("application/json", recording::in_report(&news.text, &app)))
 }
 
 async fn model(State(app): State<Arc<App>>) -> Result<Response, Failure> {

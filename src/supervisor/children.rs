@@ -2,6 +2,7 @@
 
 use super::log::Log;
 use super::notify;
+use super::overrides::Overrides;
 use super::starvation::{ProcessorWait, SchedulerTimes};
 use super::sys::{self, Call};
 use client::instance::Instance;
@@ -15,7 +16,6 @@ use rustix::io::Errno;
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
 };
-use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -38,18 +38,6 @@ pub struct Launch {
     pub config_file: Option<PathBuf>,
     /// What the command line changes in it.
     pub overrides: Overrides,
-}
-
-/// What the command line of `touchline run` changes in the configuration file.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Overrides {
-    /// Frame rate.
-    pub fps: Option<f64>,
-    /// Protocols to publish.
-    pub publish: Vec<String>,
-    /// No console.
-    pub no_console: bool,
 }
 
 /// One process of the group.

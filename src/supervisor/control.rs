@@ -28,6 +28,8 @@ pub enum Request {
     Reload(PathBuf),
     /// Go back to the configuration before the present one.
     Rollback,
+    /// Write these words among the events, to be found again in the log and in recordings.
+    Mark(String),
 }
 
 /// `Ok` if the request is carried out; otherwise the reason for refusing it.

@@ -272,6 +272,7 @@ impl<'a> Group<'a> {
                 Request::Upgrade(program) => check_program(program),
                 Request::Reload(file) => self.reload(file),
                 Request::Rollback => self.roll_back("by request"),
+                Request::Mark(words) => self.mark(words),
             };
             if let Some(control) = self.premises.control() {
                 control.answer(&sender, &answer);

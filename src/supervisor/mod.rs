@@ -18,6 +18,7 @@
 //! takeover of a running match are retried by [`persistence`].
 
 mod attendants;
+mod candidate;
 mod children;
 mod configuration;
 mod control;
@@ -28,6 +29,7 @@ mod history;
 mod janitor;
 mod log;
 mod notify;
+mod overrides;
 mod pages;
 mod persistence;
 mod policy;
@@ -41,10 +43,12 @@ mod sys;
 mod takeover;
 mod troubles;
 
-pub use children::{Launch, Overrides, is_same_program, process_name, program_of};
+pub use candidate::Candidate;
+pub use children::{Launch, is_same_program, process_name, program_of};
 pub use configuration::KEPT_REVISIONS;
 pub use control::{Answer, Done, Request, ask};
 pub use evidence::directory as evidence_directory;
+pub use overrides::{Overrides, as_run};
 pub use record::Record;
 
 use crate::attendants::{AttendantError, TABLE};

@@ -48,7 +48,11 @@ impl Browser {
         let deadline = Instant::now() + PATIENCE;
         loop {
             if let Some(place) = Place::read(&group.instance) {
-                let browser = Self { address: place.address, place };
+                let mut address = place.address;
+                if address.ip().is_unspecified() {
+                    address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
+                }
+                let browser = Self { address, place };
                 if let Some(answer) = browser.try_get("/api/hello")
                     && answer.status == 200
                 {

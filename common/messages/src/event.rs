@@ -34,11 +34,13 @@ pub enum EventKind {
     Stranger = 10,
     /// The group goes over to another configuration.
     Reconfigured = 11,
+    /// A user has marked the moment.
+    Marked = 12,
 }
 
 impl EventKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Other,
         Self::Ended,
         Self::Promoted,
@@ -51,6 +53,7 @@ impl EventKind {
         Self::Camera,
         Self::Stranger,
         Self::Reconfigured,
+        Self::Marked,
     ];
 
     /// The kind with this number in a message, if there is one.

@@ -87,11 +87,16 @@ impl Scene {
         });
         let ball = &world.ball;
         let exists = ball.status != TrackStatus::Absent as u32;
+        let captured_ns = world.frame.t_capture_ns;
+        let after_us = |t_ns: u64| round(t_ns.saturating_sub(captured_ns) as f64 * 1e-3, 0);
         json!({
             "seq": world.frame.seq,
             "revision": world.revision,
             "time_s": time_s(&world.frame),
-            "latency_ms": round(world.t_sent_ns.saturating_sub(world.frame.t_capture_ns) as f64 * 1e-6, 3),
+            "latency_us": {
+                "grabber": after_us(world.frame.t_sent_ns), "classifier": after_us(world.t_runs_ns),
+                "tracker": after_us(world.t_detections_ns), "filter": after_us(world.t_sent_ns),
+            },
             "robots": robots.collect::<Vec<_>>(),
             "unknown_robots": unknown.collect::<Vec<_>>(),
             "ball": exists.then(|| json!({

@@ -11,6 +11,9 @@ use config::change::changes;
 use messages::{Attendant, EventKind, ProcessKind};
 use std::path::Path;
 
+/// Longest mark, characters.
+const MARK_LENGTH: usize = 100;
+
 impl Group<'_> {
     /// Goes over to the configuration in a file.
     pub(super) fn reload(&mut self, file: &Path) -> Answer {
@@ -26,6 +29,18 @@ impl Group<'_> {
         let before = self.configuration.snapshot().config.clone();
         let kinds = self.configuration.roll_back(reason)?;
         Ok(self.go_over(&before, &kinds))
+    }
+
+    /// Writes a user's words among the events.
+    pub(super) fn mark(&mut self, words: &str) -> Answer {
+        // They appear on terminals.
+        let words: String = words.chars().filter(|c| !c.is_control()).take(MARK_LENGTH).collect();
+        if words.trim().is_empty() {
+            return Err("a mark needs a word".into());
+        }
+        let supervisor = Attendant::Supervisor.name();
+        self.view.log(LogEvent::new(EventKind::Marked, supervisor, 0, &words, ""));
+        Ok(Done::default())
     }
 
     /// Rolls back a configuration with which processes fail.
