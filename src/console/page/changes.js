@@ -134,7 +134,9 @@ class Changes {
   async save() {
     if (!store.config || !store.mayChange) return;
     if (this.draft.size && !(await this.apply())) return;
-    const answer = await attempt(post('/api/save', { path: null, base_hash: store.config.hash }));
+    const path = store.config.file ? null : await askForFile();
+    if (!store.config.file && !path) return;
+    const answer = await attempt(post('/api/save', { path, base_hash: store.config.hash }));
     if (answer) {
       this.applied = 0;
       toast('Saved.', answer.path ?? store.config.file ?? '');
@@ -153,6 +155,26 @@ export function setIn(values, key, value) {
     if (!place) return;
   }
   place[last] = value;
+}
+
+/** Name of a new file, or null. @returns {Promise<string|null>} */
+function askForFile() {
+  return new Promise((resolve) => {
+    const input = h('input', { type: 'text', value: 'match.toml', autofocus: true, 'aria-label': 'Name of the file' });
+    const done = (/** @type {string|null} */ name) => {
+      dialog.remove();
+      resolve(name);
+    };
+    const dialog = h('dialog', { onclose: () => done(null) },
+      h('h2', null, 'Save the configuration'),
+      h('p', { class: 'soft' }, 'The group was started without a file. The name of a new one, in the directory of the group:'),
+      h('p', null, input),
+      h('p', { class: 'row' }, h('span', { class: 'grow' }), h('button', { onclick: () => done(null) }, 'Cancel'), h('button', { class: 'main', onclick: () => done(input.value.trim() || null) }, 'Save')));
+    input.onkeydown = (event) => event.key === 'Enter' && done(input.value.trim() || null);
+    document.body.append(dialog);
+    dialog.showModal();
+    input.select();
+  });
 }
 
 /** What is proposed or not saved, with the keys to apply, undo and save it. */
@@ -190,7 +212,7 @@ class ChangesBar {
       return;
     }
     const file = config?.file ? config.file.split('/').at(-1) : null;
-    say(this.save, file ? `Save to ${file}` : 'Save');
+    say(this.save, file ? `Save to ${file}` : 'Save as …');
     if (!config) return say(this.what, 'The configuration is being read …');
     if (!store.mayChange) return say(this.what, `Revision ${config.revision}. This page may only watch.`);
     if (config.file_changed) return say(this.what, `! ${file} was changed by another program. Reload it with touchline reload, or save over it.`);

@@ -9,12 +9,22 @@ import { store } from './store.js';
 /** @typedef {{px: Pair, mm: Pair}} Point */
 /** @typedef {Record<string, any>} KeySet keys of the configuration with values */
 
+/** The server runs one job at a time; the next one waits here. @type {Promise<any>} */
+let last_job = Promise.resolve();
+
+/** @param {string} kind @param {object} request @returns {Promise<any>} */
+function job(kind, request) {
+  const answer = last_job.then(() => post(`/api/setup/${kind}`, request));
+  last_job = answer.catch(() => null);
+  return answer;
+}
+
 /**
  * Where the pitch is seen, without any marks.
  * @param {KeySet} set assumed changes
  * @returns {Promise<{found: boolean, why: string|null, agreement: number, points: Point[]}>}
  */
-export const findField = (set) => post('/api/setup/find-field', { set });
+export const findField = (set) => job('find-field', { set });
 
 /**
  * The camera that shows these points.
@@ -22,7 +32,7 @@ export const findField = (set) => post('/api/setup/find-field', { set });
  * @returns {Promise<{set: KeySet, rms_px: number, worst: number, worst_px: number, errors_px: Pair[], notes: string[]}>}
  */
 export async function calibrate(request) {
-  const answer = await post('/api/setup/calibrate', request);
+  const answer = await job('calibrate', request);
   const notes = [answer.lines?.text, answer.lens, answer.camera, ...(answer.hints ?? [])].filter(Boolean);
   return { ...answer, notes };
 }
@@ -33,7 +43,7 @@ export async function calibrate(request) {
  * @returns {Promise<{set: KeySet, found: number, configured: number, balls: number, frames: number, summary: string}>}
  */
 export async function learn(request) {
-  const answer = await post('/api/setup/learn', request);
+  const answer = await job('learn', request);
   const frames = Math.max(1, answer.frames);
   return { ...answer, found: answer.robots / frames, configured: answer.of_robots / frames };
 }
@@ -44,7 +54,7 @@ export async function learn(request) {
  * @returns {Promise<{detections: import('./types').Detections, has_ball: boolean, runs: number[]}>}
  */
 export async function tryOut(set, values) {
-  const answer = await post('/api/setup/try', { set, frames: 1 });
+  const answer = await job('try', { set, frames: 1 });
   const model = store.model;
   const camera = model && Camera.through(values.geometry.points, values.geometry.distortion, model.picture.width, model.picture.height);
   const robots = answer.seen.map((/** @type {any} */ robot) => {

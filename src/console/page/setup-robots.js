@@ -127,7 +127,7 @@ export class RobotsStep {
 
   /** @private @param {Identity[]} identities */
   setIdentities(identities) {
-    changes.propose({ 'robots.identities': identities.map(({ team, id, colors, patches }) => (patches ? { team, id, colors, patches } : { team, id, colors })) });
+    changes.propose({ 'robots.identities': identities });
   }
 
   /** @private @param {'yellow'|'blue'} team */
