@@ -2,69 +2,27 @@
 // synthetic match and may be disturbed; tests/console_page.rs starts one.
 
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, rmSync } from 'node:fs';
-import { tmpdir } from 'node:os';
-import { join } from 'node:path';
 import { after, before, test } from 'node:test';
-import { chromium } from 'playwright-core';
+import { open, until } from './browser.mjs';
 
 const ADDRESS = process.env.TOUCHLINE_CONSOLE ?? 'http://127.0.0.1:7733/';
-/** Pictures of every view, if a directory is named. */
-const SHOTS = process.env.TOUCHLINE_SCREENSHOTS;
-const FLAGS = [
-  '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update',
-  '--disable-sync', '--enable-unsafe-swiftshader',
-];
 
-/** @type {import('playwright-core').BrowserContext} */
-let context;
+/** @type {Awaited<ReturnType<typeof open>>} */
+let browser;
 /** @type {import('playwright-core').Page} */
 let page;
-let profile = '';
-/** Errors of scripts, and what the security policy refused. @type {string[]} */
-const faults = [];
-/** While the server is away on purpose, requests fail. */
-let is_disturbed = false;
 
 before(async () => {
-  profile = mkdtempSync(join(tmpdir(), 'touchline-browser-'));
-  context = await chromium.launchPersistentContext(profile, {
-    executablePath: process.env.TOUCHLINE_CHROMIUM ?? '/usr/bin/chromium', args: FLAGS, viewport: { width: 1440, height: 900 }, colorScheme: 'dark',
-  });
-  page = context.pages()[0] ?? (await context.newPage());
-  page.setDefaultTimeout(30_000);
-  page.on('pageerror', (error) => faults.push(String(error.stack)));
-  page.on('console', (message) => {
-    const text = message.text();
-    if (/Content Security Policy/i.test(text) || (message.type() === 'error' && !is_disturbed && !/WebSocket|Failed to load resource/.test(text))) faults.push(text);
-  });
-  await page.goto(ADDRESS);
+  browser = await open(ADDRESS);
+  page = browser.page;
 });
 
-after(async () => {
-  await context?.close();
-  rmSync(profile, { recursive: true, force: true });
-});
+after(() => browser?.close());
 
 const go = (view) => page.evaluate((hash) => { location.hash = hash; }, view);
 const text = (selector) => page.locator(selector).innerText();
 const get = async (path) => (await fetch(new URL(path, ADDRESS))).json();
-const shot = async (name) => {
-  if (!SHOTS) return;
-  mkdirSync(SHOTS, { recursive: true });
-  await page.screenshot({ path: join(SHOTS, `${name}.png`) });
-};
-
-/** Waits until a question about the page or the group is answered with something true. */
-async function until(question, what) {
-  const deadline = Date.now() + 30_000;
-  for (;;) {
-    const answer = await question().catch(() => null);
-    if (answer) return answer;
-    assert.ok(Date.now() < deadline, `not within 30 s: ${what}`);
-    await page.waitForTimeout(50);
-  }
-}
+const shot = (name) => browser.shot(name);
 
 /** Brightest value in a canvas of the live picture. */
 const brightest = (which) => page.evaluate((index) => {
@@ -91,11 +49,12 @@ test('live: switches by mouse and key', async () => {
 });
 
 test('live: pause, a frame back, on again', async () => {
-  await page.waitForTimeout(500);
+  const kept = () => page.evaluate(async () => (await import('/page/store.js')).store.history.shown().length);
+  await until(async () => (await kept()) > 5, 'pictures are kept');
   await page.keyboard.press(' ');
   const slider = page.locator('.live input[type=range]');
   const last = Number(await slider.inputValue());
-  assert.ok(last > 3, 'pictures are kept');
+  assert.ok(last > 3);
   await page.keyboard.press('ArrowLeft');
   assert.equal(Number(await slider.inputValue()), last - 1);
   await until(async () => /frame \d+/.test(await text('.live .under')), 'the number of the frame');
@@ -156,13 +115,13 @@ test('set-up: a bound is dragged, tried, applied, taken back', async () => {
 
 test('the console is killed, and the page comes back by itself', async () => {
   await go('live');
-  is_disturbed = true;
+  browser.is_disturbed = true;
   const { pid } = (await get('/api/status')).attendants.console;
   process.kill(pid, 'SIGKILL');
   await until(async () => /no connection/.test(await text('header')), 'the page notices');
   await until(async () => /fps/.test(await text('header .figures')), 'the page is back');
   await until(async () => (await get('/api/status')).attendants.console.pid !== pid, 'another process');
-  is_disturbed = false;
+  browser.is_disturbed = false;
 });
 
 test('keys lead everywhere, and help says which', async () => {
@@ -175,4 +134,4 @@ test('keys lead everywhere, and help says which', async () => {
   }
 });
 
-test('no script failed, and nothing was refused by the security policy', () => assert.deepEqual(faults, []));
+test('no script failed, and nothing was refused by the security policy', () => assert.deepEqual(browser.faults, []));

@@ -58,14 +58,14 @@ test('ten seconds are kept, and nothing while it is frozen', () => {
   assert.equal(history.scenes.get(29).detections.seq, 29, 'what was found stays');
 });
 
-test('what a frame lacks comes from the frame before it', () => {
+test('what a frame lacks comes from the nearest one', () => {
   const history = new History();
   history.add(1, { world: { seq: 1 } }, 0);
   history.add(2, { detections: { seq: 2 } }, 1);
   history.add(3, { picture: { header: {}, bytes: new Uint8Array(1) } }, 2);
   history.add(4, { world: { seq: 4 }, detections: { seq: 4 } }, 3);
   const around = history.around(3);
-  assert.equal(around.world.seq, 1);
+  assert.equal(around.world.seq, 4);
   assert.equal(around.detections.seq, 2);
 });
 

@@ -11,6 +11,8 @@ import { attempt, toast } from './toast.js';
 /** @typedef {import('./types').Detections} Detections */
 
 const TRY_AFTER_MS = 350;
+/** How the history of the configuration words it. */
+const TAKEN_BACK = /^back to revision .*fail/;
 
 class Changes {
   constructor() {
@@ -31,7 +33,10 @@ class Changes {
     this.bar = new ChangesBar(this);
     store.on('config', () => this.tell());
     store.on('connection', () => this.tell());
-    store.on('status', () => this.bar.update());
+    store.on('status', () => {
+      this.notice();
+      this.bar.update();
+    });
   }
 
   /** @param {() => void} listener */
@@ -43,6 +48,18 @@ class Changes {
     this.bar.update();
     for (const listener of this.listeners) listener();
   }
+
+  /** Says when the supervisor took a change back because stages failed with it. @private */
+  notice() {
+    const newest = store.status?.configuration.history?.at(-1);
+    if (!newest || newest.revision === this.newest) return;
+    if (this.newest && TAKEN_BACK.test(newest.what)) {
+      toast(new ApiError(422, { message: `The change was taken back: ${newest.what}`, help: 'The events in Match say which process failed, and why.' }));
+    }
+    this.newest = newest.revision;
+  }
+
+  newest = 0;
 
   /** The configuration with the proposal. @returns {Values|null} */
   get values() {
@@ -206,15 +223,18 @@ class ChangesBar {
       if (refused) return replace(this.what, `✕ ${refused.text()}${refused.help ? ` ${refused.help}` : ''}`);
       const found = store.status?.found;
       const then = tried?.detections ? new Set(tried.detections.robots.filter((robot) => robot.identity !== null).map((robot) => robot.name)).size : null;
-      replace(this.what, h('b', null, busy ? 'Being applied: ' : 'Proposed: '), keys, ' · ',
+      replace(this.what, h('b', null, busy ? 'Being applied: ' : 'Proposed: '),
         then === null ? h('span', { class: 'soft' }, tried ? 'valid' : 'being tried on a live frame …')
-          : h('span', { class: then >= (found?.robots ?? 0) ? 'good' : 'warn' }, `${found?.robots ?? '–'} robots found now, ${then} with it${tried?.has_ball ? ' and the ball' : ', no ball'}`));
+          : h('span', { class: then >= (found?.robots ?? 0) ? 'good' : 'warn' }, `${found?.robots ?? '–'} robots found now, ${then} with it${tried?.has_ball ? ' and the ball' : ', no ball'}`),
+        ' · ', keys);
       return;
     }
     const file = config?.file ? config.file.split('/').at(-1) : null;
     say(this.save, file ? `Save to ${file}` : 'Save as …');
     if (!config) return say(this.what, 'The configuration is being read …');
     if (!store.mayChange) return say(this.what, `Revision ${config.revision}. This page may only watch.`);
+    const newest = store.status?.configuration.history?.at(-1);
+    if (newest?.revision === config.revision && TAKEN_BACK.test(newest.what)) return say(this.what, `! Revision ${config.revision}: ${newest.what}.`);
     if (config.file_changed) return say(this.what, `! ${file} was changed by another program. Reload it with touchline reload, or save over it.`);
     say(this.what, config.saved ? `Revision ${config.revision}, as in ${file ?? 'the preset'}.` : `Revision ${config.revision} is in use, and not saved to ${file ?? 'a file'} yet.`);
   }

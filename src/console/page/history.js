@@ -63,27 +63,21 @@ export class History {
   }
 
   /**
-   * What is known of a frame; what is missing there is taken from the nearest earlier frame.
+   * What is known of a frame; what is missing there is taken from the nearest one.
    * @param {number} seq
    * @returns {Scene}
    */
   around(seq) {
-    /** @type {Scene} */
-    const whole = { seq, ...this.scenes.get(seq) };
-    if (whole.detections && whole.world) return whole;
-    let [near, near_world] = [-Infinity, -Infinity];
-    for (const scene of this.scenes.values()) {
-      if (scene.seq > seq) continue;
-      if (!this.scenes.get(seq)?.detections && scene.detections && scene.seq > near) {
-        near = scene.seq;
-        whole.detections = scene.detections;
+    const near = (/** @type {'detections'|'world'|'runs'} */ part) => {
+      let nearest;
+      for (const scene of this.scenes.values()) {
+        if (scene[part] && (!nearest || Math.abs(scene.seq - seq) < Math.abs(nearest.seq - seq))) nearest = scene;
       }
-      if (!this.scenes.get(seq)?.world && scene.world && scene.seq > near_world) {
-        near_world = scene.seq;
-        whole.world = scene.world;
-      }
-    }
-    return whole;
+      return nearest;
+    };
+    return {
+      seq, picture: this.scenes.get(seq)?.picture, detections: near('detections')?.detections, world: near('world')?.world, runs: near('runs')?.runs,
+    };
   }
 
   /**

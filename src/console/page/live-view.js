@@ -13,6 +13,8 @@ import { attempt, toast } from './toast.js';
 /** @typedef {import('./types').Scene} Scene */
 /** @typedef {import('./types').RobotName} RobotName */
 
+/** The overlay waits for its picture up to this delay. */
+const IN_STEP_S = 0.5;
 /** A picture older than this is not live. */
 const STALE_MS = 3000;
 
@@ -197,11 +199,8 @@ export class LiveView {
     const newest = store.detections;
     const late = newest ? newest.seq - this.shown_seq : 0;
     // On a slow line the overlay stays current while the picture is older.
-    const few = Math.max(2, Math.round(0.15 * (store.model?.picture.fps ?? 60)));
-    if (late >= 0 && late <= few && store.history.scenes.get(this.shown_seq)?.detections) {
-      const scene = store.history.around(this.shown_seq);
-      return { ...scene, world: scene.world ?? store.world ?? undefined, runs: scene.runs ?? store.runs ?? undefined };
-    }
+    const few = Math.max(2, Math.round(IN_STEP_S * (store.model?.picture.fps ?? 60)));
+    if (Math.abs(late) <= few) return store.history.around(this.shown_seq);
     return { seq: newest?.seq ?? 0, detections: newest ?? undefined, world: store.world ?? undefined, runs: store.runs ?? undefined };
   }
 

@@ -16,7 +16,7 @@ import { attempt, toast } from './toast.js';
 
 /** Room around a pixel that was named, in steps of a channel. */
 const ROOM = 12;
-const LEARN_FRAMES = 12;
+const LEARN_FRAMES = 6;
 
 const BOUNDS = /** @type {const} */ ([
   ['red', 'Red', 0, 255, 1, 0], ['green', 'Green', 0, 255, 1, 0], ['blue', 'Blue', 0, 255, 1, 0], ['hue_deg', 'Hue', 0, 360, 1, 0], ['saturation', 'Saturation', 0, 1, 0.01, 2],
@@ -55,6 +55,7 @@ export class ColorsStep {
     this.side = h('div', null,
       h('h1', null, 'Colours'), this.proofs.element,
       h('p', { class: 'soft' }, 'Put all robots and the ball on the pitch, also into the corners. What you click on must stand still while colours are learned.'),
+      h('p', { class: 'soft' }, 'Robots are recognised by their patches while colours are learned: other patches than configured? ', h('a', { href: '#setup/robots' }, 'Choose them first.')),
       h('div', { class: 'row' }, this.learn, this.classes, this.forget),
       this.learn_notes,
       h('p', { class: 'soft' }, 'Wrong or missing? Click on the patch in the picture and say what it is.'),

@@ -84,6 +84,8 @@ export class SetupView {
       replace(this.side, step.side);
       step.side.classList.add('stack');
       step.show?.();
+      this.picture.bayer.draw();
+      this.picture.drawAll();
     }
     this.update();
   }
@@ -184,8 +186,7 @@ export class SetupView {
   scene() {
     const tried = changes.tried?.detections;
     if (this.holds && tried) return { seq: tried.seq, detections: tried };
-    if (store.history.scenes.get(this.shown_seq)?.detections) return store.history.around(this.shown_seq);
-    return { seq: store.detections?.seq ?? 0, detections: store.detections ?? undefined, world: store.world ?? undefined };
+    return store.history.around(this.shown_seq);
   }
 
   shown_seq = 0;

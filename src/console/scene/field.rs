@@ -9,9 +9,10 @@ const CORNERS: u32 = 48;
 /// Stretches into which a side is cut for the picture, where lenses bend it.
 const STRETCHES: u32 = 16;
 
-/// The lines, each a row of points in millimetres; a closed one ends where it begins.
+/// The lines, each a row of points in millimetres; a closed one ends where it begins. Only those that the pitch
+/// certainly has: the markings of `[publish]` are for other programs, and a wrong line looks like a wrong camera.
 pub fn lines_mm(config: &Config) -> Vec<Vec<Pair>> {
-    let (field, markings) = (&config.field, &config.publish.markings);
+    let field = &config.field;
     let (x, y) = (field.length_mm / 2.0, field.width_mm / 2.0);
     let circle = (0..=CORNERS).map(|corner| {
         let (sin, cos) = (TAU * f64::from(corner) / f64::from(CORNERS)).sin_cos();
@@ -29,9 +30,6 @@ pub fn lines_mm(config: &Config) -> Vec<Vec<Pair>> {
         };
         if field.goal_width_mm > 0.0 && field.goal_depth_mm > 0.0 {
             lines.push(box_of(field.goal_depth_mm, field.goal_width_mm));
-        }
-        if markings.penalty_depth_mm > 0.0 && markings.penalty_width_mm > 0.0 {
-            lines.push(box_of(-markings.penalty_depth_mm, markings.penalty_width_mm));
         }
     }
     lines

@@ -1,0 +1,96 @@
+// Sets a pitch up in the browser, from a preset that fits nothing of it. TOUCHLINE_CONSOLE is the address of a
+// group that paints the pitch of tests/console_page.rs; its configuration is replaced by the preset first.
+
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import { open, until } from './browser.mjs';
+
+const ADDRESS = process.env.TOUCHLINE_CONSOLE ?? 'http://127.0.0.1:7733/';
+/** Of the pitch that is painted. */
+const SIZES = { length_mm: 1900, width_mm: 1500, goal_width_mm: 360, goal_depth_mm: 120, center_circle_radius_mm: 170 };
+const MOST_ACTIONS = 40;
+
+/** @type {Awaited<ReturnType<typeof open>>} */
+let browser;
+let actions = 0;
+
+const get = async (path) => (await fetch(new URL(path, ADDRESS))).json();
+
+before(async () => {
+  const origin = new URL(ADDRESS).origin;
+  const { revision, values } = await get('/api/config');
+  const text = `preset = "mirosot-5v5"\n[camera]\nfps = ${values.camera.fps}\n[console]\nlisten = "${values.console.listen}"\n`;
+  const answer = await fetch(new URL('/api/reload', ADDRESS), {
+    method: 'POST', headers: { origin, 'content-type': 'application/json' }, body: JSON.stringify({ base_revision: revision, text }),
+  });
+  assert.ok(answer.ok, await answer.text());
+  await until(async () => (await get('/api/status')).configuration.revision === revision + 1, 'the configuration of the preset');
+  browser = await open(ADDRESS);
+});
+
+after(async () => {
+  await browser?.shot('setup-end');
+  await browser?.close();
+});
+
+test('from a preset that does not fit to all robots and the ball', async () => {
+  const { page, shot } = browser;
+  const click = (locator) => {
+    actions += 1;
+    return locator.click();
+  };
+  const step = (name) => click(page.locator(`.steps a[href='#setup/${name}']`));
+  const proposed = (key) => until(async () => (await page.locator('.changes').innerText()).includes(key), `${key} is proposed`, 90_000);
+  const apply = async () => {
+    const { revision } = await get('/api/config');
+    await click(page.locator('[data-test=apply]'));
+    await until(async () => (await get('/api/config')).revision > revision, 'a new revision');
+  };
+  await click(page.locator('header nav a', { hasText: 'Set-up' }));
+  await step('field');
+  for (const [key, value] of Object.entries(SIZES)) {
+    actions += 2;
+    await page.locator(`[id="field.${key}"]`).fill(String(value));
+    await page.keyboard.press('Tab');
+  }
+  await proposed('field.length_mm');
+  await click(page.getByRole('button', { name: 'Find the field' }));
+  await proposed('geometry.points');
+  await shot('done-field');
+  await apply();
+
+  await step('robots');
+  actions += 2;
+  await page.locator('#layout').selectOption('mirosot-triangles');
+  await proposed('patches');
+  await apply();
+
+  await step('colors');
+  await click(page.getByRole('button', { name: 'Learn the colours' }));
+  await proposed('colors');
+  await shot('done-colors');
+  await apply();
+  await until(async () => {
+    const { found } = await get('/api/status');
+    return found.robots === 10 && found.ball;
+  }, 'ten robots and the ball');
+
+  await step('robots');
+  await until(async () => (await page.locator('.top.is-good').count()) === 10, 'all robots are ticked off');
+  await shot('done-robots');
+  await step('check');
+  await click(page.getByRole('button', { name: /Check/ }));
+  await until(async () => /Check again/.test(await page.locator('.setup .side').innerText()), 'the check is over');
+  await shot('done-check');
+
+  await click(page.locator('[data-test=save]'));
+  const config = await until(async () => {
+    const now = await get('/api/config');
+    return now.saved && now;
+  }, 'the configuration is saved');
+  const { history } = (await get('/api/status')).configuration;
+  assert.ok(!history.some(({ what }) => what.startsWith('back to')), JSON.stringify(history));
+  assert.equal(config.values.field.length_mm, SIZES.length_mm);
+  assert.ok(actions <= MOST_ACTIONS, `${actions} actions`);
+  assert.deepEqual(browser.faults, []);
+});
