@@ -24,6 +24,7 @@
 mod degraded;
 mod dropping;
 mod intensity;
+mod slowness;
 mod stage;
 mod stalls;
 
@@ -347,6 +348,8 @@ impl Policy {
         let before = stage.output.of(frame.lane);
         if before < Some(frame.seq) {
             stage.note_period(frame.seq, before, sent_ns);
+            let took_ns = sent_ns.saturating_sub(stage.progress_ns);
+            stage.slowness.note_output(took_ns, self.settings.stall_ns);
             stage.output.raise(frame);
             stage.dropping = None;
             stage.progress_ns = stage.progress_ns.max(sent_ns);
@@ -377,6 +380,7 @@ impl Policy {
             return;
         }
         stage.dropping = None;
+        stage.slowness.note_end(member.stalled);
         // A kill from outside is not the process's own fault.
         let is_its_own_fault = crashed || member.stalled;
         if is_its_own_fault {

@@ -142,6 +142,10 @@ impl Group<'_> {
                     "the {stage} dies too often ({deaths} times in five seconds or more): it is started \
                      with pauses, {next}"
                 ),
+                Lack::Speed => format!(
+                    "the {stage} takes longer for a frame than the stall deadline, and is given more time: frames \
+                     are lost or late; `touchline bench` tells what it can do with this configuration"
+                ),
             }
         };
         let lacks = self.policy.degraded(monotonic_ns()).into_iter().map(lack);

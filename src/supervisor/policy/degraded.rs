@@ -29,6 +29,8 @@ pub enum Lack {
     Output,
     /// This many of its active processes have died in a short time, so the next start is delayed.
     Stability(u32),
+    /// Speed: it needs longer than the stall deadline for a frame, and is left alone for longer.
+    Speed,
 }
 
 impl Policy {
@@ -47,6 +49,8 @@ impl Policy {
                 && (stage.intensity.count(now_ns) > 0 || now_ns < stage.spare_after_ns)
             {
                 (Lack::Stability(stage.intensity.count(now_ns)), stage.spare_after_ns)
+            } else if stage.slowness.is_slow() {
+                (Lack::Speed, now_ns)
             } else {
                 return None;
             };

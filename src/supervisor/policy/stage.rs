@@ -3,6 +3,7 @@
 use super::MemberId;
 use super::dropping::Dropping;
 use super::intensity::Intensity;
+use super::slowness::Slowness;
 use messages::stages::{FrameId, Numbers};
 
 /// Deaths in a row on the same input that are not a coincidence.
@@ -67,6 +68,8 @@ pub struct Stage {
     pub period_ns: Option<u64>,
     /// Time at which the newest output was sent.
     sent_ns: Option<u64>,
+    /// Whether it needs longer than the stall deadline.
+    pub slowness: Slowness,
     /// Recent deaths of its active processes.
     pub intensity: Intensity,
     /// Deaths in a row over the limit; 0 when all is well.

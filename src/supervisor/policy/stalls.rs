@@ -74,12 +74,12 @@ impl Policy {
 
     /// Longest time that the active process of a stage may be behind.
     pub(super) fn stall_deadline_ns(&self, id: StageId) -> u64 {
+        let stage = &self.stages[id];
         let deadline_ns = match id.is_grabber() {
             true => self.settings.grabber_stall_ns,
-            false => self.settings.stall_ns,
+            false => stage.slowness.deadline_ns(self.settings.stall_ns),
         };
         // A new process has a backlog to work through and memory pages to touch.
-        let stage = &self.stages[id];
         let is_new = stage.active.as_ref().is_some_and(|active| !active.has_worked(stage.output));
         if is_new { deadline_ns.max(FIRST_OUTPUT_NS) } else { deadline_ns }
     }

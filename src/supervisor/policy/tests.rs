@@ -582,3 +582,41 @@ fn without_heartbeats_no_process_is_killed_for_not_being_ready() {
     assert_eq!(start(&mut play, 9000), [], "its time begins now");
     assert_eq!(start(&mut play, 2000), [(TRACKER, Cause::NotReady)]);
 }
+
+/// Plays a tracker that takes so long for each frame, while frames come every 10 ms.
+fn slow_tracker(takes_ms: u64, ms: u64) -> Play {
+    let mut play = Play::new(&[TRACKER]);
+    let (mut seq, mut tracked, mut works_until) = (0, 0, 0);
+    let mut worker = None;
+    for now in (0..ms).step_by(5) {
+        if now % 10 == 0 {
+            seq += 1;
+            for stage in [GRABBER, CLASSIFIER] {
+                play.output(stage, seq);
+            }
+        }
+        let active = play.policy.stages[TRACKER].active.as_ref().map(|active| active.id);
+        if active != worker {
+            (worker, works_until) = (active, now + takes_ms);
+        }
+        if active.is_some() && now >= works_until && tracked < seq {
+            tracked = seq;
+            play.output(TRACKER, seq);
+            play.output(FILTER, seq);
+            works_until = now + takes_ms;
+        }
+        play.run(5);
+    }
+    play
+}
+
+#[test]
+fn a_slow_stage_is_left_alone_after_a_few_kills() {
+    let stalls = |play: &Play| kills(&play.actions).len();
+    let play = slow_tracker(100, 20_000);
+    assert!((1..=6).contains(&stalls(&play)), "{} kills", stalls(&play));
+    assert_eq!(play.policy.degraded(play.now_ns).len(), 1, "it is said");
+    let play = slow_tracker(20, 5_000);
+    assert_eq!(stalls(&play), 0);
+    assert_eq!(play.policy.degraded(play.now_ns), []);
+}
