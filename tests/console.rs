@@ -94,6 +94,48 @@ fn a_page_sees_what_the_group_sees() {
 }
 
 #[test]
+fn viewers_subscribe_to_the_channels_of_recordings() {
+    let mut group = start("console-viewer", CONSOLE);
+    group.wait_until_working();
+    let browser = Browser::of(&mut group);
+    let protocol = [("sec-websocket-protocol", "foxglove.websocket.v1")];
+    let mut viewer = browser.socket_with("/foxglove", &protocol).unwrap();
+    let mut said =
+        || -> Value { serde_json::from_str(&next(&mut viewer).into_text().unwrap()).unwrap() };
+    assert_eq!(said()["op"], "serverInfo");
+    let channels = said()["channels"].as_array().unwrap().clone();
+    let number = |channel: &Value| channel["id"].as_u64().unwrap() + 100;
+    let subscription = |it: &Value| json!({ "id": number(it), "channelId": it["id"] });
+    let subscriptions: Vec<Value> = channels.iter().map(subscription).collect();
+    let subscribe = json!({ "op": "subscribe", "subscriptions": subscriptions });
+    viewer.send(tungstenite::Message::text(subscribe.to_string())).unwrap();
+    let mut missing: Vec<u64> = channels.iter().map(number).collect();
+    let deadline = Instant::now() + PATIENCE;
+    while !missing.is_empty() {
+        assert!(Instant::now() < deadline, "{missing:?} of {channels:?}");
+        let bytes = next(&mut viewer).into_data();
+        assert_eq!(bytes[0], 1);
+        let id = u64::from(u32::from_le_bytes(bytes[1..5].try_into().unwrap()));
+        missing.retain(|&it| it != id);
+        let content = &bytes[13..];
+        let channel = channels.iter().find(|it| number(it) == id).unwrap();
+        match channel["topic"].as_str().unwrap() {
+            "frames" => {
+                let frame = recording::decode_frame(content).unwrap();
+                assert_eq!(frame.pixels.len(), 640 * 480);
+            }
+            "world" => {
+                let world = recording::decode_message::<messages::WorldFrame>(content).unwrap();
+                assert!(world.frame.seq > 0);
+            }
+            "scene" => assert!(serde_json::from_slice::<Value>(content).unwrap().is_object()),
+            _ => {}
+        }
+    }
+    end(group);
+}
+
+#[test]
 fn a_killed_console_comes_back_at_its_address_and_the_group_does_not_notice() {
     let mut group = start("console-killed", CONSOLE);
     group.wait_until_working();

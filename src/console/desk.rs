@@ -19,7 +19,7 @@ const KEPT_FRAME_BYTES: usize = 48 << 20;
 const KEPT_FRAMES: usize = 16;
 
 /// What a client can wait for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum Kind {
     /// Regions, robots, balls and rejected candidates of a frame.
@@ -36,11 +36,17 @@ pub enum Kind {
     Frames = 5,
     /// `world` in the form for other programs.
     Poses = 6,
+    /// `world` as in recordings, for viewers.
+    RawWorld = 7,
+    /// `detections` as in recordings.
+    RawDetections = 8,
+    /// `runs` as in recordings.
+    RawRuns = 9,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::Detections,
         Self::World,
         Self::Runs,
@@ -48,6 +54,9 @@ impl Kind {
         Self::Events,
         Self::Frames,
         Self::Poses,
+        Self::RawWorld,
+        Self::RawDetections,
+        Self::RawRuns,
     ];
 
     /// Those with a text.
@@ -64,6 +73,9 @@ impl Kind {
             Self::Events => "events",
             Self::Frames => "frames",
             Self::Poses => "poses",
+            Self::RawWorld => "raw world",
+            Self::RawDetections => "raw detections",
+            Self::RawRuns => "raw runs",
         }
     }
 }
@@ -77,6 +89,17 @@ pub struct News {
     pub seq: u64,
     /// A JSON object.
     pub text: Arc<str>,
+}
+
+/// The newest message of a topic, in the form of recordings.
+#[derive(Debug, Clone)]
+pub struct Raw {
+    /// Number of its frame.
+    pub seq: u64,
+    /// Capture time of its frame, nanoseconds since 1970.
+    pub t_wall_ns: u64,
+    /// The message.
+    pub bytes: Arc<[u8]>,
 }
 
 /// The meeting place.
@@ -94,6 +117,7 @@ pub struct Desk {
 #[derive(Default)]
 struct Newest {
     news: [Option<News>; KINDS],
+    raw: [Option<Raw>; KINDS],
     frames: VecDeque<Arc<Frame>>,
     scene: Option<Arc<Scene>>,
 }
@@ -157,10 +181,21 @@ impl Desk {
         self.lock().news[kind as usize] = Some(news);
     }
 
+    /// The newest message of a kind.
+    pub fn raw(&self, kind: Kind) -> Option<Raw> {
+        self.lock().raw[kind as usize].clone()
+    }
+
+    /// Replaces the newest message of a kind.
+    pub fn put_raw(&self, kind: Kind, raw: Raw) {
+        self.lock().raw[kind as usize] = Some(raw);
+    }
+
     /// Forgets what is no longer received, so that it is not taken for new later.
     pub fn forget(&self, kind: Kind) {
         let mut newest = self.lock();
         newest.news[kind as usize] = None;
+        newest.raw[kind as usize] = None;
         if kind == Kind::Frames {
             newest.frames.clear();
         }

@@ -15,6 +15,7 @@ mod app;
 mod changes;
 pub mod changing;
 mod desk;
+pub mod foxglove;
 mod jobs;
 pub mod live;
 mod metrics;

@@ -1,18 +1,19 @@
 //! Reads topics for the page, like any consumer. A topic is received only while a client wants it, and of each
 //! only the newest message: what nobody waits for is overwritten unread.
 
-use super::desk::{Desk, Kind, News};
+use super::desk::{Desk, Kind, News, Raw};
 use super::picture::Frame;
 use super::scene::{Scene, messages};
 use ::messages::stages::StageId;
 use ::messages::topics::{self, Topic};
 use ::messages::{
-    Attendant, DetectionFrame, EventKind, FrameHeader, GroupEvent, Header, Message, Run,
-    RunsHeader, StatusHeader, WorldFrame, read_text,
+    Attendant, ClearStale, DetectionFrame, EventKind, FrameHeader, GroupEvent, Header, Message,
+    Run, RunsHeader, StatusHeader, WorldFrame, read_text,
 };
 use client::bus::{Bus, BusError, Received, Subscriber};
 use client::instance::Instance;
 use config::snapshot::Snapshot;
+use recording::{encode_list, encode_message};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::fs::{self, Metadata};
@@ -88,9 +89,13 @@ impl Reading {
     pub fn new(instance: &Instance) -> Self {
         Self {
             instance: instance.clone(),
-            detections: Intake::new(topics::DETECTIONS, &[Kind::Detections], false),
-            world: Intake::new(topics::WORLD, &[Kind::World, Kind::Poses], false),
-            runs: Intake::new(topics::RUNS, &[Kind::Runs], false),
+            detections: Intake::new(
+                topics::DETECTIONS,
+                &[Kind::Detections, Kind::RawDetections],
+                false,
+            ),
+            world: Intake::new(topics::WORLD, &[Kind::World, Kind::Poses, Kind::RawWorld], false),
+            runs: Intake::new(topics::RUNS, &[Kind::Runs, Kind::RawRuns], false),
             status: Intake::new(topics::STATUS, &[Kind::Status], false),
             events: Intake::new(topics::EVENTS, &[Kind::Events], true),
             frames: None,
@@ -111,11 +116,15 @@ impl Reading {
             if let Some(received) = self.detections.newest(bus, desk)?
                 && let Some(seen) = received.message()
             {
-                put(desk, Kind::Detections, seen.frame.seq, &scene.detections(seen));
+                if desk.is_awaited(Kind::Detections) {
+                    put(desk, Kind::Detections, seen.frame.seq, &scene.detections(seen));
+                }
+                put_raw(desk, Kind::RawDetections, &seen.frame, seen);
             }
             if let Some(received) = self.world.newest(bus, desk)?
                 && let Some(world) = received.message()
             {
+                put_raw(desk, Kind::RawWorld, &world.frame, world);
                 if desk.is_awaited(Kind::World) {
                     put(desk, Kind::World, world.frame.seq, &scene.world(world));
                 }
@@ -129,8 +138,17 @@ impl Reading {
         if let Some(received) = self.runs.newest(bus, desk)? {
             let header = received.header();
             let seq = header.frame.seq;
-            let text = messages::runs(seq, header.revision, header.valid(received.elements()));
-            desk.put(Kind::Runs, News { seq, text: text.into() });
+            let runs = header.valid(received.elements());
+            if desk.is_awaited(Kind::Runs) {
+                let text = messages::runs(seq, header.revision, runs);
+                desk.put(Kind::Runs, News { seq, text: text.into() });
+            }
+            if desk.is_awaited(Kind::RawRuns) {
+                let mut bytes = Vec::new();
+                encode_list(header, runs, &mut bytes);
+                let t_wall_ns = header.frame.t_capture_wall_ns;
+                desk.put_raw(Kind::RawRuns, Raw { seq, t_wall_ns, bytes: bytes.into() });
+            }
         }
         if let Some(received) = self.status.newest(bus, desk)? {
             let length = received.header().bytes as usize;
@@ -203,6 +221,21 @@ impl Reading {
 
 fn put(desk: &Desk, kind: Kind, seq: u64, value: &Value) {
     desk.put(kind, News { seq, text: value.to_string().into() });
+}
+
+/// Puts a message on the desk as recordings have it.
+fn put_raw<T: Message + ClearStale>(desk: &Desk, kind: Kind, frame: &FrameHeader, message: &T) {
+    if !desk.is_awaited(kind) {
+        return;
+    }
+    // A third of a megabyte, which is too much for the stack.
+    let mut copy = bytemuck::allocation::zeroed_box::<T>();
+    bytemuck::bytes_of_mut(&mut *copy).copy_from_slice(bytemuck::bytes_of(message));
+    copy.clear_stale();
+    let mut bytes = Vec::new();
+    encode_message(&*copy, &mut bytes);
+    let (seq, t_wall_ns) = (frame.seq, frame.t_capture_wall_ns);
+    desk.put_raw(kind, Raw { seq, t_wall_ns, bytes: bytes.into() });
 }
 
 fn event_json(event: &GroupEvent) -> Value {

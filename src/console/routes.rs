@@ -5,7 +5,7 @@ use super::answer::{self, Failure};
 use super::app::App;
 use super::desk;
 use super::server::Connection;
-use super::{changes, jobs, live, metrics, page, pictures, recording, still};
+use super::{changes, foxglove, jobs, live, metrics, page, pictures, recording, still};
 use axum::Router;
 use axum::extract::{Path, Request, State};
 use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN, SET_COOKIE, UPGRADE};
@@ -46,6 +46,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/mark", post(changes::mark))
         .route("/api/record", post(recording::record))
         .route("/api/setup/{kind}", post(jobs::run))
+        .route("/foxglove", get(foxglove::foxglove))
         .route("/metrics", get(metrics::metrics))
         .fallback(async || nothing_there())
         .layer(middleware::from_fn_with_state(Arc::clone(&app), gate))

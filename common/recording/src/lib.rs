@@ -31,7 +31,7 @@ mod summary;
 mod wire;
 mod writer;
 
-pub use channel::Channel;
+pub use channel::{Channel, Description};
 pub use damage::{Damage, Damages, Fault};
 pub use image::{Frame, decode_frame, encode_frame};
 pub use message::{decode_list, decode_message, encode_list, encode_message};
