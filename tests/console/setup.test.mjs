@@ -40,7 +40,15 @@ test('from a preset that does not fit to all robots and the ball', async () => {
     return locator.click();
   };
   const step = (name) => click(page.locator(`.steps a[href='#setup/${name}']`));
-  const proposed = (key) => until(async () => (await page.locator('.changes').innerText()).includes(key), `${key} is proposed`, 90_000);
+  /** A job has a minute, and finding the field takes two jobs. */
+  const proposed = async (key) => {
+    const answer = await until(async () => {
+      if ((await page.locator('.changes').innerText()).includes(key)) return 'proposed';
+      const refusals = await page.locator('.toast.is-bad').allInnerTexts();
+      return refusals.join();
+    }, `${key} is proposed`, 150_000);
+    assert.equal(answer, 'proposed');
+  };
   const apply = async () => {
     const { revision } = await get('/api/config');
     await click(page.locator('[data-test=apply]'));

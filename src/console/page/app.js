@@ -172,7 +172,7 @@ function help() {
 document.addEventListener('keydown', (event) => {
   const target = /** @type {HTMLElement} */ (event.target);
   if (target.matches('input:not([type=range]):not([type=checkbox]), select, textarea') || dialog?.open) return;
-  // Who moves by keyboard presses buttons with the space bar.
+  // With the keyboard's focus on a button, the space bar presses it.
   if (event.key === ' ' && target.matches('button:focus-visible, a:focus-visible, summary')) return;
   if (current?.key?.(event)) return event.preventDefault();
   if (event.ctrlKey || event.metaKey || event.altKey) return;

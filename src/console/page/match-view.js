@@ -88,7 +88,7 @@ export class MatchView {
 
   /** @private @param {string} process */
   async restart(process) {
-    if (await attempt(post('/api/restart', { process }))) toast(`The ${process} is being restarted.`, 'A spare takes over; no frame is lost.');
+    if (await attempt(post('/api/restart', { process }))) toast(`The ${process} is being restarted.`, STAGES.some((stage) => process.startsWith(stage)) ? 'A spare takes over; no frame is lost.' : undefined);
   }
 
   /** @private */
@@ -178,7 +178,7 @@ export class MatchView {
     const missing = [...(status.commanders ?? [])].map((sender) => `${sender.name} (${sender.robots.length} robots)`);
     facts(this.programs, [
       ['Configuration', `revision ${configuration.revision}${configuration.pending?.length ? `, waiting for ${configuration.pending.join(', ')}` : ''}: ${configuration.history.at(-1)?.what ?? ''}`],
-      ['Commands', missing.length ? missing.join(', ') : 'nobody sends commands'],
+      ['Commands', missing.length ? missing.join(', ') : 'no program sends commands'],
       ['Load', `pipeline ${number(resources.pipeline_cpu_percent, 0)} % of a processor, supervisor ${number(resources.supervisor_cpu_percent, 0)} %, memory ${bytes(resources.memory_bytes)}`],
       ['Version', `${status.version}, running ${duration(status.elapsed_s)}`],
     ]);

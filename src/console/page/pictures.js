@@ -19,7 +19,7 @@ export function canDemosaic({ header, bytes }) {
   return /^bayer_?8$/i.test(header.pixel_format) && bytes.length >= header.width * header.height;
 }
 
-/** Asks for pictures as long as somebody looks at them. */
+/** Asks for pictures while they are looked at. */
 export class Pictures {
   /**
    * @param {() => {scale: 1|2|4, format: 'jpeg'|'raw'}|null} wanted null while paused or hidden

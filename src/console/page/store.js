@@ -39,7 +39,7 @@ class Store {
     this.rate_hz = 0;
     /** Name of the robot that the user looks at. @type {string|null} */
     this.selected = null;
-    /** Kinds of data wanted from the live socket, by who wants them. @type {Map<string, string[]>} */
+    /** Kinds of data wanted from the live socket, by the view that wants them. @type {Map<string, string[]>} */
     this.wanted = new Map();
     /** @type {Map<Topic, Set<() => void>>} */
     this.listeners = new Map();
@@ -72,10 +72,10 @@ class Store {
     this.tell('selection');
   }
 
-  /** @param {string} who @param {string[]} kinds */
-  want(who, kinds) {
-    if (kinds.length) this.wanted.set(who, kinds);
-    else this.wanted.delete(who);
+  /** @param {string} view @param {string[]} kinds none: it wants nothing any more */
+  want(view, kinds) {
+    if (kinds.length) this.wanted.set(view, kinds);
+    else this.wanted.delete(view);
   }
 
   start() {
