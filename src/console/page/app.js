@@ -169,6 +169,12 @@ function help() {
   dialog.showModal();
 }
 
+// A button that was clicked would take the space bar from then on, which pauses.
+document.addEventListener('click', (event) => {
+  const button = /** @type {Element} */ (event.target).closest('button:not([role=slider])');
+  if (event.detail > 0 && button instanceof HTMLElement) button.blur();
+});
+
 document.addEventListener('keydown', (event) => {
   const target = /** @type {HTMLElement} */ (event.target);
   if (target.matches('input:not([type=range]):not([type=checkbox]), select, textarea') || dialog?.open) return;
