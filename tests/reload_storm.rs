@@ -128,6 +128,8 @@ struct Storm {
     every: Duration,
     /// Time between two kills.
     kill_every: Duration,
+    /// Kill only while every stage has its spare; otherwise at any moment.
+    spares_kills: bool,
 }
 
 /// Plays a storm, and checks and prints what came of it.
@@ -148,7 +150,7 @@ fn play(storm: &Storm) {
         std::thread::sleep(Duration::from_millis(10));
     }
     let observer = Observer::start(&group.instance);
-    let killer = Killer::start(&group.instance, storm.kill_every);
+    let killer = Killer::start(&group.instance, storm);
 
     let mut requested: BTreeMap<u32, (u64, [bool; 3])> = BTreeMap::new();
     let mut next = Instant::now();
@@ -274,7 +276,8 @@ struct Killer {
 }
 
 impl Killer {
-    fn start(instance: &Instance, every: Duration) -> Self {
+    fn start(instance: &Instance, storm: &Storm) -> Self {
+        let (every, spares_kills) = (storm.kill_every, storm.spares_kills);
         let stop = Arc::new(AtomicBool::new(false));
         let (instance, to_stop) = (instance.clone(), Arc::clone(&stop));
         let thread = std::thread::spawn(move || {
@@ -293,6 +296,15 @@ impl Killer {
                 random ^= random << 17;
                 let stage = ["classifier", "tracker", "filter"][(random % 3) as usize];
                 let Ok(Some(report)) = read_status(&instance, PATIENCE) else { continue };
+                let has_spare = |stage: &str| {
+                    report.stages.get(stage).is_some_and(|stage| {
+                        stage.processes.iter().any(|process| process.state == "spare")
+                    })
+                };
+                if spares_kills && !["classifier", "tracker", "filter"].into_iter().all(has_spare) {
+                    next = Instant::now() + Duration::from_millis(20);
+                    continue;
+                }
                 let active = report.stages.get(stage).and_then(|stage| {
                     stage.processes.iter().find(|process| process.state == "active")
                 });
@@ -321,6 +333,7 @@ fn changes_and_kills_lose_no_frame_and_mix_no_configurations() {
         reloads: 12,
         every: Duration::from_millis(900),
         kill_every: Duration::from_millis(2500),
+        spares_kills: true,
     });
 }
 
@@ -333,6 +346,7 @@ fn two_hundred_changes_in_a_hundred_seconds() {
         reloads: 200,
         every: Duration::from_millis(500),
         kill_every: Duration::from_secs(1),
+        spares_kills: false,
     });
 }
 
