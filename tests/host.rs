@@ -48,6 +48,7 @@ fn with_shared_memory(scratch: &Scratch, megabytes: u32, script: &str) -> Output
         .args(["-m", "sh", "-c", &format!("{mount}\n{script}")])
         .env("T", env!("CARGO_BIN_EXE_touchline"))
         .env("D", &scratch.path)
+        .env("TOUCHLINE_NO_CONSOLE", "1")
         .env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"))
         .env("XDG_STATE_HOME", scratch.path.join("state"))
         .output()

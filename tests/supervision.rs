@@ -169,6 +169,7 @@ fn nohup_is_obeyed() {
     let mut run = Command::new("sh")
         .args(["-c", script, program])
         .arg(scratch.path.join("report"))
+        .env("TOUCHLINE_NO_CONSOLE", "1")
         .env("TOUCHLINE_RUNTIME_DIR", scratch.path.join("run"))
         .stderr(fs::File::create(scratch.path.join("stderr")).unwrap())
         .spawn()
