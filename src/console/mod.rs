@@ -54,8 +54,10 @@ const ROUND: Duration = Duration::from_millis(4);
 const LISTEN_AGAIN: Duration = Duration::from_secs(1);
 /// Below the stages and everything else that a match needs.
 const NICE: i32 = 10;
-/// Threads that encode pictures.
-const ENCODERS: usize = 2;
+/// Threads that encode pictures and wait for the supervisor.
+const HELPERS: usize = 4;
+/// Most lines about topics that cannot be read.
+const MOST_COMPLAINTS: u32 = 20;
 
 /// Reason for which the console cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -119,7 +121,7 @@ fn run(instance: &Instance, config: &Config, supervised: bool) -> Result<(), Con
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_io()
         .enable_time()
-        .max_blocking_threads(ENCODERS)
+        .max_blocking_threads(HELPERS)
         .build()?;
     let outcome = runtime.block_on(tend(process, instance, config));
     // Clients are not waited for.
@@ -141,8 +143,18 @@ async fn tend(
     tokio::spawn(server::serve(listener, Arc::clone(&app)));
     let round = ROUND.min(Duration::from_secs_f64(0.5 / config.camera.fps.max(1.0)));
     let mut reading = Reading::new(instance);
+    let mut complaints = 0;
     while process.keep_running(|_| ())? {
-        reading.round(&process.bus, &desk)?;
+        if let Err(error) = reading.round(&process.bus, &desk) {
+            // All places of a topic may be taken for a while; pages that wait for others are served.
+            if complaints < MOST_COMPLAINTS {
+                complaints += 1;
+                runtime::tell!("console: {error}; it is tried again");
+            }
+            reading = Reading::new(instance);
+            desk.end_round();
+            desk.pause(MAX_WAIT).await;
+        }
         if desk.is_busy() {
             tokio::time::sleep(round).await;
         } else {
