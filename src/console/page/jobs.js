@@ -29,7 +29,8 @@ export const findField = (set) => job('find-field', { set });
 /**
  * The camera that shows these points.
  * @param {{points: Point[], as_found: boolean, use_lines: boolean, set: KeySet, camera_height_mm?: number}} request
- * @returns {Promise<{set: KeySet, rms_px: number, worst: number, worst_px: number, errors_px: Pair[], notes: string[]}>}
+ * @returns {Promise<{set: KeySet, rms_px: number, worst: number, worst_px: number, errors_px: Pair[], notes: string[],
+ *   lines: {used: boolean, text: string, share: number|null, rms_px: number|null}|null}>}
  */
 export async function calibrate(request) {
   const answer = await job('calibrate', request);

@@ -156,7 +156,8 @@ export class FieldStep {
       return this.calibrate(false);
     }
     if (!answer) return;
-    this.rms_px = answer.rms_px;
+    // Lines that were measured tell more than the points by which the search for them began.
+    this.rms_px = answer.lines?.used ? answer.lines.rms_px : answer.rms_px;
     points.forEach(({ mm }, index) => {
       const mark = this.marks.find((each) => Math.hypot(mm[0] - each.mm[0], mm[1] - each.mm[1]) < 1);
       if (mark) mark.error_px = Math.hypot(...answer.errors_px[index]);
