@@ -20,6 +20,10 @@ use tokio::time::Instant;
 /// Time between two looks whether the client is still there, while there are no frames.
 const PATIENCE: Duration = Duration::from_secs(1);
 
+/// Least time between two pictures for a client. Encoding takes most of the console's processor time, and an eye
+/// needs no more.
+const PACE: Duration = Duration::from_millis(33);
+
 /// One credit: the picture that a client wants next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(default)]
@@ -59,9 +63,11 @@ pub async fn pictures(
 ) -> Result<Response, Failure> {
     let serving = Arc::clone(&app);
     upgrade(&app, rights, socket, async move |mut socket| {
-        let mut last = None;
+        let (mut last, mut due) = (None, Instant::now());
         'credits: while let Some(text) = next_text(&mut socket).await {
             let Some(wish) = Wish::parse(&text) else { break };
+            tokio::time::sleep_until(due).await;
+            due = Instant::now() + PACE;
             let frame = loop {
                 if let Some(frame) = next_frame(&serving, last).await {
                     break frame;
