@@ -35,21 +35,31 @@ const PAUSE: Duration = Duration::from_millis(500);
 pub fn recorded_config(path: &Path, from_s: f64) -> Result<Config, CameraError> {
     let problem = |problem| CameraError::Picture { path: path.display().to_string(), problem };
     let reader = Reader::open(path).map_err(|error| CameraError::Recording(error.to_string()))?;
-    let from_ns = (from_s * 1e9) as u64;
-    let mut begin_ns = None;
-    let is_before = |entry: &Entry| {
-        entry.t_sent_ns.saturating_sub(*begin_ns.get_or_insert(entry.t_sent_ns)) <= from_ns
-    };
-    let setups = reader
-        .flatten()
-        .take_while(is_before)
-        .filter(|entry| entry.channel == Channel::Setup)
-        .filter_map(|entry| Setup::decode(&entry.data));
-    // Of equal revisions the last one: groups started by hand name none.
-    let setup = setups.max_by_key(|setup| setup.revision);
+    let setup = setup_at(reader.flatten(), (from_s * 1e9) as u64);
     let setup = setup.ok_or_else(|| problem("there is no configuration in it".into()))?;
     let origin = format!("the configuration recorded in {}", path.display());
     Config::parse(&setup.config_toml, &origin).map_err(|error| problem(error.to_string()))
+}
+
+/// The newest configuration of the first `from_ns`; if there is none, the first one: messages that were sent before the
+/// recording began may come before it.
+fn setup_at(entries: impl Iterator<Item = Entry>, from_ns: u64) -> Option<Setup> {
+    let (mut begin_ns, mut chosen) = (None, None::<Setup>);
+    for entry in entries {
+        let begin_ns = *begin_ns.get_or_insert(entry.t_sent_ns);
+        let is_late = entry.t_sent_ns.saturating_sub(begin_ns) > from_ns;
+        if is_late && chosen.is_some() {
+            break;
+        }
+        if entry.channel == Channel::Setup
+            && let Some(setup) = Setup::decode(&entry.data)
+            // Of equal revisions the last one: groups started by hand name none.
+            && chosen.as_ref().is_none_or(|chosen| setup.revision >= chosen.revision)
+        {
+            chosen = Some(setup);
+        }
+    }
+    chosen
 }
 
 /// A recording being played.
@@ -245,4 +255,35 @@ fn read_ahead(mut reader: Reader, playlist: &Playlist) -> Receiver<Entry> {
         }
     });
     receiver
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(channel: Channel, t_sent_ns: u64, revision: u32) -> Entry {
+        let setup = Setup {
+            touchline_version: "test".into(),
+            instance: "test".into(),
+            wall_minus_monotonic_ns: 0,
+            config_toml: String::new(),
+            revision,
+            accepted_wall_ns: 0,
+        };
+        Entry { channel, t_sent_ns, data: setup.encode().into() }
+    }
+
+    #[test]
+    fn the_configuration_at_a_time_is_found_even_behind_earlier_messages() {
+        let entries = [
+            entry(Channel::Frames, 100, 0),
+            entry(Channel::Setup, 200, 3),
+            entry(Channel::Frames, 300, 0),
+            entry(Channel::Setup, 400, 5),
+            entry(Channel::Setup, 410, 4),
+        ];
+        let at = |from_ns| setup_at(entries.clone().into_iter(), from_ns).map(|it| it.revision);
+        assert_eq!([0, 50, 100, 299, 300, 310].map(at), [3, 3, 3, 3, 5, 5].map(Some));
+        assert_eq!(setup_at(entries.into_iter().take(1), 1000), None);
+    }
 }
