@@ -462,6 +462,8 @@ fn the_wall_clock_is_only_for_people() {
         ("grabber/src/playback/mod.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/genicam/mod.rs", "Aravis' stamps, by way of WallClock, which notices"),
         ("src/commands/chaos/mod.rs", "a seed, when none is given"),
+        ("src/console/reading.rs", "for people and programs: times in what clients get"),
+        ("src/console/recording.rs", "the name of a recording's file"),
         ("src/monitor/view.rs", "for people: times of events"),
         ("src/publisher/worker.rs", "for programs of the leagues: times in their packets"),
         ("src/recorder/mod.rs", "once for each recording"),
