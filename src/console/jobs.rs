@@ -16,7 +16,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::process::Command;
 
 /// Longest time of a job.
-const TIME_LIMIT: Duration = Duration::from_secs(60);
+const TIME_LIMIT: Duration = Duration::from_secs(180);
 /// Longest answer of a job, bytes: runs of a picture as text.
 const MOST_BYTES: u64 = 32 << 20;
 

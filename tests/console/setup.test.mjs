@@ -46,7 +46,7 @@ test('from a preset that does not fit to all robots and the ball', async () => {
       if ((await page.locator('.changes').innerText()).includes(key)) return 'proposed';
       const refusals = await page.locator('.toast.is-bad').allInnerTexts();
       return refusals.join();
-    }, `${key} is proposed`, 150_000);
+    }, `${key} is proposed`, 300_000);
     assert.equal(answer, 'proposed');
   };
   const apply = async () => {
