@@ -14,7 +14,7 @@ pub struct ConsoleConfig {
     /// Whether the group has one.
     pub enabled: bool,
     /// Address and port. If the port is taken, the next free one is used. An address other than
-    /// 127.0.0.1 or [::1] can be reached from other computers, which then need the token that is
+    /// 127.0.0.1 or `::1` can be reached from other computers, which then need the token that is
     /// printed at the start; "0.0.0.0:7733" stands for all addresses of this computer.
     pub listen: String,
     /// Names under which browsers may ask for the page besides the addresses of this computer, for
