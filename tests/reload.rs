@@ -1,74 +1,18 @@
 //! Changes of the configuration in the middle of a match.
 
+mod observer;
 mod support;
 
-use client::consumer::{Consumer, Event};
-use messages::topics;
+use observer::{Observer, Seen};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use support::Group;
 
 /// Several processes start at once, on a machine that may be busy.
 const SMALL: &str = "[camera]\nfps = 40\n";
-
-/// What an observer of its own sees on `world`: every frame and the revisions that made it.
-struct Observer {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<Seen>>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    seq: u64,
-    classifier: u32,
-    tracker: u32,
-    filter: u32,
-    robots: usize,
-}
-
-impl Observer {
-    fn start(group: &Group) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let instance = group.instance.clone();
-        let to_stop = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            let mut world = Consumer::new(instance, "observer", &topics::WORLD);
-            let mut seen = Vec::new();
-            while !to_stop.load(Ordering::Relaxed) {
-                let Some(Event::Message(message)) = world.next(Duration::from_millis(50)).unwrap()
-                else {
-                    continue;
-                };
-                let Some(world) = message.message() else { continue };
-                seen.push(Seen {
-                    seq: world.frame.seq,
-                    classifier: world.classifier_revision,
-                    tracker: world.tracker_revision,
-                    filter: world.revision,
-                    robots: world.robots().len(),
-                });
-            }
-            seen
-        });
-        Self { stop, thread }
-    }
-
-    /// Ends it, and checks that no frame was missing, twice or out of order.
-    fn finish(self) -> Vec<Seen> {
-        self.stop.store(true, Ordering::Relaxed);
-        let seen = self.thread.join().unwrap();
-        for pair in seen.windows(2) {
-            assert_eq!(pair[1].seq, pair[0].seq + 1, "{pair:?}");
-        }
-        seen
-    }
-}
 
 fn text(output: &Output) -> String {
     [&output.stdout, &output.stderr]
@@ -89,7 +33,7 @@ fn reload(group: &Group, arguments: &[&str]) -> (bool, String) {
 fn a_group_goes_over_to_other_configurations_without_losing_a_frame() {
     let mut group = Group::start("reload", SMALL, &[]);
     group.wait_until_working();
-    let observer = Observer::start(&group);
+    let observer = Observer::start(&group.instance);
     let (done, said) = reload(&group, &["--set", "filter.actuation_delay_ms=61"]);
     assert!(done && said.contains("to be replaced: filter\n"), "{said}");
     assert!(said.contains("the group runs with revision 2"), "{said}");
@@ -117,13 +61,13 @@ fn a_group_goes_over_to_other_configurations_without_losing_a_frame() {
 
     let seen = observer.finish();
     let last = seen.last().unwrap();
-    assert_eq!((last.classifier, last.tracker), (8, 8));
-    assert!(last.filter < 8, "the filter is not concerned by colours: {last:?}");
+    assert_eq!((last.revisions[0], last.revisions[1]), (8, 8));
+    assert!(last.revisions[2] < 8, "the filter is not concerned by colours: {last:?}");
     // No class number was taken for another's: there would be no robots then.
-    let known = seen.iter().skip_while(|seen| seen.robots < 10).skip(1);
+    let known = seen.iter().skip_while(|seen| seen.robots.len() < 10).skip(1);
     assert!(known.clone().count() > 30, "{seen:?}");
-    assert!(known.clone().all(|seen| seen.robots == 10), "{:?}", known.collect::<Vec<_>>());
-    for numbers in [|seen: &Seen| seen.classifier, |seen: &Seen| seen.filter] {
+    assert!(known.clone().all(|seen| seen.robots.len() == 10), "{:?}", known.collect::<Vec<_>>());
+    for numbers in [|seen: &Seen| seen.revisions[0], |seen: &Seen| seen.revisions[2]] {
         assert!(seen.windows(2).all(|pair| numbers(&pair[0]) <= numbers(&pair[1])));
     }
     group.signal_supervisor(Signal::TERM);
@@ -184,7 +128,7 @@ fn a_configuration_that_kills_is_taken_back() {
     let variables = [("TOUCHLINE_FAULT", "tracker@r2")];
     let mut group = Group::start_with("condemned", SMALL, &[], &variables);
     group.wait_until_working();
-    let observer = Observer::start(&group);
+    let observer = Observer::start(&group.instance);
     let (done, said) = reload(&group, &["--set", "tracker.min_region_px=7"]);
     assert!(!done && said.contains("revision 2 was taken back"), "{said}");
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -196,7 +140,9 @@ fn a_configuration_that_kills_is_taken_back() {
     let config = config::Config::load(&group.instance.config_path()).unwrap();
     assert_ne!(config.tracker.min_region_px, 7);
     let seen = observer.finish();
-    assert!(seen.last().unwrap().tracker == 3 && seen.iter().all(|seen| seen.tracker != 2));
+    assert!(
+        seen.last().unwrap().revisions[1] == 3 && seen.iter().all(|seen| seen.revisions[1] != 2)
+    );
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
     group.assert_nothing_left();

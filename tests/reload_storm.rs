@@ -7,13 +7,14 @@
 //! cargo test --release --test reload_storm -- --ignored --nocapture
 //! ```
 
+mod observer;
 mod support;
 
 use client::clock::monotonic_ns;
-use client::consumer::{Consumer, Event};
 use client::instance::Instance;
 use config::{Config, commented_toml};
-use messages::{ProcessKind, topics};
+use messages::ProcessKind;
+use observer::{Observer, Seen};
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,62 +26,6 @@ use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, output_of, touchline};
 use touchline::monitor::read_status;
 use touchline::supervisor::{Request, ask};
-
-/// What an observer of its own sees of a `world`.
-#[derive(Debug, Clone)]
-struct Seen {
-    seq: u64,
-    t_capture_ns: u64,
-    t_sent_ns: u64,
-    /// Revisions of classifier, tracker and filter.
-    revisions: [u32; 3],
-    /// Robots in it, by team and number.
-    robots: Vec<(u32, u32)>,
-}
-
-/// Reads `world` until it is told to stop.
-struct Observer {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<Seen>>,
-}
-
-impl Observer {
-    fn start(instance: &Instance) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let (instance, to_stop) = (instance.clone(), Arc::clone(&stop));
-        let thread = std::thread::spawn(move || {
-            let mut world = Consumer::new(instance, "observer", &topics::WORLD);
-            let mut seen = Vec::new();
-            while !to_stop.load(Ordering::Relaxed) {
-                let event = world.next(Duration::from_millis(50)).unwrap();
-                let Some(Event::Message(message)) = event else {
-                    // Frames missing or repeated are found in the numbers.
-                    continue;
-                };
-                let Some(world) = message.message() else { continue };
-                seen.push(Seen {
-                    seq: world.frame.seq,
-                    t_capture_ns: world.frame.t_capture_ns,
-                    t_sent_ns: world.t_sent_ns,
-                    revisions: [world.classifier_revision, world.tracker_revision, world.revision],
-                    robots: world.robots().iter().map(|it| (it.team, it.robot_id)).collect(),
-                });
-            }
-            seen
-        });
-        Self { stop, thread }
-    }
-
-    /// Ends it, and checks that no frame was missing, twice or out of order.
-    fn finish(self) -> Vec<Seen> {
-        self.stop.store(true, Ordering::Relaxed);
-        let seen = self.thread.join().unwrap();
-        for pair in seen.windows(2) {
-            assert_eq!(pair[1].seq, pair[0].seq + 1, "{pair:?}");
-        }
-        seen
-    }
-}
 
 /// `touchline record`, ended with the test.
 struct Recorder(Child);

@@ -164,7 +164,7 @@ fn beginnings(map: &EdgeMap, field: &FieldConfig) -> Vec<Shape> {
 /// The samples of the pitch's lines: a point and another one close to it along the line, field mm.
 struct Pitch {
     samples: Vec<[[f64; 2]; 2]>,
-    /// As they go round in the picture, clockwise from the left end's.
+    /// Field mm, in the order that is clockwise in the picture, which a mirrored camera reverses.
     corners: [[f64; 2]; 4],
 }
 

@@ -19,11 +19,11 @@ use setup::calibration::{Calibration, CalibrationError, KnownLens, Mark, calibra
 /// Factor by which the error limit of points is raised if lines will refine the fit.
 const ROUGHLY: f64 = 3.0;
 
-/// A calibration, and what the lines of the pitch contributed.
+/// A calibration, and the result of the search for the lines of the pitch.
 pub struct Fit {
     /// The camera.
     pub calibration: Calibration,
-    /// What was found of the lines; `None` without a picture.
+    /// The lines found, or why they were not used; `None` without a picture.
     pub lines: Option<Result<LinesFound, NotRefined>>,
 }
 

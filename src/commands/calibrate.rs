@@ -101,7 +101,7 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
 const NO_POINTS: &str = "no points: give a picture (--picture FILE) in which the pitch can be found, or points (--points \
                          FILE or --at PLACE=X,Y), at least four of them";
 
-/// What the lines of the pitch contributed, as text.
+/// The result of the search for the lines of the pitch, as text.
 fn said_of_lines(outcome: &Result<LinesFound, NotRefined>) -> String {
     match outcome {
         Ok(found) => found.text(),

@@ -1,4 +1,4 @@
-//! Who may see and change what: pure decisions about requests.
+//! Access control: decides for each request whether it is permitted, without any input or output.
 //!
 //! * *Host*: a foreign name that leads to this computer (DNS rebinding) is refused. Accepted are the address at
 //!   which the connection arrived, the names of this computer when it came from here, and `allow_hosts`.
@@ -10,7 +10,7 @@
 use super::place::Place;
 use std::net::SocketAddr;
 
-/// What a client may do.
+/// The rights of a client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rights {
     /// See everything.
@@ -89,7 +89,7 @@ pub enum Refusal {
     WatchOnly,
 }
 
-/// What is permitted to whom.
+/// The rules by which requests are permitted.
 #[derive(Debug, Clone)]
 pub struct Policy {
     /// Address and tokens.
@@ -101,7 +101,7 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// What the client may do, or why the request is refused.
+    /// The client's rights, or the reason for refusing the request.
     pub fn decide(&self, caller: &Caller, kind: Kind, asked: &Asked) -> Result<Rights, Refusal> {
         let host = asked.host.ok_or(Refusal::Host)?;
         let name = self.name(host, caller).ok_or(Refusal::Host)?;

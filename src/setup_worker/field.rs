@@ -150,7 +150,7 @@ pub struct Calibrated {
     worst: usize,
     /// Of each point: mark less camera.
     errors_px: Vec<[f64; 2]>,
-    /// What the lines contributed, in words; `null` if they were not looked for.
+    /// The result of the search for the lines; `null` if they were not looked for.
     lines: Option<Lines>,
     lens: String,
     camera: String,

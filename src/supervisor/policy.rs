@@ -274,6 +274,11 @@ impl Policy {
         self.stages.iter().filter(|(_, stage)| is_pending(stage)).map(|(id, _)| id).collect()
     }
 
+    /// Whether a stage has turned out to be slow, so that its stalls say little about what changed last.
+    pub fn is_slow(&self, stage: StageId) -> bool {
+        self.stages[stage].slowness.is_slow()
+    }
+
     /// Changes deadlines and spares.
     pub fn set_settings(&mut self, settings: Settings) {
         self.settings = settings;

@@ -20,6 +20,9 @@ const MAX_AHEAD_BYTES: u64 = 2 << 30;
 /// Memory for a message read ahead besides its data.
 const ENTRY_BYTES: usize = 112;
 
+/// Number of the first message of a file.
+const FIRST: u64 = 1;
+
 /// One message of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
@@ -31,8 +34,10 @@ pub struct Entry {
     pub data: Cow<'static, [u8]>,
 }
 
-/// Reads the messages of a recording in the order in which they were sent. It reads the file
-/// sequentially and holds little of it at a time, so it needs no index, and can read an unfinished
+/// Reads the messages of a recording in the order in which they were sent, after the configuration that the file
+/// begins with.
+///
+/// It reads the file sequentially and holds little of it at a time, so it needs no index, and can read an unfinished
 /// recording. Damaged parts are skipped and reported by [`damages`](Self::damages).
 pub struct Reader {
     path: PathBuf,
@@ -42,7 +47,8 @@ pub struct Reader {
     /// The piece read at the moment, and the position in its records.
     piece: Option<Piece>,
     walked: usize,
-    /// Messages read ahead: earliest first, and in file order for equal times.
+    /// Messages read ahead: earliest first, and in file order for equal times; before all others the configuration
+    /// that the file begins with.
     ahead: BinaryHeap<Reverse<Queued>>,
     ahead_bytes: usize,
     most_ahead_bytes: usize,
@@ -66,7 +72,18 @@ impl PartialOrd for Queued {
 
 impl Ord for Queued {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.entry.t_sent_ns, self.number).cmp(&(other.entry.t_sent_ns, other.number))
+        self.place().cmp(&other.place())
+    }
+}
+
+impl Queued {
+    /// Sort key.
+    ///
+    /// A file begins with the configuration of what follows. Messages that were on their way when recording began
+    /// were sent before that, but cannot be understood without it.
+    fn place(&self) -> (bool, u64, u64) {
+        let begins_the_file = self.number == FIRST && self.entry.channel == Channel::Setup;
+        (!begins_the_file, self.entry.t_sent_ns, self.number)
     }
 }
 
@@ -184,7 +201,7 @@ impl Iterator for Reader {
             let earliest = self.ahead.peek().map(|Reverse(queued)| queued.entry.t_sent_ns);
             let is_next = earliest.is_some_and(|t_ns| {
                 self.at_end
-                    || self.newest_ns - t_ns >= DISORDER_NS
+                    || self.newest_ns.saturating_sub(t_ns) >= DISORDER_NS
                     || self.ahead_bytes > self.most_ahead_bytes
             });
             if is_next {

@@ -41,8 +41,8 @@ pub fn recorded_config(path: &Path, from_s: f64) -> Result<Config, CameraError> 
     Config::parse(&setup.config_toml, &origin).map_err(|error| problem(error.to_string()))
 }
 
-/// The newest configuration of the first `from_ns`; if there is none, the first one: messages that were sent before the
-/// recording began may come before it.
+/// The newest configuration of the first `from_ns`; if there is none, because the file's beginning is damaged, the
+/// first one.
 fn setup_at(entries: impl Iterator<Item = Entry>, from_ns: u64) -> Option<Setup> {
     let (mut begin_ns, mut chosen) = (None, None::<Setup>);
     for entry in entries {
@@ -53,7 +53,7 @@ fn setup_at(entries: impl Iterator<Item = Entry>, from_ns: u64) -> Option<Setup>
         }
         if entry.channel == Channel::Setup
             && let Some(setup) = Setup::decode(&entry.data)
-            // Of equal revisions the last one: groups started by hand name none.
+            // Groups whose stages were started by hand have revision 0 throughout: the last one counts.
             && chosen.as_ref().is_none_or(|chosen| setup.revision >= chosen.revision)
         {
             chosen = Some(setup);

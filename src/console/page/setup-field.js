@@ -1,13 +1,12 @@
 // Step 2: where the pitch lies in the picture. It is found by itself, or its corners are dragged; the
 // lines follow the hand at once, and the program's calibration answers with the error of each point.
 
-import { get } from './api.js';
 import { changes } from './changes.js';
 import { h, number, replace, say } from './dom.js';
 import { Camera, fieldLines, subdivided } from './geometry.js';
 import { calibrate, findField } from './jobs.js';
 import { label, path, place } from './overlay.js';
-import { jobButton, keysForm, proofBox } from './setup-parts.js';
+import { jobButton, keysForm, presetList, proofBox } from './setup-parts.js';
 import { store } from './store.js';
 import { attempt, toast } from './toast.js';
 
@@ -35,7 +34,7 @@ export class FieldStep {
     /** Height of the lens, if the user gave it. @type {number|undefined} */
     this.height_mm = undefined;
     this.proofs = proofBox();
-    this.presets = h('select', { id: 'preset', onchange: () => this.choosePreset() }, h('option', { value: '' }, 'Sizes of a league …'));
+    this.presets = presetList('preset', 'Sizes of a league …', (preset) => this.choosePreset(preset));
     this.form = keysForm([
       { key: 'field.length_mm', title: 'Length', unit: 'mm', min: 100 },
       { key: 'field.width_mm', title: 'Width', unit: 'mm', min: 100 },
@@ -52,7 +51,7 @@ export class FieldStep {
     this.find = jobButton('Find the field', 'Looking for lines …', () => this.findField());
     this.side = h('div', null,
       h('h1', null, 'Field'), this.proofs.element,
-      h('h2', null, 'Size'), this.presets, this.form.element,
+      h('h2', null, 'Size'), this.presets.element, this.form.element,
       h('h2', null, 'Place'),
       h('div', { class: 'form' }, h('label', { for: 'camera-height' }, 'Height of the lens above the floor'), h('div', { class: 'unit' }, this.height, h('span', null, 'mm'))),
       h('div', { class: 'row' }, this.find, h('span', { class: 'soft' }, 'or drag the corners in the picture')),
@@ -63,23 +62,12 @@ export class FieldStep {
 
   show() {
     this.makeMarks();
-    this.loadPresets();
+    this.presets.load();
   }
 
-  /** @private */
-  async loadPresets() {
-    if (this.known) return;
-    this.known = await attempt(get('/api/presets'));
-    for (const preset of this.known ?? []) this.presets.append(h('option', { value: preset.name }, `${preset.name}: ${preset.about}`));
-  }
-
-  /** @type {{name: string, about: string, values?: import('./types').Values}[]|null|undefined} */
-  known;
-
-  /** @private */
-  choosePreset() {
-    const preset = this.known?.find(({ name }) => name === this.presets.value);
-    if (!preset?.values) return toast('The sizes of this preset are not known here.', 'Enter them below.');
+  /** @private @param {import('./setup-parts.js').Preset} preset */
+  choosePreset(preset) {
+    if (!preset.values) return toast('The sizes of this preset are not known here.', 'Enter them below.');
     const { length_mm, width_mm, goal_width_mm, goal_depth_mm, center_circle_radius_mm } = preset.values.field;
     changes.propose({
       'field.length_mm': length_mm, 'field.width_mm': width_mm, 'field.goal_width_mm': goal_width_mm, 'field.goal_depth_mm': goal_depth_mm,

@@ -1,7 +1,9 @@
 // Parts that several steps are made of.
 
+import { get } from './api.js';
 import { changes } from './changes.js';
 import { h, mark, say } from './dom.js';
+import { attempt } from './toast.js';
 
 /** The proof of a step, as a box. @returns {{element: HTMLElement, show: (proof: import('./setup-view.js').Proof) => void}} */
 export function proofBox() {
@@ -58,6 +60,30 @@ export function keysForm(fields) {
           input.checked = value;
         } else if (input.value !== String(value)) input.value = String(value);
       });
+    },
+  };
+}
+
+/** @typedef {{name: string, about: string, values?: import('./types').Values}} Preset */
+
+/**
+ * A list of the presets; `load` asks for them when it is shown first.
+ * @param {string} id @param {string} title what stands there until one is chosen
+ * @param {(preset: Preset) => void} choose
+ */
+export function presetList(id, title, choose) {
+  /** @type {Preset[]|null|undefined} */
+  let known;
+  const element = h('select', { id, onchange: () => {
+    const preset = known?.find(({ name }) => name === element.value);
+    if (preset) choose(preset);
+  } }, h('option', { value: '' }, title));
+  return {
+    element,
+    async load() {
+      if (known) return;
+      known = await attempt(get('/api/presets'));
+      for (const { name, about } of known ?? []) element.append(h('option', { value: name }, `${name}: ${about}`));
     },
   };
 }

@@ -1,14 +1,13 @@
 // Step 4: how the robots look, and which of them there are. Each is ticked off when it was seen under
 // its name for two seconds.
 
-import { get } from './api.js';
 import { changes } from './changes.js';
 import { h, keyed, mark, number, replace, say, svg } from './dom.js';
 import { reasonFor } from './needs.js';
 import { css, shortName } from './overlay.js';
-import { keysForm, proofBox } from './setup-parts.js';
+import { keysForm, presetList, proofBox } from './setup-parts.js';
 import { store } from './store.js';
-import { attempt, toast } from './toast.js';
+import { toast } from './toast.js';
 
 /** @typedef {import('./types').Identity} Identity */
 /** @typedef {import('./types').Values} Values */
@@ -55,7 +54,7 @@ export class RobotsStep {
     this.proofs = proofBox();
     this.tops = h('div', { class: 'tops' });
     this.edit = h('div', { class: 'stack' });
-    this.presets = h('select', { id: 'layout', onchange: () => this.choosePreset() }, h('option', { value: '' }, 'Patches and robots of a league …'));
+    this.presets = presetList('layout', 'Patches and robots of a league …', (preset) => this.choosePreset(preset));
     this.roles = h('div', { class: 'form' });
     this.form = keysForm([
       { key: 'robots.size_mm', title: 'Side or diameter', unit: 'mm', min: 10 },
@@ -66,7 +65,7 @@ export class RobotsStep {
       h('button', { class: 'small', onclick: () => this.addRobot('yellow') }, 'Add a yellow robot'), h('button', { class: 'small', onclick: () => this.addRobot('blue') }, 'Add a blue robot'));
     this.side = h('div', null,
       h('h1', null, 'Robots'), this.proofs.element,
-      this.presets, this.roles, this.tops, this.edit, this.add, h('h2', null, 'Sizes'), this.form.element,
+      this.presets.element, this.roles, this.tops, this.edit, this.add, h('h2', null, 'Sizes'), this.form.element,
     );
     // Ticks are made all the time: a step may be left and come back to.
     store.on('scene', () => this.tick());
@@ -75,27 +74,16 @@ export class RobotsStep {
 
   show() {
     this.drawn = '';
-    this.loadPresets();
+    this.presets.load();
   }
 
   switches() {
     return { robots: true, names: true, headings: true, rejected: true, ball: true };
   }
 
-  /** @private */
-  async loadPresets() {
-    if (this.known) return;
-    this.known = await attempt(get('/api/presets'));
-    for (const preset of this.known ?? []) this.presets.append(h('option', { value: preset.name }, `${preset.name}: ${preset.about}`));
-  }
-
-  /** @type {{name: string, about: string, values?: Values}[]|null|undefined} */
-  known;
-
-  /** @private */
-  choosePreset() {
-    const preset = this.known?.find(({ name }) => name === this.presets.value);
-    if (!preset?.values) return toast('The robots of this preset are not known here.');
+  /** @private @param {import('./setup-parts.js').Preset} preset */
+  choosePreset(preset) {
+    if (!preset.values) return toast('The robots of this preset are not known here.');
     const { patches, identities, size_mm, height_mm, shape } = preset.values.robots;
     changes.propose({ 'robots.patches': patches, 'robots.identities': identities, 'robots.size_mm': size_mm, 'robots.height_mm': height_mm, 'robots.shape': shape });
     this.selected = null;

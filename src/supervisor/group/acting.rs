@@ -51,7 +51,9 @@ impl Group<'_> {
                     };
                     let (pid, revision) = (process.pid, process.revision);
                     self.log(event, stage, pid, what, "");
-                    if cause != Cause::DoesNotEnd {
+                    // A stage that was slow before stalls under any configuration.
+                    let is_slow = cause == Cause::Stalled && self.policy.is_slow(stage);
+                    if cause != Cause::DoesNotEnd && !is_slow {
                         self.blame(stage.kind(), revision);
                     }
                     self.signal(id, Signal::KILL);

@@ -616,6 +616,7 @@ fn a_slow_stage_is_left_alone_after_a_few_kills() {
     let play = slow_tracker(100, 20_000);
     assert!((1..=6).contains(&stalls(&play)), "{} kills", stalls(&play));
     assert_eq!(play.policy.degraded(play.now_ns).len(), 1, "it is said");
+    assert!(play.policy.is_slow(TRACKER) && !play.policy.is_slow(CLASSIFIER));
     let play = slow_tracker(20, 5_000);
     assert_eq!(stalls(&play), 0);
     assert_eq!(play.policy.degraded(play.now_ns), []);
