@@ -1,12 +1,12 @@
 //! Parts of the program `touchline` that tests, tools and a web page use as well.
 //!
-//! [`chain`] is classifier, tracker and filter in one process. [`supervisor`] runs a group of processes and takes
+//! [`supervisor`] runs a group of processes and takes
 //! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
 //! [`attendants`] lists the processes that serve people, of which are [`gateway`], [`publisher`] and [`console`].
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write
-//! recordings and compute them again. [`calibrating`] and [`learning`] set a pitch up from pictures, and
-//! [`live_frames`] copies frames of a running group. The command line and the commands are the program's alone.
+//! recordings and compute them again. [`live_frames`] copies frames of a running group, and [`setup_worker`] sets a
+//! pitch up from them in a process of its own. The command line and the commands are the program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
@@ -14,16 +14,12 @@
 #![allow(rustdoc::private_intra_doc_links)]
 
 pub mod attendants;
-pub mod calibrating;
-pub mod chain;
 pub mod colorless;
 pub mod console;
 pub mod drawing;
 pub mod gateway;
-pub mod learning;
 pub mod live_frames;
 pub mod monitor;
-pub mod painted_light;
 pub mod publisher;
 pub mod recorder;
 pub mod replay;

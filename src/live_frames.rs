@@ -9,11 +9,12 @@ use classifier::{Picture, to_rgb};
 use client::bus::BusError;
 use client::consumer::{Consumer, Event, is_there};
 use client::instance::Instance;
-use config::CameraConfig;
+use config::{CameraConfig, Config};
 use grabber::mosaic::mosaic;
 use image::RgbImage;
 use messages::topics;
 use messages::{BayerOrder, FrameFault, FrameHeader, PixelLayout};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Longest time between two looks at the time limit.
@@ -130,6 +131,18 @@ pub fn take(
         }
     }
     Ok(frames)
+}
+
+/// Frames as [`Lessons`](offline::learning::lessons::Lessons) take them: with a name each, mosaicked in the order of
+/// the configured camera.
+pub fn named_bayer(
+    frames: &[LiveFrame],
+    config: &Config,
+) -> impl Iterator<Item = (PathBuf, Vec<u8>)> {
+    frames.iter().map(|frame| {
+        let name = format!("frame {}", frame.header().seq);
+        (name.into(), frame.bayer(config.camera.bayer_order))
+    })
 }
 
 impl LiveFrame {

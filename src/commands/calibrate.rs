@@ -7,14 +7,15 @@ use crate::cli::CalibrateArgs;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml};
 use grabber::pictures::read_picture;
 use image::RgbImage;
-use setup::calibration::{Calibration, KnownLens, calibrated};
+use offline::calibration::picture::lines::{LinesFound, NotRefined};
+use offline::calibration::picture::points::{NamedMark, PointsFile};
+use offline::calibration::picture::{Fit, Marking, fit, fit_without_marks, words};
+use offline::calibration::{Calibration, KnownLens, calibrated};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
-use touchline::calibrating::lines::{LinesFound, NotRefined};
-use touchline::calibrating::points::{NamedMark, PointsFile};
-use touchline::calibrating::{Fit, Marking, fit, fit_without_marks, overlay, words};
+use touchline::drawing;
 use touchline::live_frames::median;
 
 /// Frames taken of a running group, and the least time between two: robots leave the lines meanwhile.
@@ -77,7 +78,10 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         return Err(format!("{problem}\n{}nothing was written", listing(&points)).into());
     }
     if let Some((path, picture)) = args.overlay.as_deref().zip(picture.as_ref()) {
-        rule.write_picture(path, &overlay::draw(picture, &config.field, &points, &calibration))?;
+        rule.write_picture(
+            path,
+            &drawing::calibration::draw(picture, &config.field, &points, &calibration),
+        )?;
     }
     let lines = lines.as_ref().map(said_of_lines);
     let report = report(&points, &calibration, lines.as_deref(), &config.warnings());

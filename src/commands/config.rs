@@ -11,11 +11,11 @@ use config::{
 use geometry::{CameraModel, FieldPoint};
 use grabber::pictures::list_pictures;
 use messages::Team;
+use offline::learning::lessons::Lessons;
+use offline::learning::passing::Passing;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use touchline::learning::lessons::Lessons;
-use touchline::learning::passing::Passing;
 
 /// Carries out a `touchline config` command; prints to the standard output.
 pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {

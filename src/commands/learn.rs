@@ -6,12 +6,13 @@ use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
 use config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::list_pictures;
-use setup::learning::labels::{ImageLabels, Labels};
+use offline::learning::labels::{ImageLabels, Labels};
+use offline::learning::lessons::Lessons;
+use offline::learning::{from_labels, summary, without_labels};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use touchline::learning::lessons::Lessons;
-use touchline::learning::{from_labels, summary, without_labels};
+use touchline::live_frames::named_bayer;
 
 /// Frames taken of a running group, and the least time between two: robots move on meanwhile.
 const LIVE_FRAMES: u16 = 20;
@@ -33,7 +34,10 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
         None => unlabelled(&args.pictures)?,
     };
     let lessons = match &group {
-        Some(group) => Lessons::of_frames(&configured, &group.frames(&configured, APART)?)?,
+        Some(group) => {
+            let frames = group.frames(&configured, APART)?;
+            Lessons::from_frames(&configured, named_bayer(&frames, &configured))?
+        }
         None => Lessons::load(&configured, labels.iter().map(|labels| labels.file.clone()))?,
     };
     let (learned, labels) = match args.auto {

@@ -1,4 +1,6 @@
 //! Drawing on pictures.
 
+pub mod calibration;
 pub mod canvas;
+pub mod detections;
 mod font;

@@ -2,15 +2,15 @@
 
 use super::SetupError;
 use super::input::{assumed, frames};
-use crate::learning::lessons::{Lesson, Lessons};
-use crate::learning::{LearnError, from_labels, summary, without_labels};
+use crate::live_frames::named_bayer;
 use client::instance::Instance;
 use config::{ColorConfig, Config};
+use offline::learning::labels::{ImageLabels, SampleArea, SampleLabel};
+use offline::learning::lessons::{Lesson, Lessons};
+use offline::learning::{LearnError, from_labels, summary, without_labels};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use setup::learning::labels::{ImageLabels, SampleArea, SampleLabel};
-use setup::learning::scene::Scene;
-use std::path::PathBuf;
+
 use std::time::Duration;
 
 /// Time between two frames: robots have moved.
@@ -104,8 +104,8 @@ pub fn learn(request: &Learn, instance: &Instance) -> Result<Learned, SetupError
         Err(why) => return Err(why.into()),
     };
     let robots = labels.iter().flat_map(|labels| labels.robots.iter().flatten());
-    let clear = |robot: &&setup::learning::labels::RobotLabel| {
-        robot.quality == setup::learning::labels::Quality::Clear
+    let clear = |robot: &&offline::learning::labels::RobotLabel| {
+        robot.quality == offline::learning::labels::Quality::Clear
     };
     Ok(Learned {
         set: keys(&config, &learned),
@@ -141,12 +141,7 @@ fn with_samples(
 
 fn lessons(request: &Learn, instance: &Instance, config: &Config) -> Result<Lessons, SetupError> {
     let frames = frames(instance, config, request.frames, APART)?;
-    let lesson = |frame: &crate::live_frames::LiveFrame| {
-        let file = PathBuf::from(format!("frame {}", frame.header().seq));
-        Lesson::new(config, file, frame.bayer(config.camera.bayer_order))
-    };
-    let list = frames.iter().map(lesson).collect::<Result<_, _>>()?;
-    Ok(Lessons { scene: Scene::new(config).map_err(LearnError::from)?, list })
+    Ok(Lessons::from_frames(config, named_bayer(&frames, config))?)
 }
 
 /// The keys that were learned, as far as they differ.

@@ -2,17 +2,17 @@
 
 use super::SetupError;
 use super::input::{assumed, frames};
-use crate::calibrating::find::{FoundPitch, find};
-use crate::calibrating::lines::{LinesFound, NotRefined};
-use crate::calibrating::{FOUND_WITHIN, Fit, Marking, fit, words};
 use crate::live_frames::median;
 use client::instance::Instance;
 use config::{Config, FieldConfig};
 use geometry::{CameraModel, FieldPoint};
 use image::RgbImage;
+use offline::calibration::picture::find::{FoundPitch, find};
+use offline::calibration::picture::lines::{LinesFound, NotRefined};
+use offline::calibration::picture::{FOUND_WITHIN, Fit, Marking, fit, words};
+use offline::calibration::{KnownLens, Mark, calibrated, landmark_names};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use setup::calibration::{KnownLens, Mark, calibrated, landmark_names};
 use std::f64::consts::TAU;
 use std::time::Duration;
 

@@ -2,10 +2,10 @@
 
 use super::SetupError;
 use super::input::{assumed, frames};
-use crate::chain::Chain;
 use client::instance::Instance;
 use config::Config;
 use messages::{DetectionFrame, RejectReason, Rejected, Team};
+use offline::chain::Chain;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::time::Duration;

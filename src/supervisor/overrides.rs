@@ -1,7 +1,7 @@
 //! What the command line changes in the configuration file.
 
-use crate::painted_light::{follow_painted_light, is_other_light};
 use config::Config;
+use config::painted_light::{follow_painted_light, is_other_light};
 use grabber::source::Source;
 use serde::{Deserialize, Serialize};
 

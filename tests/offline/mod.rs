@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use config::Config;
 use grabber::synthetic::SyntheticMatch;
 use messages::{Commands, DetectionFrame, FrameHeader, WorldFrame};
-use touchline::chain::Chain;
+use offline::chain::Chain;
 
 /// Capture time of the first frame.
 pub const START_NS: u64 = 5_000_000_000;

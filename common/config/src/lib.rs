@@ -17,6 +17,7 @@ mod filter;
 pub mod input;
 mod layouts;
 mod load;
+pub mod painted_light;
 mod presets;
 mod problem;
 mod processes;

@@ -5,11 +5,11 @@ use crate::commands::output::Reader;
 use classifier::{Classifier, SimdLevel};
 use config::Config;
 use messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
+use offline::chain::Chain;
 use serde::Serialize;
 use std::hint::black_box;
 use std::io;
 use std::time::{Duration, Instant};
-use touchline::chain::Chain;
 
 /// Time of each stage for a frame, in microseconds.
 #[derive(Debug, Serialize)]

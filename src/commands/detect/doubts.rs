@@ -7,7 +7,7 @@
 use crate::commands::CommandError;
 use config::Config;
 use messages::BayerOrder;
-use touchline::chain::Chain;
+use offline::chain::Chain;
 use touchline::colorless::{COLORLESS, has_color};
 
 /// Most pictures kept for the second pass.

@@ -6,7 +6,6 @@
 
 mod answer;
 mod doubts;
-mod overlay;
 
 use super::output::{Reader, Rule};
 use super::{CommandError, load_config};
@@ -17,12 +16,12 @@ use config::{CameraConfig, Config};
 use doubts::Doubts;
 use grabber::pictures::{Picture, list_pictures, load_picture};
 use messages::{DetectionFrame, MAX_RUNS};
-use overlay::Overlay;
+use offline::chain::Chain;
 use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use touchline::chain::Chain;
+use touchline::drawing::detections::Overlay;
 use touchline::top_scale::{Scale, TopScale};
 
 /// Processes every picture and prints its detections. A picture that cannot be used is reported and

@@ -3,19 +3,18 @@
 mod moments;
 mod report;
 mod synthetic;
-mod verdict;
 
 use super::{CommandError, load_config};
 use crate::cli::ScoreArgs;
 use config::Config;
 use geometry::CameraModel;
 use grabber::pictures::load_bayer;
+use offline::chain::Chain;
+use offline::learning::labels::{ImageLabels, Labels};
+use offline::scoring::{Judge, PictureScore, Tolerances};
 use report::Report;
-use setup::learning::labels::{ImageLabels, Labels};
 use std::process::ExitCode;
-use touchline::chain::Chain;
 use touchline::top_scale::TopScale;
-use verdict::{Judge, PictureScore, Tolerances};
 
 /// Processes every labelled picture and prints its score. A picture that cannot be used is reported and
 /// makes the exit code 1; the others count all the same.

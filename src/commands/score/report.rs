@@ -1,6 +1,6 @@
 //! The scores of all pictures together: as JSON and as text.
 
-use super::verdict::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
+use offline::scoring::{BallOutcome, Offset, Outcome, PictureScore, RobotVerdict, Tolerances};
 use serde::Serialize;
 use std::fmt::Write as _;
 use touchline::top_scale::Scale;

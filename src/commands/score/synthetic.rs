@@ -6,12 +6,12 @@
 use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
 use crate::commands::output::Reader;
+use config::painted_light::follow_painted_light;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset};
 use grabber::synthetic::SyntheticMatch;
+use offline::chain::Chain;
 use serde::Serialize;
-use touchline::chain::Chain;
 use touchline::monitor::accuracy::{ReportedRobot, Scorer};
-use touchline::painted_light::follow_painted_light;
 
 /// Changes the configuration to that of a scene.
 type Change = fn(&mut Config);

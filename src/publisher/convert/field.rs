@@ -1,11 +1,11 @@
 //! SSL-Vision's geometry: the field's sizes, lines and arcs, and the calibration of the camera.
 
 use super::Scene;
+use offline::calibration::Pinhole;
 use protocols::ssl_geometry::{
     CameraCalibration, CircularArc, FieldSize, GeometryData, LineSegment, ShapeType, Vector2,
 };
 use protocols::ssl_vision::{Source, WrapperPacket};
-use setup::calibration::Pinhole;
 use std::f32::consts::TAU;
 
 /// The geometry. Without a pinhole camera close to ours there is no calibration.

@@ -22,7 +22,7 @@ pub use tracked::tracked;
 use config::Config;
 use geometry::{CameraModel, GeometryError};
 use messages::{FrameHeader, TrackStatus};
-use setup::calibration::{Pinhole, PinholeError};
+use offline::calibration::{Pinhole, PinholeError};
 
 /// What conversions need besides a message.
 pub struct Scene {

@@ -2,7 +2,7 @@
 //! mark, within the tolerance.
 #![no_main]
 
-use setup::calibration::{KnownLens, Mark, calibrate, resolve_landmark};
+use offline::calibration::{KnownLens, Mark, calibrate, resolve_landmark};
 use config::Config;
 use libfuzzer_sys::fuzz_target;
 

@@ -4,7 +4,7 @@
 
 use config::{Config, check, commented_toml};
 use grabber::source::Source;
-use setup::learning::labels::Labels;
+use offline::learning::labels::Labels;
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use std::sync::LazyLock;

@@ -3,13 +3,13 @@
 
 use super::LearnError;
 use super::lessons::Lessons;
+use crate::learning::labels::ImageLabels;
+use crate::learning::picture::Picture;
+use crate::learning::samples::{Gatherer, Samples};
 use classifier::Picture as Frame;
 use classifier::lattice::Lattice;
 use classifier::shading::Shading;
 use config::Config;
-use setup::learning::labels::ImageLabels;
-use setup::learning::picture::Picture;
-use setup::learning::samples::{Gatherer, Samples};
 use std::collections::BTreeMap;
 
 /// Fewest patches, and smallest standard deviation of the floor's brightness in octaves, for a
@@ -99,11 +99,11 @@ mod tests {
     use super::super::lessons::Lesson;
     use super::*;
     use crate::chain::Chain;
-    use crate::painted_light::painted;
+    use crate::learning::labels::{Quality, RobotLabel};
+    use crate::learning::scene::Scene;
+    use config::painted_light::painted;
     use grabber::synthetic::SyntheticMatch;
     use messages::Team;
-    use setup::learning::labels::{Quality, RobotLabel};
-    use setup::learning::scene::Scene;
 
     /// Pictures of a match under a lamp, with their detections as labels.
     fn lessons(config: &Config) -> (Lessons, Vec<ImageLabels>) {

@@ -1,25 +1,46 @@
-//! Learning of colours from pictures: from labels, or from robots that label themselves.
+//! Learning colours from pictures: from labels, or from robots that label themselves.
 //!
-//! [`lessons`] holds the pictures as the classifier sees them. [`from_labels`] learns from what a person has
-//! marked, [`without_labels`] from the robots that the stages find with better and better colours
-//! ([`auto`]). [`summary`] says how well the learned colours are separated, [`passing`] what they cost.
+//! [`from_labels`] learns from the marks of a person, [`without_labels`] from the robots that the stages find
+//! with better and better colours ([`auto`]).
+//!
+//! * [`lessons`]: the pictures as the classifier sees them.
+//! * [`labels`]: marked contents of pictures.
+//! * [`samples`]: pixels of known colour, from labelled pictures.
+//! * [`scene`]: camera, pitch and robots, prepared for many pictures.
+//! * [`separate`]: from samples to the bounds of colours.
+//! * [`confusion`]: separation of samples by given bounds.
+//! * [`palette`]: initial colours without samples.
+//! * [`candidates`]: patches guessed from pictures without labels.
+//! * [`blobs`]: connected pixels of one class.
+//! * [`passing`]: cost of colours in the classifier.
+//! * [`summary`]: the report about learned colours.
 
 pub mod auto;
+pub mod blobs;
+pub mod candidates;
+pub mod confusion;
 mod error;
 mod floor;
+pub mod labels;
 pub mod lessons;
+pub mod palette;
 pub mod passing;
+pub mod picture;
+pub mod samples;
+pub mod scene;
+pub mod separate;
 pub mod summary;
 #[cfg(test)]
 mod tests;
 mod unevenness;
 
-use config::{ColorConfig, Config};
 pub use error::LearnError;
+
+use config::{ColorConfig, Config};
+use labels::ImageLabels;
 use lessons::Lessons;
-use setup::learning::labels::ImageLabels;
-use setup::learning::samples::Samples;
-use setup::learning::separate::{self, Objective};
+use samples::Samples;
+use separate::Objective;
 
 /// The configuration with colours learned from labels.
 pub fn from_labels(

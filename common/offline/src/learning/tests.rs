@@ -4,12 +4,12 @@
 use super::lessons::{Lesson, Lessons};
 use super::*;
 use crate::chain::Chain;
+use crate::learning::labels::{BallLabel, Quality, RobotLabel};
+use crate::learning::scene::Scene;
 use config::{PatchRole, Preset};
 use geometry::layout::Outlines;
 use geometry::{CameraModel, FieldPoint, ImagePoint, Pose};
 use messages::Team;
-use setup::learning::labels::{BallLabel, Quality, RobotLabel};
-use setup::learning::scene::Scene;
 use std::path::PathBuf;
 
 type Rgb = [f64; 3];

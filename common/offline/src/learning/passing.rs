@@ -6,9 +6,9 @@
 //! classification time.
 
 use super::LearnError;
+use crate::learning::picture::Picture;
 use classifier::ClassTables;
 use config::Config;
-use setup::learning::picture::Picture;
 
 /// Above this share of the floor the second look takes longer than the rest of the classifier.
 const MUCH: f64 = 0.1;

@@ -12,10 +12,10 @@
 use super::brightness::Brightness;
 use super::edges::EdgeMap;
 use super::pitch::{Insets, Line, lines};
+use crate::calibration::Mark;
 use config::FieldConfig;
 use image::RgbImage;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use setup::calibration::Mark;
 
 /// A pitch found in a picture.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,10 @@
 //! Compares the detections of a picture with its labels.
 
+use crate::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use config::Config;
 use geometry::{CameraModel, ImagePoint, wrap_angle};
 use messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Run, Team};
 use serde::Serialize;
-use setup::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
 use std::collections::BTreeMap;
 
 /// Tolerances of a correct detection.
@@ -21,6 +21,7 @@ pub struct Tolerances {
 /// The score of one picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureScore {
+    /// Name of the picture.
     pub image: String,
     /// Robots labelled clear; empty if robots are not labelled.
     pub robots: Vec<RobotVerdict>,
@@ -33,11 +34,15 @@ pub struct PictureScore {
 /// The result for a labelled robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RobotVerdict {
+    /// Its team.
     pub team: Team,
+    /// Its number in the team.
     pub id: u32,
-    /// Position of the label.
+    /// Centre by the label: column in the picture.
     pub x_px: f64,
+    /// Centre by the label: row in the picture.
     pub y_px: f64,
+    /// Whether it was found, and under which name.
     pub outcome: Outcome,
     /// Distance and turn of the robot found at the label.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -70,29 +75,38 @@ pub enum Outcome {
 /// Distance of a detection from its label.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Offset {
+    /// Distance in pixels.
     pub px: f64,
+    /// Difference in heading, degrees.
     pub deg: f64,
 }
 
 /// A robot's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Name {
+    /// Its team.
     pub team: Team,
+    /// Its number in the team.
     pub id: u32,
 }
 
 /// A robot that was found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FoundRobot {
+    /// Its team.
     pub team: Team,
+    /// Its number in the team.
     pub id: u32,
+    /// Centre in the picture: column.
     pub x_px: f64,
+    /// Centre in the picture: row.
     pub y_px: f64,
 }
 
 /// The result for the ball.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BallVerdict {
+    /// Whether it was found.
     pub outcome: BallOutcome,
     /// Distance of the detection from the label.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -120,8 +134,11 @@ pub enum BallOutcome {
 
 /// Compares pictures with their labels.
 pub struct Judge<'a> {
+    /// The configuration of the stages that saw the pictures.
     pub config: &'a Config,
+    /// The camera's geometry by that configuration.
     pub camera: &'a CameraModel,
+    /// Largest errors of a right detection.
     pub tolerances: Tolerances,
 }
 
@@ -350,7 +367,7 @@ mod tests {
         let camera = CameraModel::new(&config.geometry, 640, 480).unwrap();
         let text = format!(r#"{{"images": [{{"file": "a.png", {labels}}}]}}"#);
         let labels =
-            setup::learning::labels::Labels::parse(&text, Path::new("labels.json")).unwrap();
+            crate::learning::labels::Labels::parse(&text, Path::new("labels.json")).unwrap();
         let mut seen = Box::new(DetectionFrame::zeroed());
         fill(&mut seen);
         let judge = Judge { config: &config, camera: &camera, tolerances: TOLERANCES };

@@ -1,9 +1,9 @@
 //! Points marked by a person: from a file and from the command line.
 
+use crate::calibration::{LandmarkError, Mark, resolve_landmark};
 use config::input;
 use config::{FieldConfig, Pair};
 use serde::Deserialize;
-use setup::calibration::{LandmarkError, Mark, resolve_landmark};
 use std::path::{Path, PathBuf};
 
 /// A file of points.
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn a_file_is_read_as_documented() {
         // The example of docs/calibration.md.
-        let text = include_str!("../../docs/calibration.md");
+        let text = include_str!("../../../../../docs/calibration.md");
         let (_, rest) = text.split_once("```toml\n").unwrap();
         let (example, _) = rest.split_once("```").unwrap();
         let file: PointsFile = toml::from_str(example).unwrap();

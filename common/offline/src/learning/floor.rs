@@ -1,11 +1,11 @@
 //! The floor that colours take: classified pixels that belong to no robot and no ball.
 
+use crate::learning::candidates::expected_patches;
+use crate::learning::labels::ImageLabels;
+use crate::learning::scene::Scene;
 use config::Config;
 use geometry::ImagePoint;
 use messages::Run;
-use setup::learning::candidates::expected_patches;
-use setup::learning::labels::ImageLabels;
-use setup::learning::scene::Scene;
 
 /// Pixels up to this multiple of half a robot's size from its centre may be the robot's, and up to this
 /// multiple of the ball's radius the ball's.
@@ -86,7 +86,7 @@ pub fn covered_px(config: &Config, scene: &Scene) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use setup::learning::labels::{BallLabel, Quality};
+    use crate::learning::labels::{BallLabel, Quality};
 
     #[test]
     fn pixels_beside_the_ball_belong_to_the_floor() {

@@ -1,17 +1,16 @@
 //! The pictures to learn from, as the classifier sees them.
 
 use super::LearnError;
-use crate::live_frames::LiveFrame;
+use crate::learning::labels::ImageLabels;
+use crate::learning::picture::Picture;
+use crate::learning::samples::{Gatherer, Samples};
+use crate::learning::scene::Scene;
 use classifier::lattice::Lattice;
 use classifier::shading::ShadedTables;
 use classifier::white_balance::{Gains, NO_GAINS, PitchProbe, WhiteBalance};
 use classifier::{BayerImage, ClassTables, Correction, Picture as Frame, demosaic};
 use config::Config;
 use grabber::pictures::load_bayer;
-use setup::learning::labels::ImageLabels;
-use setup::learning::picture::Picture;
-use setup::learning::samples::{Gatherer, Samples};
-use setup::learning::scene::Scene;
 use std::path::{Path, PathBuf};
 
 /// Pictures, and the data common to all of them.
@@ -46,13 +45,13 @@ impl Lessons {
         Ok(Self { scene: Scene::new(config)?, list })
     }
 
-    /// Frames of a running group.
-    pub fn of_frames(config: &Config, frames: &[LiveFrame]) -> Result<Self, LearnError> {
-        let lesson = |frame: &LiveFrame| {
-            let name = format!("frame {}", frame.header().seq);
-            Lesson::new(config, name.into(), frame.bayer(config.camera.bayer_order))
-        };
-        let list = frames.iter().map(lesson).collect::<Result<Vec<_>, _>>()?;
+    /// Bayer frames of the configured camera, each with a name for messages.
+    pub fn from_frames(
+        config: &Config,
+        frames: impl IntoIterator<Item = (PathBuf, Vec<u8>)>,
+    ) -> Result<Self, LearnError> {
+        let lesson = |(name, bayer)| Lesson::new(config, name, bayer);
+        let list = frames.into_iter().map(lesson).collect::<Result<Vec<_>, _>>()?;
         Ok(Self { scene: Scene::new(config)?, list })
     }
 

@@ -8,7 +8,7 @@
 //! model, cameras with square pixels and a fisheye lens are tried as well (`physical.rs`). If the
 //! points do not fit together, the wrong ones are searched for (`suspects.rs`).
 //!
-//! Everything here is pure: points in, geometry or suspicions out.
+//! All of this is pure: points in, geometry or suspicions out. [`picture`] finds points and lines in pictures.
 
 mod fit;
 mod landmarks;
@@ -16,6 +16,7 @@ mod least_squares;
 mod parameters;
 mod perspective;
 mod physical;
+pub mod picture;
 mod pinhole;
 mod suspects;
 

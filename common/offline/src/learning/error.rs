@@ -1,12 +1,12 @@
 //! Reasons for which nothing is learned.
 
 use crate::chain::ChainError;
+use crate::learning::labels::LabelsError;
+use crate::learning::samples::SamplesError;
 use classifier::ClassifierError;
 use geometry::GeometryError;
 use grabber::camera::CameraError;
 use messages::FrameFault;
-use setup::learning::labels::LabelsError;
-use setup::learning::samples::SamplesError;
 use std::path::PathBuf;
 
 /// Nothing can be learned; the text is for the user.

@@ -12,12 +12,12 @@ use super::floor;
 use super::lessons::Lessons;
 use super::{LearnError, learn_from};
 use crate::chain::Chain;
+use crate::learning::candidates::guess;
+use crate::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
+use crate::learning::palette::{LeastSaturation, by_tone};
+use crate::learning::picture::Picture;
 use config::{ColorConfig, Config};
 use messages::{DetectedRobot, DetectionFrame, RejectReason, Rejected, Team};
-use setup::learning::candidates::guess;
-use setup::learning::labels::{BallLabel, ImageLabels, Quality, RobotLabel};
-use setup::learning::palette::{LeastSaturation, by_tone};
-use setup::learning::picture::Picture;
 use std::path::PathBuf;
 
 /// Least saturations to start with.

@@ -6,10 +6,10 @@ use super::floor::{Taken, covered_px};
 use super::lessons::Lessons;
 use super::passing::Passing;
 use crate::chain::Chain;
+use crate::learning::confusion::Confusion;
+use crate::learning::labels::ImageLabels;
 use classifier::ClassTables;
 use config::Config;
-use setup::learning::confusion::Confusion;
-use setup::learning::labels::ImageLabels;
 
 /// The whole report as text.
 pub fn text(

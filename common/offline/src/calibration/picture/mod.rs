@@ -1,20 +1,19 @@
 //! Calibration of the camera on a picture: from points that a person has marked ([`points`]), refined on the
-//! lines of the pitch if there is a picture ([`lines`]). [`overlay`] draws the result for a person to check.
+//! lines of the pitch if there is a picture ([`lines`]), or from the lines alone ([`find`]). [`words`] describes the result.
 
 mod brightness;
 mod edges;
 pub mod find;
 pub mod lines;
-pub mod overlay;
 mod pitch;
 pub mod points;
 pub mod words;
 
+use crate::calibration::{Calibration, CalibrationError, KnownLens, Mark, calibrate};
 use config::Config;
 use find::{FoundPitch, NotFound, find};
 use image::RgbImage;
 use lines::{LinesFound, NotRefined};
-use setup::calibration::{Calibration, CalibrationError, KnownLens, Mark, calibrate};
 
 /// Factor by which the error limit of points is raised if lines will refine the fit.
 const ROUGHLY: f64 = 3.0;

@@ -6,12 +6,12 @@
 //!   it. The distance from ring to dot is drawn ten times as long.
 //! * A cross at the point below the lens.
 
-use super::points::NamedMark;
-use crate::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
+use super::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 use config::FieldConfig;
 use geometry::{FieldPoint, ImagePoint};
 use image::RgbImage;
-use setup::calibration::Calibration;
+use offline::calibration::Calibration;
+use offline::calibration::picture::points::NamedMark;
 use std::f64::consts::TAU;
 
 /// Approximate width of an overlay.

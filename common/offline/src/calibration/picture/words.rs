@@ -1,7 +1,7 @@
 //! A calibration in words, for a person.
 
+use crate::calibration::{Calibration, LensSource};
 use config::{DistortionConfig, DistortionModel};
-use setup::calibration::{Calibration, LensSource};
 use std::fmt::Write as _;
 
 /// The lens' distortion.

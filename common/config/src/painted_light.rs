@@ -1,6 +1,6 @@
 //! The light of the synthetic match.
 
-use config::{Config, LightConfig, SyntheticConfig};
+use crate::{Config, LightConfig, SyntheticConfig};
 
 /// Configures the light correction for painted light: it acts on floor and patches alike, and glare looks
 /// like glare. Settings that differ from the preset's are left unchanged.

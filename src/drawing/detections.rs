@@ -9,6 +9,7 @@
 //! * Every rejected candidate, crossed; with the reason as text where there is room.
 //! * Below the picture: how many were found, and which of the configured robots were not.
 
+use super::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 use config::Config;
 use config::{PatchConfig, Top};
 use geometry::layout::Layout;
@@ -16,7 +17,6 @@ use geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint, Pose};
 use image::RgbImage;
 use messages::{DetectedBall, DetectedRobot, DetectionFrame, Region, RejectReason, Rejected, Team};
 use std::f32::consts::TAU;
-use touchline::drawing::canvas::{Area, Canvas, CanvasPoint, Color, text_size};
 
 /// Approximate width of an overlay: small pictures are enlarged until a patch can be judged.
 const WIDTH_PX: u32 = 1920;

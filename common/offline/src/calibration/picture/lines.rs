@@ -8,10 +8,10 @@
 
 use super::brightness::{Brightness, MARGIN_PX};
 use super::pitch::{Insets, lines};
+use crate::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
 use config::{Config, FieldConfig};
 use geometry::{CameraModel, FieldPoint};
 use image::RgbImage;
-use setup::calibration::{Calibration, CalibrationError, EdgeMark, KnownLens, Mark, refine};
 
 /// The lines on which a calibration was refined.
 #[derive(Debug, Clone, Copy, PartialEq)]
