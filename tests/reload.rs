@@ -9,7 +9,8 @@ use serde_json::Value;
 use std::fs;
 use std::process::Output;
 use std::time::{Duration, Instant};
-use support::Group;
+use support::{Group, PATIENCE};
+use touchline::supervisor::{Request, ask};
 
 /// Several processes start at once, on a machine that may be busy.
 const SMALL: &str = "[camera]\nfps = 40\n";
@@ -111,6 +112,12 @@ fn what_cannot_be_is_refused_and_nothing_changes() {
     let (done, said) = reload(&group, &["--dry-run", "--set", "tracker.min_region_px=7"]);
     assert!(done && said.contains("to be replaced: tracker\n"), "{said}");
     assert!(!group.touchline(&["rollback"]).status.success(), "there is none before");
+    // Somebody who has not seen the newest configuration would undo what was changed meanwhile.
+    for base in [0, 2] {
+        let request = Request::Reload { file: other.clone(), base: Some(base) };
+        let refusal = ask(&group.instance, &request, PATIENCE).unwrap().unwrap_err();
+        assert!(refusal.contains("it is revision 1, and this change"), "{refusal}");
+    }
 
     let after = group.wait_until_working();
     assert_eq!(revision(&after), 1);

@@ -14,10 +14,10 @@ use client::clock::monotonic_ns;
 use client::instance::Instance;
 use config::{Config, commented_toml};
 use messages::ProcessKind;
-use observer::{Observer, Seen};
+use observer::{Diary, Entry, Observer, Seen, gaps, told};
 use rustix::process::{Pid, Signal, kill_process};
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -64,6 +64,11 @@ fn configuration(base: &Config, step: u32) -> Config {
     config
 }
 
+/// A request for the configuration in a file.
+fn reload(file: PathBuf) -> Request {
+    Request::Reload { file, base: None }
+}
+
 /// What a storm is made of.
 struct Storm {
     name: &'static str,
@@ -95,6 +100,7 @@ fn play(storm: &Storm) {
         std::thread::sleep(Duration::from_millis(10));
     }
     let observer = Observer::start(&group.instance);
+    let diary = Diary::start(&group.instance);
     let killer = Killer::start(&group.instance, storm);
 
     let mut requested: BTreeMap<u32, (u64, [bool; 3])> = BTreeMap::new();
@@ -106,7 +112,7 @@ fn play(storm: &Storm) {
         let before = configuration(&base, step - 1);
         let candidate = group.scratch.write("candidate.toml", &commented_toml(&config));
         let at_ns = monotonic_ns();
-        let done = ask(&group.instance, &Request::Reload(candidate), PATIENCE).unwrap().unwrap();
+        let done = ask(&group.instance, &reload(candidate), PATIENCE).unwrap().unwrap();
         let revision = done.revision.expect("something differs");
         let kinds = config::snapshot::concerned(&config::change::changes(&before, &config));
         let stages = [ProcessKind::Classifier, ProcessKind::Tracker, ProcessKind::Filter];
@@ -116,13 +122,21 @@ fn play(storm: &Storm) {
     let newest = *requested.keys().last().unwrap();
     let status = group.wait_for("the last configuration", |status| {
         let configured = &status["configuration"];
-        configured["revision"] == newest && configured["pending"].as_array().unwrap().is_empty()
+        // On a machine so busy that stages stall, a configuration may be taken back.
+        configured["revision"].as_u64() >= Some(newest.into())
+            && configured["pending"].as_array().unwrap().is_empty()
     });
     let world = status["frames"]["world"].as_u64().unwrap();
     group.wait_for("frames under it", |status| {
         status["frames"]["world"].as_u64() > Some(world + 20)
     });
-    let seen = observer.finish();
+    let (seen, diary) = (observer.stop(), diary.finish());
+    for (before, after) in gaps(&seen) {
+        let from_ns = before.t_capture_ns.saturating_sub(1_000_000_000);
+        println!("from {} to {}:", before.seq, after.seq);
+        println!("{}", told(&diary, from_ns, after.t_sent_ns.max(before.t_sent_ns)));
+    }
+    assert!(gaps(&seen).is_empty(), "{:?}", gaps(&seen));
     kill_process(Pid::from_child(&recorder.0), Signal::INT).unwrap();
     recorder.0.wait().unwrap();
 
@@ -137,7 +151,8 @@ fn play(storm: &Storm) {
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{text}");
     assert!(!text.contains("without its configuration"), "{text}");
-    report(&seen, &requested, &kills, storm, &text);
+    report(&seen, &requested, &kills, storm, &diary);
+    println!("{text}");
     assert!(kills.len() as u32 >= storm.reloads / 20, "{kills:?}");
     group.signal_supervisor(Signal::TERM);
     assert!(group.wait_until_ended().success());
@@ -164,9 +179,9 @@ fn report(
     requested: &BTreeMap<u32, (u64, [bool; 3])>,
     kills: &[u64],
     storm: &Storm,
-    verified: &str,
+    diary: &[Entry],
 ) {
-    let mut until_ms: Vec<f64> = Vec::new();
+    let mut changes: Vec<(f64, u64, [bool; 3])> = Vec::new();
     let mut replaced = 0;
     for (&revision, &(at_ns, stages)) in requested {
         let is_under =
@@ -174,15 +189,16 @@ fn report(
         let first = seen.iter().find(is_under).expect("a world under each configuration");
         let is_exactly = first.revisions.iter().zip(stages).any(|(&of, is)| is && of == revision);
         replaced += u32::from(!is_exactly);
-        until_ms.push(first.t_sent_ns.saturating_sub(at_ns) as f64 / 1e6);
+        changes.push((first.t_sent_ns.saturating_sub(at_ns) as f64 / 1e6, at_ns, stages));
     }
-    let changes: Vec<u64> =
+    changes.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let disturbances: Vec<u64> =
         requested.values().map(|(at_ns, _)| *at_ns).chain(kills.to_vec()).collect();
     let is_disturbed = |it: &&Seen| {
         let near = |at_ns: &u64| {
             it.t_capture_ns + 5_000_000 > *at_ns && it.t_sent_ns < at_ns + 250_000_000
         };
-        changes.iter().any(near)
+        disturbances.iter().any(near)
     };
     let (disturbed, quiet): (Vec<_>, Vec<_>) = seen.iter().partition(is_disturbed);
     let latency_ms = |list: &[&Seen]| {
@@ -195,14 +211,23 @@ fn report(
         kills.len(),
         seen.len()
     );
-    println!("request to first world under it, ms: {}", quantiles(until_ms));
+    println!(
+        "request to first world under it, ms: {}",
+        quantiles(changes.iter().map(|it| it.0).collect())
+    );
+    for concerned in changes.iter().map(|it| it.2).collect::<BTreeSet<_>>() {
+        let times = changes.iter().filter(|it| it.2 == concerned).map(|it| it.0).collect();
+        println!("  of classifier, tracker, filter replaced {concerned:?}: {}", quantiles(times));
+    }
     println!("  overtaken by the next one: {replaced}");
     println!(
         "capture to world within 250 ms of a change or kill, ms: {}",
         quantiles(latency_ms(&disturbed))
     );
     println!("  of all other frames, ms: {}", quantiles(latency_ms(&quiet)));
-    println!("{verified}");
+    let (until_ms, at_ns, _) = changes[changes.len() / 2];
+    println!("the median change, step by step, ms after the request:");
+    println!("{}{until_ms:8.1}  first world", told(diary, at_ns, at_ns + (until_ms * 1e6) as u64));
 }
 
 fn quantiles(mut values: Vec<f64>) -> String {
@@ -352,7 +377,7 @@ fn fifty_broken_configurations_are_refused_with_their_line() {
         assert!(!output.status.success(), "{text}: {said}");
         assert!(said.contains(&format!("broken.toml:{line}")), "{text}: {said}");
         // The supervisor does not rely on the program that asks.
-        let answer = ask(&group.instance, &Request::Reload(file), PATIENCE).unwrap();
+        let answer = ask(&group.instance, &reload(file), PATIENCE).unwrap();
         let refused = answer.expect_err(&text);
         assert!(refused.contains(&format!(":{line}")), "{text}: {refused}");
     }
@@ -387,7 +412,7 @@ fn play_killing(name: &str, fps: f64, count: u32) {
         // All stages read it, so the one that dies is concerned.
         config.robots.size_mm += 1.0;
         let candidate = group.scratch.write("killing.toml", &commented_toml(&config));
-        let done = ask(&group.instance, &Request::Reload(candidate), PATIENCE).unwrap().unwrap();
+        let done = ask(&group.instance, &reload(candidate), PATIENCE).unwrap().unwrap();
         assert_eq!(done.revision, Some(2 + 2 * index));
         group.wait_for("the configuration before", |status| {
             let configured = &status["configuration"];

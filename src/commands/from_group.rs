@@ -55,9 +55,10 @@ impl SourceGroup {
             return Ok(ExitCode::SUCCESS);
         }
         // It may have been changed while the result was computed.
-        let mut wanted = self.config()?;
+        let now = Snapshot::load(&self.instance.config_path())?;
+        let mut wanted = now.config.clone();
         change(&mut wanted);
-        let code = go_over(&self.instance, &wanted, false)?;
+        let code = go_over(&self.instance, &now, &wanted, false)?;
         if !is_written {
             say_line!("it holds until the group ends; -o FILE also writes it to a file")?;
         }

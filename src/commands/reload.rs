@@ -25,23 +25,24 @@ pub fn reload(args: ReloadArgs) -> Result<ExitCode, CommandError> {
     let now = Snapshot::load(&instance.config_path())?;
     let wanted = wanted(&args, &instance, &now.config)?;
     if args.stages.is_empty() {
-        return go_over(&instance, &wanted, args.dry_run);
+        return go_over(&instance, &now, &wanted, args.dry_run);
     }
     let (wanted, left) = only_for(&now.config, &wanted, &args.stages)?;
     for change in left {
         say_line!("stays as it runs: {} (the file has {})", change.key, change.new_text())?;
     }
-    go_over(&instance, &wanted, args.dry_run)
+    go_over(&instance, &now, &wanted, args.dry_run)
 }
 
-/// Has a running group go over to a configuration: says what differs and what is replaced, and waits until it
-/// is in use. A dry run only says it.
+/// Has a running group go over from the configuration that it runs with `now` to another: says what differs and
+/// what is replaced, and waits until it is in use. A dry run only says it. Refused if somebody else has changed
+/// the configuration meanwhile.
 pub fn go_over(
     instance: &Instance,
+    now: &Snapshot,
     wanted: &Config,
     is_dry_run: bool,
 ) -> Result<ExitCode, CommandError> {
-    let now = Snapshot::load(&instance.config_path())?;
     let changes = changes(&now.config, wanted);
     if changes.is_empty() {
         say_line!(
@@ -63,7 +64,8 @@ pub fn go_over(
         return Ok(ExitCode::SUCCESS);
     }
     let candidate = Candidate::write(instance, wanted)?;
-    let done = ask(instance, &Request::Reload(candidate.path.clone()))?;
+    let base = Some(now.revision.number);
+    let done = ask(instance, &Request::Reload { file: candidate.path.clone(), base })?;
     drop(candidate);
     match done.revision {
         Some(revision) => wait_for(instance, revision),

@@ -69,7 +69,8 @@ impl Watch {
         }
         let candidate =
             Candidate::write(&self.instance, wanted).map_err(|error| error.to_string())?;
-        let request = Request::Reload(candidate.path.clone());
+        // What the file says is wanted, whatever was changed meanwhile.
+        let request = Request::Reload { file: candidate.path.clone(), base: None };
         let answer = supervisor::ask(&self.instance, &request, PATIENCE);
         answer.map_err(|error| error.to_string())?.map(drop)
     }

@@ -132,7 +132,15 @@ pub async fn reload(State(app): State<Arc<App>>, body: Body) -> Result<Response,
     if !request.dry_run && !plan.is_empty {
         let candidate = Candidate::write(&app.instance, &plan.config)
             .map_err(|error| Failure::unavailable(error.to_string()))?;
-        let done = ask(&app, Request::Reload(candidate.path.clone())).await?;
+        // The supervisor looks at the revision too: other programs may have changed it by then.
+        let base = Some(origin.now.revision.number);
+        let request = Request::Reload { file: candidate.path.clone(), base };
+        let done = ask(&app, request).await.map_err(|refusal| match Origin::of(&app) {
+            Ok(newest) if Some(newest.now.revision.number) != base => {
+                Failure { status: StatusCode::CONFLICT, ..refusal }
+            }
+            _ => refusal,
+        })?;
         if let Some(revision) = done.revision {
             plan.answer.insert("revision".into(), revision.into());
         }

@@ -84,7 +84,24 @@ impl Configuration {
 
     /// Accepts the configuration in a file, if this group can go over to it. Returns the kinds of stage
     /// to be replaced; `None` if nothing differs.
-    pub fn accept(&mut self, file: &Path, now_ns: u64) -> Result<Option<Vec<ProcessKind>>, String> {
+    ///
+    /// A change that was made from another revision `base` than the newest one is refused: it would undo
+    /// what was changed meanwhile.
+    pub fn accept(
+        &mut self,
+        file: &Path,
+        base: Option<u32>,
+        now_ns: u64,
+    ) -> Result<Option<Vec<ProcessKind>>, String> {
+        let number = self.snapshot.revision.number;
+        if let Some(base) = base
+            && base != number
+        {
+            return Err(format!(
+                "the configuration was changed meanwhile: it is revision {number}, and this change was made \
+                 from revision {base}; look at it and try again"
+            ));
+        }
         let text = input::read_text(file, input::CONFIG).map_err(|error| error.to_string())?;
         let config = Config::parse(&text, "the new configuration");
         let config = config.map_err(|error| error.to_string())?;
@@ -100,8 +117,7 @@ impl Configuration {
             return Ok(None);
         }
         let what = summary(&changes);
-        let before = self.snapshot.revision.number;
-        self.replace(self.snapshot.next(config, Some(before)), what)?;
+        self.replace(self.snapshot.next(config, Some(number)), what)?;
         self.trial = Some(Trial { ends_ns: now_ns + TRIAL_NS, faults: 0, retry_ns: 0 });
         Ok(Some(concerned(&changes)))
     }
@@ -249,9 +265,9 @@ mod tests {
     fn a_change_is_accepted_and_taken_back() {
         let (mut it, base) = configuration("revisions");
         let mut config = Config::default();
-        assert_eq!(it.accept(&file(&base, &config), 0), Ok(None), "nothing differs");
+        assert_eq!(it.accept(&file(&base, &config), None, 0), Ok(None), "nothing differs");
         config.filter.actuation_delay_ms = 33.0;
-        assert_eq!(it.accept(&file(&base, &config), 0), Ok(Some(vec![ProcessKind::Filter])));
+        assert_eq!(it.accept(&file(&base, &config), None, 0), Ok(Some(vec![ProcessKind::Filter])));
         assert_eq!(it.snapshot().revision.number, 2);
         let written = Snapshot::load(&it.instance.config_path()).unwrap();
         assert_eq!(&written, it.snapshot());
@@ -283,7 +299,7 @@ mod tests {
         let mut config = Config::default();
         for change in 1..=KEPT_REVISIONS + 3 {
             config.filter.actuation_delay_ms = 20.0 + f64::from(change);
-            it.accept(&file(&base, &config), 0).unwrap();
+            it.accept(&file(&base, &config), None, 0).unwrap();
         }
         assert_eq!(left_behind(&it.instance, &Config::default()).as_ref(), Some(it.snapshot()));
         config.filter.actuation_delay_ms = 21.0;
@@ -301,14 +317,35 @@ mod tests {
         config.camera.width = 320;
         config.camera.height = 240;
         config.geometry = config::GeometryConfig::above(&config.field, [320, 240], 2200.0);
-        let refusal = it.accept(&file(&base, &config), 0).unwrap_err();
+        let refusal = it.accept(&file(&base, &config), None, 0).unwrap_err();
         assert!(refusal.contains("camera.width: 640 → 320"), "{refusal}");
         let broken = base.join("broken.toml");
         fs::write(&broken, "[filter]\nactuation_delay_ms = -1\n").unwrap();
-        let refusal = it.accept(&broken, 0).unwrap_err();
+        let refusal = it.accept(&broken, None, 0).unwrap_err();
         assert!(refusal.contains("actuation_delay_ms") && refusal.contains(":2"), "{refusal}");
-        assert!(it.accept(&base.join("missing.toml"), 0).is_err());
+        assert!(it.accept(&base.join("missing.toml"), None, 0).is_err());
         assert_eq!(fs::read(it.instance.config_path()).unwrap(), before);
+        it.instance.remove_directory().unwrap();
+        fs::remove_dir_all(base).unwrap();
+    }
+
+    #[test]
+    fn a_change_of_an_outdated_configuration_is_refused() {
+        let (mut it, base) = configuration("outdated");
+        let mut config = Config::default();
+        let mut accept = |delay_ms: f64, from: Option<u32>| {
+            config.filter.actuation_delay_ms = delay_ms;
+            it.accept(&file(&base, &config), from, 0)
+        };
+        assert!(accept(33.0, Some(1)).is_ok());
+        for from in [0, 1, 3] {
+            let refusal = accept(34.0, Some(from)).unwrap_err();
+            assert!(refusal.contains("changed meanwhile: it is revision 2"), "{refusal}");
+            assert!(refusal.contains(&format!("from revision {from};")), "{refusal}");
+        }
+        assert!(accept(34.0, Some(2)).is_ok());
+        assert!(accept(35.0, None).is_ok(), "wanted whatever there is");
+        assert_eq!(it.snapshot().revision.number, 4);
         it.instance.remove_directory().unwrap();
         fs::remove_dir_all(base).unwrap();
     }
@@ -320,7 +357,7 @@ mod tests {
         assert!(!it.blame(FILTER, 1, 0), "the first configuration is not on trial");
         let mut config = Config::default();
         config.filter.actuation_delay_ms = 33.0;
-        it.accept(&file(&base, &config), 0).unwrap();
+        it.accept(&file(&base, &config), None, 0).unwrap();
         assert!(!it.blame(FILTER, 1, 1), "a process of the configuration before");
         assert!(!it.blame(ProcessKind::Tracker, 2, 1), "it does not concern the tracker");
         assert!(it.blame(FILTER, 2, 1) && !it.has_failed(1));

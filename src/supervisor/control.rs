@@ -24,8 +24,15 @@ pub enum Request {
     Restart(Vec<String>),
     /// Hand over to this program.
     Upgrade(PathBuf),
-    /// Go over to the configuration in this file.
-    Reload(PathBuf),
+    /// Go over to the configuration in a file.
+    Reload {
+        /// The file.
+        file: PathBuf,
+        /// The revision that the change was made from; the request is refused if there is a newer one by now.
+        /// `None` for a configuration that is wanted whatever the group runs with.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        base: Option<u32>,
+    },
     /// Go back to the configuration before the present one.
     Rollback,
     /// Write these words among the events, to be found again in the log and in recordings.

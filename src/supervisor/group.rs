@@ -40,6 +40,8 @@ use upkeep::PREMISES;
 /// Longest time between two looks at topics and heartbeats; a due stall makes it shorter. All
 /// messages carry the time they were sent, so they need not be seen at once.
 const TICK: Duration = Duration::from_millis(20);
+/// The same while the next step of a start or of a hand-over is expected.
+const EAGER_TICK: Duration = Duration::from_millis(3);
 /// Looks per stall deadline.
 const TICKS_PER_STALL: u32 = 2;
 /// Shortest sleep. A stall that is due but excused must not turn the loop into a busy one.
@@ -226,8 +228,10 @@ impl<'a> Group<'a> {
 
     /// Sleeps until a process ends, a signal or a request arrives, or the next look is due.
     fn wait(&mut self) -> Woken {
-        let due_in = self.policy.stall_due_in_ns(monotonic_ns()).map(Duration::from_nanos);
-        let timeout = due_in.map_or(self.tick, |due| due.clamp(SHORTEST_WAIT, self.tick));
+        let now_ns = monotonic_ns();
+        let tick = if self.policy.is_eager(now_ns) { EAGER_TICK.min(self.tick) } else { self.tick };
+        let due_in = self.policy.stall_due_in_ns(now_ns).map(Duration::from_nanos);
+        let timeout = due_in.map_or(tick, |due| due.clamp(SHORTEST_WAIT, tick));
         let (ids, mut fds): (Vec<MemberId>, Vec<_>) = self
             .processes
             .iter()
@@ -270,7 +274,7 @@ impl<'a> Group<'a> {
             let answer = match &request {
                 Request::Restart(stages) => self.restart(stages),
                 Request::Upgrade(program) => check_program(program),
-                Request::Reload(file) => self.reload(file),
+                Request::Reload { file, base } => self.reload(file, *base),
                 Request::Rollback => self.roll_back("by request"),
                 Request::Mark(words) => self.mark(words),
             };
@@ -352,7 +356,7 @@ impl<'a> Group<'a> {
             };
             process.revision = Some(sign.revision);
             if sign.revision < configuration.snapshot().needed(sign.stage.kind()) {
-                policy.outdate(id);
+                policy.outdate(id, now);
             }
             let before = states.insert(sign.pid, sign.state);
             if before.is_none() {

@@ -17,13 +17,15 @@
 //! * A streaming camera has its own rate: a grabber that neither gives a frame nor checks in for five of
 //!   its periods is stuck. A grabber that checks in is waiting for its camera.
 //! * While the supervisor cannot see heartbeats, no process is killed for not being ready.
-//! * A process of an outdated program is replaced by a spare of the new one, one stage at a time.
+//! * A process with an old program or configuration is replaced by a spare with the new one, one stage at a
+//!   time ([`renewal`]).
 //! * The grabber starts last, when every stage that works on its frames is ready for the first one.
 //! * A fault in one lane affects only the readers of that lane: the other lanes go on.
 
 mod degraded;
 mod dropping;
 mod intensity;
+mod renewal;
 mod slowness;
 mod stage;
 mod stalls;
@@ -32,7 +34,7 @@ pub use degraded::{Degraded, Lack};
 
 use messages::ProcessKind;
 use messages::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
-use stage::{Member, Stage};
+use stage::{Member, Old, Stage};
 
 /// Identifies a process from its start to its end; never used twice.
 pub type MemberId = u64;
@@ -172,6 +174,8 @@ pub struct Policy {
     started_ns: Option<u64>,
     last_tick_ns: u64,
     clean_up_at_ns: Option<u64>,
+    /// When something was last to be renewed, or a renewal went a step further.
+    renewing_ns: Option<u64>,
 }
 
 impl Policy {
@@ -185,6 +189,7 @@ impl Policy {
             started_ns: None,
             last_tick_ns: 0,
             clean_up_at_ns: None,
+            renewing_ns: None,
         }
     }
 
@@ -212,8 +217,8 @@ impl Policy {
         }
     }
 
-    /// Adopts a process that an earlier supervisor started. Returns its identifier, or `None` if
-    /// the stage has no free slot for it.
+    /// Adopts a process that an earlier supervisor started, `outdated` if its program is another one than
+    /// the supervisor's. Returns its identifier, or `None` if the stage has no free slot for it.
     pub fn adopt(
         &mut self,
         stage: StageId,
@@ -232,46 +237,10 @@ impl Policy {
         }
         let id = self.next_id;
         self.next_id += 1;
-        *slot = Some(Member { ready: true, outdated, ..Member::new(id, stage.output, now_ns) });
+        let old = outdated.then_some(Old::Program);
+        *slot = Some(Member { ready: true, old, ..Member::new(id, stage.output, now_ns) });
         stage.progress_ns = now_ns;
         Some(id)
-    }
-
-    /// Retires a stage's active process in favour of its spare. Without an active process, while
-    /// starts are paused, the next start comes at once.
-    pub fn renew_stage(&mut self, stage: StageId, now_ns: u64) {
-        let stage = &mut self.stages[stage];
-        match &mut stage.active {
-            Some(active) => active.outdated = true,
-            None => {
-                stage.failures = 0;
-                stage.start_after_ns = now_ns;
-            }
-        }
-    }
-
-    /// Marks a process that is to be replaced, because its program or its configuration is an old one.
-    pub fn outdate(&mut self, id: MemberId) {
-        for stage in self.stages.values_mut() {
-            for member in [&mut stage.active, &mut stage.spare].into_iter().flatten() {
-                member.outdated |= member.id == id;
-            }
-        }
-    }
-
-    /// The stages that are not renewed yet: whose active process is to be replaced, or has only just
-    /// become active and given no output.
-    pub fn pending_stages(&self, now_ns: u64) -> Vec<StageId> {
-        let is_pending = |stage: &Stage| match &stage.active {
-            Some(active) => {
-                // Without frames there is no output to wait for.
-                let is_untried = !active.has_worked(stage.output)
-                    && now_ns < active.at_work_ns.saturating_add(FIRST_WORK_NS);
-                active.outdated || !active.ready || is_untried
-            }
-            None => true,
-        };
-        self.stages.iter().filter(|(_, stage)| is_pending(stage)).map(|(id, _)| id).collect()
     }
 
     /// Whether a stage has turned out to be slow, so that its stalls say little about what changed last.
@@ -314,6 +283,8 @@ impl Policy {
             self.fill_active(stage, now_ns, &mut actions);
             self.fill_spare(stage, now_ns, &mut actions);
             self.kill_stuck(stage, now_ns, &mut actions);
+        }
+        for stage in self.settings.graph.stages() {
             self.renew(stage, now_ns, &mut actions);
         }
         if self.clean_up_at_ns.is_some_and(|at| now_ns >= at) {
@@ -379,7 +350,12 @@ impl Policy {
         let Some(member) = slot.take() else { return };
         let had_lived = now_ns - member.started_ns >= GOOD_START_NS;
         let good_start = had_lived || was_active && member.has_worked(stage.output);
-        *failures = if good_start { 1 } else { *failures + 1 };
+        *failures = match () {
+            // An end on request is no failure.
+            () if member.is_retired => 0,
+            () if good_start => 1,
+            () => *failures + 1,
+        };
         *start_after_ns = now_ns + settings.backoff(*failures);
         if !was_active {
             return;
@@ -490,35 +466,6 @@ impl Policy {
             member.dying_ns = Some(now_ns);
             member.stalled |= cause == Cause::Stalled;
             actions.push(Action::Kill { id: member.id, stage: id, cause });
-        }
-    }
-
-    /// Replaces outdated processes: first the spare, and when the new spare is ready, the active process.
-    /// The last stage comes first and the grabber last: a stage can already read what the stage before it
-    /// will say with its new program or configuration, and replacing the grabber costs frames.
-    fn renew(&mut self, id: StageId, now_ns: u64, actions: &mut Vec<Action>) {
-        let is_outdated = |stage: StageId| {
-            let stage = &self.stages[stage];
-            [&stage.active, &stage.spare].into_iter().flatten().any(|member| member.outdated)
-        };
-        let comes_later = |other: &StageId| {
-            other.kind() > id.kind() && (id.is_grabber() || other.serves(id.lane()))
-        };
-        let later_first = self.settings.graph.stages().filter(comes_later).any(is_outdated);
-        if !is_outdated(id) || id.is_grabber() && later_first || !self.is_complete() {
-            return;
-        }
-        let keeps_spare = self.keeps_spare(id);
-        let stage = &mut self.stages[id];
-        let retiring = match (&mut stage.active, &mut stage.spare) {
-            (_, Some(spare)) if spare.outdated => spare,
-            (Some(active), Some(spare)) if active.outdated && spare.ready && !later_first => active,
-            (Some(active), None) if active.outdated && !keeps_spare && !later_first => active,
-            _ => return,
-        };
-        if retiring.dying_ns.is_none() {
-            retiring.dying_ns = Some(now_ns);
-            actions.push(Action::Retire { id: retiring.id, stage: id });
         }
     }
 

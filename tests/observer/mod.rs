@@ -1,15 +1,17 @@
-//! An observer of its own on `world`, for tests of changes in the middle of a match.
+//! An observer of its own on `world` and one on `events`, for tests of changes in the middle of a match.
 
 // Every test file uses its own part of this.
 #![allow(dead_code)]
 
+use client::clock::monotonic_ns;
 use client::consumer::{Consumer, Event};
 use client::instance::Instance;
-use messages::topics;
+use messages::stages::StageId;
+use messages::{read_text, topics};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// What an observer of its own sees of a `world`.
 #[derive(Debug, Clone)]
@@ -59,11 +61,79 @@ impl Observer {
 
     /// Ends it, and checks that no frame was missing, twice or out of order.
     pub fn finish(self) -> Vec<Seen> {
-        self.stop.store(true, Ordering::Relaxed);
-        let seen = self.thread.join().unwrap();
-        for pair in seen.windows(2) {
-            assert_eq!(pair[1].seq, pair[0].seq + 1, "{pair:?}");
-        }
+        let seen = self.stop();
+        assert!(gaps(&seen).is_empty(), "{:?}", gaps(&seen));
         seen
     }
+
+    /// Ends it.
+    pub fn stop(self) -> Vec<Seen> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+/// Successive results between which frames are missing, or which are not in order.
+pub fn gaps(seen: &[Seen]) -> Vec<(Seen, Seen)> {
+    let is_gap = |pair: &&[Seen]| pair[1].seq != pair[0].seq + 1;
+    seen.windows(2).filter(is_gap).map(|pair| (pair[0].clone(), pair[1].clone())).collect()
+}
+
+/// Follows the events of a group, which tell what the supervisor did and when.
+pub struct Diary {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<Vec<Entry>>,
+}
+
+/// An event.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// On the clock of the frames.
+    pub t_ns: u64,
+    pub stage: String,
+    pub what: String,
+}
+
+impl Diary {
+    /// Begins to follow them.
+    pub fn start(instance: &Instance) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (instance, to_stop) = (instance.clone(), Arc::clone(&stop));
+        // The clocks of the day and of the frames may drift apart by microseconds in a test.
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+        let apart_ns = since_1970.as_nanos() as u64 - monotonic_ns();
+        let thread = std::thread::spawn(move || {
+            let mut events = Consumer::new(instance, "diary", &topics::EVENTS);
+            let mut entries = Vec::new();
+            while !to_stop.load(Ordering::Relaxed) {
+                let event = events.next(Duration::from_millis(50)).unwrap();
+                let Some(Event::Message(message)) = event else { continue };
+                let Some(event) = message.message() else { continue };
+                let stage = StageId::from_number(event.process);
+                entries.push(Entry {
+                    t_ns: event.t_wall_ns - apart_ns,
+                    stage: stage.map_or("supervisor".into(), |stage| stage.to_string()),
+                    what: read_text(&event.what),
+                });
+            }
+            entries
+        });
+        Self { stop, thread }
+    }
+
+    /// Ends it.
+    pub fn finish(self) -> Vec<Entry> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+/// The events between two times, in milliseconds after the first.
+pub fn told(entries: &[Entry], from_ns: u64, until_ns: u64) -> String {
+    let is_between = |it: &&Entry| (from_ns..=until_ns).contains(&it.t_ns);
+    let line = |it: &Entry| {
+        let ms = (it.t_ns - from_ns) as f64 / 1e6;
+        format!("{ms:8.1}  {}: {}\n", it.stage, it.what.lines().next().unwrap_or_default())
+    };
+    entries.iter().filter(is_between).map(line).collect()
 }

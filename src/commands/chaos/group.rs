@@ -103,7 +103,8 @@ impl Group {
         config.filter.actuation_delay_ms = 100.0 - config.filter.actuation_delay_ms + 1.0;
         let candidate = self.place.join("candidate.toml");
         std::fs::write(&candidate, commented_toml(config))?;
-        match supervisor::ask(&self.instance, &Request::Reload(candidate), PATIENCE) {
+        let request = Request::Reload { file: candidate, base: None };
+        match supervisor::ask(&self.instance, &request, PATIENCE) {
             Ok(answer) => Ok(answer.map(|_| true)?),
             Err(_) => Ok(false),
         }

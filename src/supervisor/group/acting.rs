@@ -10,7 +10,7 @@ use client::memory::{self, GroupMemory};
 use config::Config;
 use messages::stages::{FrameId, StageId};
 use messages::topics;
-use messages::{EventKind, ProcessKind};
+use messages::{EventKind, ProcessKind, ProcessState};
 use runtime::handover::Handover;
 use rustix::process::Signal;
 use std::io;
@@ -61,7 +61,12 @@ impl Group<'_> {
             }
             Action::Retire { id, stage } => {
                 if let Some(process) = self.processes.get(&id) {
-                    let what = "asked to end: its successor is ready";
+                    let what = match self.states.get(&process.pid) {
+                        Some(ProcessState::Spare) | None => {
+                            "asked to end: a newer spare is to stand by"
+                        }
+                        _ => "asked to end: its successor is ready",
+                    };
                     self.log(EventKind::Retired, stage, process.pid, what, "");
                     self.signal(id, Signal::TERM);
                 }

@@ -15,10 +15,10 @@ use std::path::Path;
 const MARK_LENGTH: usize = 100;
 
 impl Group<'_> {
-    /// Goes over to the configuration in a file.
-    pub(super) fn reload(&mut self, file: &Path) -> Answer {
+    /// Goes over to the configuration in a file, a change that was made from revision `base`.
+    pub(super) fn reload(&mut self, file: &Path, base: Option<u32>) -> Answer {
         let before = self.configuration.snapshot().config.clone();
-        match self.configuration.accept(file, monotonic_ns())? {
+        match self.configuration.accept(file, base, monotonic_ns())? {
             None => Ok(Done::default()),
             Some(kinds) => Ok(self.go_over(&before, &kinds)),
         }
@@ -81,7 +81,7 @@ impl Group<'_> {
         self.policy.set_settings(self.settings.clone());
         self.premises.configuration_has_changed();
         for id in outdated {
-            self.policy.outdate(id);
+            self.policy.outdate(id, monotonic_ns());
         }
         let config = &self.configuration.snapshot().config;
         self.progress.use_fps(config.camera.fps);

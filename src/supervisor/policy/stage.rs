@@ -9,6 +9,15 @@ use messages::stages::{FrameId, Numbers};
 /// Deaths in a row on the same input that are not a coincidence.
 const POISONOUS: u32 = 2;
 
+/// What has been replaced by a newer one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Old {
+    /// The configuration, or the process itself, at a user's request.
+    Configuration,
+    /// The program, and perhaps the configuration too.
+    Program,
+}
+
 /// A process of the stage.
 #[derive(Debug)]
 pub struct Member {
@@ -24,8 +33,10 @@ pub struct Member {
     pub output_at_work: Numbers,
     /// When it became active; for a spare, when it was started.
     pub at_work_ns: u64,
-    /// Runs a program or a configuration that has been replaced.
-    pub outdated: bool,
+    /// What it runs with and is to be replaced for; `None` if nothing.
+    pub old: Option<Old>,
+    /// It was asked to end.
+    pub is_retired: bool,
     /// Time at which it was killed or asked to end.
     pub dying_ns: Option<u64>,
     /// Killed because it had input and gave no output.
@@ -54,6 +65,8 @@ pub struct Stage {
     /// Deaths in a row after the same output, and that output.
     pub deaths: u32,
     pub output_at_death: Numbers,
+    /// Since when its renewal waits for its readers' spares.
+    pub held_since_ns: Option<u64>,
     /// Inputs skipped since its last output.
     skipped: usize,
     /// Skip the next input after this frame.
@@ -153,7 +166,8 @@ impl Member {
             input_at_ready: Numbers::default(),
             output_at_work,
             at_work_ns: now_ns,
-            outdated: false,
+            old: None,
+            is_retired: false,
             dying_ns: None,
             stalled: false,
         }

@@ -3,6 +3,7 @@
 use super::*;
 
 mod lanes;
+mod renewal;
 
 use std::collections::BTreeSet;
 
