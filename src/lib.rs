@@ -1,7 +1,7 @@
 //! Parts of the program `touchline` that tests, tools and a web page use as well.
 //!
 //! [`supervisor`] runs a group of processes and takes
-//! requests, [`monitor`] counts what they do and publishes the report, which [`monitor::read_status`] reads, and
+//! requests, [`monitor`] counts what they do and publishes the report, which [`control::read_status`] reads, and
 //! [`attendants`] lists the processes that serve people, of which are [`gateway`], [`publisher`] and [`console`].
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write

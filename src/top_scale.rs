@@ -22,6 +22,7 @@
 //! are some 4 % farther apart than they should be.
 
 use config::Config;
+use control::report::Tops;
 use geometry::layout::Layout;
 use geometry::{CameraModel, FieldPoint, GeometryError, ImagePoint};
 use messages::DetectionFrame;
@@ -90,6 +91,14 @@ pub struct Scale {
     pub scale: f64,
     /// Number of pairs of patches that agree on it, summed over frames.
     pub votes: u64,
+}
+
+impl From<Scale> for Tops {
+    fn from(measured: Scale) -> Self {
+        let problem = if measured.is_off() { measured.advice() } else { String::new() };
+        let scale = (measured.scale * 1000.0).round() / 1000.0;
+        Self { scale, votes: measured.votes, problem }
+    }
 }
 
 impl TopScale {

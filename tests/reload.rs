@@ -3,6 +3,7 @@
 mod observer;
 mod support;
 
+use control::{Request, ask};
 use observer::{Observer, Seen};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -10,7 +11,6 @@ use std::fs;
 use std::process::Output;
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE};
-use touchline::supervisor::{Request, ask};
 
 /// Several processes start at once, on a machine that may be busy.
 const SMALL: &str = "[camera]\nfps = 40\n";

@@ -13,6 +13,7 @@ mod support;
 use client::clock::monotonic_ns;
 use client::instance::Instance;
 use config::{Config, commented_toml};
+use control::{Request, ask, read_status};
 use messages::ProcessKind;
 use observer::{Diary, Entry, Observer, Seen, gaps, told};
 use rustix::process::{Pid, Signal, kill_process};
@@ -24,8 +25,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use support::{Group, PATIENCE, output_of, touchline};
-use touchline::monitor::read_status;
-use touchline::supervisor::{Request, ask};
 
 /// `touchline record`, ended with the test.
 struct Recorder(Child);

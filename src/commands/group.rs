@@ -3,10 +3,11 @@
 use super::CommandError;
 use crate::cli::{InstanceArgs, StatusArgs};
 use client::instance::Instance;
+use control::read_status;
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use touchline::monitor::{read_status, summary};
+use touchline::monitor::summary;
 use touchline::supervisor::Record;
 
 /// A living group publishes its status several times a second.

@@ -4,14 +4,14 @@ use super::group::{STATUS_PATIENCE, running};
 use super::{CommandError, ask_program};
 use crate::cli::{RestartArgs, UpgradeArgs};
 use client::instance::Instance;
+use control::report::Stage;
+use control::{Done, Report, Request, read_status};
 use messages::interface::Interface;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use touchline::monitor::report::Stage;
-use touchline::monitor::{Report, read_status};
-use touchline::supervisor::{self, Done, Request, is_same_program, program_of};
+use touchline::supervisor::{is_same_program, program_of};
 
 /// A supervisor answers in its next round, within a few milliseconds.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
@@ -154,7 +154,7 @@ fn interface_of(program: &Path) -> Result<Interface, CommandError> {
 
 /// Sends the supervisor a request.
 pub fn ask(instance: &Instance, request: &Request) -> Result<Done, CommandError> {
-    match supervisor::ask(instance, request, ANSWER_PATIENCE) {
+    match control::ask(instance, request, ANSWER_PATIENCE) {
         Ok(answer) => Ok(answer?),
         Err(error) => Err(format!(
             "the supervisor of the group {:?} does not answer ({error}); it may be stopped or of an \

@@ -9,10 +9,10 @@ use config::Config;
 use config::change::{Change, Effect, changes, only_for};
 use config::edit::with_values;
 use config::snapshot::{Snapshot, concerned};
+use control::{Configured, Request};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use touchline::monitor::Configured;
-use touchline::supervisor::{Candidate, Record, Request, as_run};
+use touchline::supervisor::{Candidate, Record, as_run};
 
 /// Each concerned stage has to start a process, on a machine that may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -8,12 +8,13 @@ use super::{CommandError, load_config};
 use crate::cli::StressArgs;
 use client::instance::Instance;
 use config::{Config, GeometryConfig};
+use control::Report;
+use control::report::{Breakdown, Percentiles};
 use grabber::source::{LOOP_FRAMES, Source};
 use serde::Serialize;
 use std::io;
 use std::process::ExitCode;
-use touchline::monitor::report::{Breakdown, Percentiles};
-use touchline::monitor::{Monitor, Output, Report};
+use touchline::monitor::{Monitor, Output};
 use touchline::supervisor::{self, Launch, Outcome, Overrides, Until};
 
 /// Rates rise by this factor …

@@ -4,11 +4,12 @@ use client::instance::Instance;
 use config::Config;
 use config::change::changes;
 use config::snapshot::Snapshot;
+use control::Request;
 use grabber::source::Source;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use touchline::supervisor::{self, Candidate, Launch, Overrides, Request, as_run};
+use touchline::supervisor::{Candidate, Launch, Overrides, as_run};
 
 /// Time between two looks. Editors write a file in several steps; one look later it is complete.
 const LOOK: Duration = Duration::from_millis(300);
@@ -71,7 +72,7 @@ impl Watch {
             Candidate::write(&self.instance, wanted).map_err(|error| error.to_string())?;
         // What the file says is wanted, whatever was changed meanwhile.
         let request = Request::Reload { file: candidate.path.clone(), base: None };
-        let answer = supervisor::ask(&self.instance, &request, PATIENCE);
+        let answer = control::ask(&self.instance, &request, PATIENCE);
         answer.map_err(|error| error.to_string())?.map(drop)
     }
 }

@@ -4,13 +4,14 @@ use super::answer::{self, Failure};
 use super::app::App;
 use super::changing::ReloadRequest;
 use super::saving;
-use crate::supervisor::{self, Candidate, Done, Overrides, Record, Request, as_run};
+use crate::supervisor::{Candidate, Overrides, Record, as_run};
 use axum::body::{Body, to_bytes};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use config::snapshot::Snapshot;
 use config::{Config, Preset, commented_toml, schema_json};
+use control::{Done, Request};
 use grabber::source::Source;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -114,7 +115,7 @@ pub async fn presets() -> Response {
 async fn ask(app: &App, request: Request) -> Result<Done, Failure> {
     let instance = app.instance.clone();
     let asked =
-        tokio::task::spawn_blocking(move || supervisor::ask(&instance, &request, ANSWER_PATIENCE));
+        tokio::task::spawn_blocking(move || control::ask(&instance, &request, ANSWER_PATIENCE));
     match asked.await {
         Ok(Ok(Ok(done))) => Ok(done),
         Ok(Ok(Err(refusal))) => Err(Failure::new(StatusCode::UNPROCESSABLE_ENTITY, refusal)),

@@ -4,10 +4,10 @@ use super::answer::{self, Failure};
 use super::app::App;
 use super::desk::Kind;
 use super::routes::newest;
-use crate::monitor::Report;
-use crate::monitor::report::Percentiles;
 use axum::extract::State;
 use axum::response::Response;
+use control::Report;
+use control::report::Percentiles;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -80,7 +80,7 @@ fn of(report: &Report) -> String {
     ] {
         text.quantiles("latency_microseconds", stage, percentiles);
     }
-    type Counter = fn(&crate::monitor::report::Stage) -> f64;
+    type Counter = fn(&control::report::Stage) -> f64;
     let counters: [(&str, &str, &str, Counter); 5] = [
         ("stage_frames_in_total", "Inputs of a stage.", "counter", |it| it.frames_in as f64),
         ("stage_frames_out_total", "Outputs of a stage.", "counter", |it| it.frames_out as f64),

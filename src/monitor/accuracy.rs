@@ -1,6 +1,6 @@
 //! Scores poses against the truth of a synthetic match.
 
-use super::report::{Errors, StandingErrors};
+use control::report::{Errors, StandingErrors};
 use geometry::wrap_angle;
 use hdrhistogram::Histogram;
 use messages::{TruthFrame, TruthRobot};

@@ -1,8 +1,9 @@
 //! State of a real camera: for the report, and as events when it changes.
 
-use super::report::CameraDevice;
-use super::view::{Event, GroupView};
+use super::view::GroupView;
 use client::bus::{Bus, BusError, Stranger, Subscriber};
+use control::Event;
+use control::report::CameraDevice;
 use messages::topics;
 use messages::{CameraReport, CameraState, EventKind, ProcessKind, read_text};
 

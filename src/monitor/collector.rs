@@ -10,19 +10,20 @@ use super::flow::{Flow, Sight};
 use super::gateway::GatewayWatch;
 use super::latency::LatencyMeter;
 use super::publisher::PublisherWatch;
-use super::report::{
-    Accuracy, AttendantState, Camera, Found, Light, Process, Rate, Report, Resources, Stage, Tops,
-};
 use super::strangers::StrangerWatch;
 use super::unknown::UnknownScorer;
 use super::usage::{Usage, proportional_bytes, usage_of};
-use super::view::{AttendantView, Event, GroupView};
+use super::view::{AttendantView, GroupView};
 use crate::colorless::{COLORLESS, has_color};
 use crate::top_scale::TopScale;
 use client::bus::{Bus, BusError, Subscriber};
 use client::clock::monotonic_ns;
 use client::instance::Instance;
 use config::Config;
+use control::Event;
+use control::report::{
+    Accuracy, AttendantState, Camera, Found, Light, Process, Rate, Report, Resources, Stage, Tops,
+};
 use messages::stages::{StageGraph, StageId};
 use messages::topics;
 use messages::*;
@@ -128,7 +129,7 @@ impl Collector {
             status: bus.publisher(&topics::STATUS, MAX_STATUS_BYTES)?,
             events: bus.publisher(&topics::EVENTS, 1)?,
             health: bus.publisher(&topics::HEALTH, 1)?,
-            requests: super::requests(&bus),
+            requests: control::requests(&bus),
         };
         let base = Report {
             version: env!("CARGO_PKG_VERSION").into(),

@@ -2,13 +2,14 @@
 //! publishes faster than the group reads is named; the filter gives every sender the same share
 //! (`filter/src/intake.rs`).
 
-use super::report::Commander;
-use super::view::{Event, GroupView};
+use super::view::GroupView;
 use client::bus::{Bus, BusError, Subscriber, participants};
 use client::clock::monotonic_ns;
 use client::instance::Instance;
 use client::roster::NodeKey;
 use config::Config;
+use control::Event;
+use control::report::Commander;
 use messages::topics;
 use messages::{Attendant, Commands, EventKind, Team};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

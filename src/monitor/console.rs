@@ -1,12 +1,11 @@
 //! The report for people: a steady display on a terminal, a line a second into a pipe, a summary at
 //! the end.
 
-use super::publisher::Published;
-use super::report::{
+use control::Event;
+use control::report::{
     Breakdown, CameraDevice, Commander, Errors, Found, Gateway, Light, Percentiles, Report,
     Stranger,
 };
-use super::view::Event;
 use messages::ProcessKind;
 use std::ffi::OsStr;
 use std::fmt::Write as _;
@@ -244,7 +243,7 @@ fn body(report: &Report) -> String {
     if let Some(gateway) = &report.gateway {
         gateway_line(&mut text, gateway);
     }
-    for line in report.publisher.iter().flat_map(Published::lines) {
+    for line in report.publisher.iter().flat_map(control::report::Published::lines) {
         let _ = writeln!(text, "  publisher    {line}");
     }
     for commander in &report.commanders {

@@ -1,6 +1,6 @@
 //! Counts frames end to end: captured, and arrived in `world`.
 
-use super::report::Frames;
+use control::report::Frames;
 use std::collections::BTreeSet;
 
 /// Follows frame numbers from capture to `world`.

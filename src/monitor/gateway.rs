@@ -1,9 +1,9 @@
 //! State of the gateway, for the report.
 
-use super::report::{AttendantState, Gateway};
 use client::bus::{Bus, BusError, Stranger, Subscriber};
 use client::instance::Instance;
 use config::Config;
+use control::report::{AttendantState, Gateway};
 use messages::topics;
 use messages::{Attendant, GatewayReport};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! Latency from capture to `world` and of each step, from the time stamps in every `world`.
 
-use super::report::{Breakdown, Latency, Percentiles};
+use control::report::{Breakdown, Latency, Percentiles};
 use hdrhistogram::Histogram;
 use messages::{FrameHeader, WorldFrame};
 

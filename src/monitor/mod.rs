@@ -15,23 +15,21 @@ mod flow;
 mod gateway;
 mod latency;
 mod publisher;
-pub mod report;
 mod strangers;
 mod unknown;
 mod usage;
 mod view;
 
 pub use console::{Output, summary};
-pub use report::Report;
-pub use view::{AttendantView, Configured, Event, GroupView, ProcessView, Revised};
+pub use view::{AttendantView, GroupView, ProcessView};
 
-use client::bus::{Bus, BusError, Publisher};
+use client::bus::{BusError, Publisher};
 use client::clock::monotonic_ns;
 use client::eventcount::EventCount;
 use client::instance::Instance;
 use collector::Collector;
 use config::Config;
-use messages::topics;
+use control::Report;
 use messages::{GroupEvent, Heartbeat, MAX_STATUS_BYTES, StatusHeader};
 use runtime::process::HEARTBEAT;
 use std::sync::Arc;
@@ -233,43 +231,6 @@ fn publish(status: &mut Publisher<u8, StatusHeader>, report: &Report) {
     *header = StatusHeader { t_sent_ns: monotonic_ns(), bytes: text.len() as u64 };
     // Ignore failures: without subscribers no report is needed.
     let _ = message.send();
-}
-
-/// Name of the event count that advances on a status request.
-const REQUESTS: &str = "status-requests";
-/// Time after which a request is repeated: a monitor answers at once, but may just have started.
-const ASK_AGAIN: Duration = Duration::from_millis(100);
-
-/// Requests a report from a running group's monitor, and reads it.
-pub fn read_status(instance: &Instance, patience: Duration) -> Result<Option<Report>, BusError> {
-    let bus = Bus::join(instance, "status")?;
-    let subscriber = bus.subscriber(&topics::STATUS)?;
-    let mut arrives = bus.wake_up(&topics::STATUS)?;
-    let requests = requests(&bus);
-    let deadline = Instant::now() + patience;
-    let mut asked: Option<Instant> = None;
-    while Instant::now() < deadline {
-        if asked.is_none_or(|asked| asked.elapsed() >= ASK_AGAIN) {
-            asked = Some(Instant::now());
-            if let Some(requests) = &requests {
-                requests.advance();
-            }
-        }
-        // Ignore messages that are not reports of the group.
-        while let Some(message) = subscriber.receive()? {
-            let length = (message.header().bytes as usize).min(message.elements().len());
-            if let Ok(report) = serde_json::from_slice(&message.elements()[..length]) {
-                return Ok(Some(report));
-            }
-        }
-        arrives.wait(ASK_AGAIN);
-    }
-    Ok(None)
-}
-
-/// The event count of status requests; `None` if its page cannot be mapped.
-fn requests(bus: &Bus) -> Option<EventCount> {
-    EventCount::open(&bus.namespace().event_count_path(REQUESTS)).ok()
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! Strangers: foreign programs that publish on protected topics, where only messages of the group's own
 //! processes are accepted. They are counted, named, and admitted if the configuration permits them.
 
-use super::report::Stranger as Reported;
-use super::view::{Event, GroupView};
+use super::view::GroupView;
 use client::bus::{Bus, BusError, Stranger, Subscriber, participants};
 use client::clock::monotonic_ns;
 use client::instance::Instance;
 use client::roster::NodeKey;
+use control::Event;
+use control::report::Stranger as Reported;
 use messages::topics::{self, TopicName};
 use messages::{Attendant, EventKind, GroupEvent, Run, RunsHeader, StatusHeader};
 

@@ -1,8 +1,8 @@
 //! Scores robots of which only the team is known against the truth of a synthetic match.
 
 use super::accuracy::Distribution;
-use super::report::UnknownErrors;
 use config::{Config, PatchRole};
+use control::report::UnknownErrors;
 use geometry::layout::Layout;
 use geometry::{FieldPoint, Pose};
 use messages::{TruthFrame, TruthRobot, UnknownRobotState, WorldFrame};

@@ -9,13 +9,14 @@
 use super::history::{self, KEPT_CHANGES};
 use super::premises::make_private_directory;
 use super::sys::{self, Call};
-use crate::monitor::Revised;
 use client::instance::Instance;
 use client::private;
+use config::change::content_hash;
 use config::change::{Change, Effect, changes};
 use config::input;
 use config::snapshot::{Snapshot, concerned};
 use config::{Config, ConfigError, commented_toml};
+use control::Revised;
 use messages::{ProcessKind, Revision};
 use std::fs;
 use std::io::{self, Write};
@@ -57,7 +58,7 @@ impl Configuration {
             _ => "as the supervisor before has left it",
         };
         let number = snapshot.revision.number;
-        let start = Revised::new(number, &snapshot.config, what.into());
+        let start = Revised::new(number, content_hash(&snapshot.config), what.into());
         let history = if lives { history::read(instance) } else { Vec::new() };
         let is_known = history.last().is_some_and(|last| last.revision == number);
         let mut it = Self { instance: instance.clone(), snapshot, trial: None, history };
@@ -169,7 +170,7 @@ impl Configuration {
         let number = snapshot.revision.number;
         write(&self.instance, &snapshot)
             .map_err(|error| format!("the new configuration cannot be kept: {error}"))?;
-        self.remember(Revised::new(number, &snapshot.config, what));
+        self.remember(Revised::new(number, content_hash(&snapshot.config), what));
         self.snapshot = snapshot;
         Ok(())
     }

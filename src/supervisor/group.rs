@@ -9,22 +9,24 @@ mod upkeep;
 use super::attendants::Attendants;
 use super::children::{Launch, Process};
 use super::configuration::Configuration;
-use super::control::{Answer, Control, Done, Request};
 use super::drops::Drops;
 use super::janitor::Janitor;
 use super::notify::Notifier;
 use super::policy::{Event, MemberId, Policy, Settings};
 use super::premises::Premises;
 use super::progress::{Beat, Output, Progress};
+use super::requests::RequestSocket;
 use super::reserve::{Reserve, raise_limit};
 use super::signals::Signals;
 use super::sys::{self, Call};
 use super::takeover::Inheritance;
 use super::troubles::Troubles;
 use super::{SupervisorError, Until};
-use crate::monitor::{Event as LogEvent, GroupView};
+use crate::monitor::GroupView;
 use client::clock::monotonic_ns;
 use config::Config;
+use control::Event as LogEvent;
+use control::{Answer, Done, Request};
 use messages::stages::{FrameId, Numbers, StageGraph, StageId, StageMap};
 use messages::{EventKind, ProcessKind, ProcessState};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -237,7 +239,8 @@ impl<'a> Group<'a> {
             .iter()
             .map(|(&id, process)| (id, PollFd::new(&process.pidfd, PollFlags::IN)))
             .unzip();
-        let (signals, control) = (self.signals.fd(), self.premises.control().map(Control::fd));
+        let (signals, control) =
+            (self.signals.fd(), self.premises.control().map(RequestSocket::fd));
         fds.push(PollFd::new(&signals, PollFlags::IN));
         fds.extend(control.iter().map(|fd| PollFd::new(fd, PollFlags::IN)));
         let time = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as _ };
@@ -270,7 +273,7 @@ impl<'a> Group<'a> {
     /// Serves requests. Returns the program of an upgrade request.
     fn serve_requests(&mut self) -> Option<PathBuf> {
         let mut upgrade = None;
-        while let Some((request, sender)) = self.premises.control().and_then(Control::next) {
+        while let Some((request, sender)) = self.premises.control().and_then(RequestSocket::next) {
             let answer = match &request {
                 Request::Restart(stages) => self.restart(stages),
                 Request::Upgrade(program) => check_program(program),

@@ -2,9 +2,9 @@
 //! revisions, so that it outlives the supervisor and an upgrade.
 
 use super::sys::{self, Call};
-use crate::monitor::Revised;
 use client::instance::Instance;
 use client::private;
+use control::Revised;
 use std::fs;
 use std::io::{self, Write};
 use std::path::PathBuf;

@@ -2,7 +2,7 @@
 //! socket or the whole directory during a match. The match itself needs none of them, so it goes on, and
 //! missing files are restored.
 
-use super::control::Control;
+use super::requests::RequestSocket;
 use super::sys::{self, Call};
 use client::instance::Instance;
 use client::instance::lock::SupervisorLock;
@@ -24,7 +24,7 @@ pub struct Premises {
     /// The accepted configurations as they are on disk, for restoring them; empty before there is one.
     configurations: BTreeMap<PathBuf, String>,
     lock: SupervisorLock,
-    control: Option<Control>,
+    control: Option<RequestSocket>,
     /// Held open and locked: `systemd-tmpfiles` leaves a locked directory alone.
     directory: Option<File>,
     looked: Instant,
@@ -47,7 +47,7 @@ impl Premises {
     }
 
     /// The socket for requests, unless it could not be opened.
-    pub fn control(&self) -> Option<&Control> {
+    pub fn control(&self) -> Option<&RequestSocket> {
         self.control.as_ref()
     }
 
@@ -105,11 +105,11 @@ impl Premises {
             sys::ask(Call::WriteConfig, write)?;
             self.restored.push("the configuration");
         }
-        if !self.control.as_ref().is_some_and(Control::is_reachable) {
+        if !self.control.as_ref().is_some_and(RequestSocket::is_reachable) {
             if self.control.take().is_some() {
                 self.restored.push("the socket for requests");
             }
-            self.control = Some(Control::open(&self.instance)?);
+            self.control = Some(RequestSocket::open(&self.instance)?);
         }
         Ok(std::mem::take(&mut self.restored))
     }

@@ -6,9 +6,9 @@
 
 use super::sys::{self, Call};
 use super::{Launch, Overrides};
-use crate::monitor::Event;
 use client::instance::Instance;
 use client::private;
+use control::Event;
 use messages::stages::StageId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -128,7 +128,7 @@ mod tests {
         let sources = [
             include_str!("attendants.rs"),
             include_str!("children.rs"),
-            include_str!("control.rs"),
+            include_str!("requests.rs"),
             include_str!("evidence.rs"),
             include_str!("group.rs"),
             include_str!("group/acting.rs"),

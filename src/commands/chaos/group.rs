@@ -6,6 +6,7 @@ use crate::commands::CommandError;
 use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use config::commented_toml;
 use config::snapshot::Snapshot;
+use control::{Report, Request, read_status};
 use grabber::source::Source;
 use messages::ProcessKind;
 use runtime::descriptors;
@@ -16,8 +17,6 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use touchline::monitor::{Report, read_status};
-use touchline::supervisor::{self, Request};
 
 /// Longest time for starting, ending and other events, on a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
@@ -86,7 +85,7 @@ impl Group {
     /// Asks the supervisor to replace a stage's active process; `false` if there is no supervisor.
     pub fn restart(&self, stage: ProcessKind) -> Result<bool, CommandError> {
         let request = Request::Restart(vec![stage.name().into()]);
-        match supervisor::ask(&self.instance, &request, PATIENCE) {
+        match control::ask(&self.instance, &request, PATIENCE) {
             Ok(answer) => Ok(answer.map(|_| true)?),
             Err(_) => Ok(false),
         }
@@ -104,7 +103,7 @@ impl Group {
         let candidate = self.place.join("candidate.toml");
         std::fs::write(&candidate, commented_toml(config))?;
         let request = Request::Reload { file: candidate, base: None };
-        match supervisor::ask(&self.instance, &request, PATIENCE) {
+        match control::ask(&self.instance, &request, PATIENCE) {
             Ok(answer) => Ok(answer.map(|_| true)?),
             Err(_) => Ok(false),
         }

@@ -33,6 +33,7 @@ use crate::cli::ChaosArgs;
 use bystanders::Bystanders;
 use client::clock::{monotonic_ns, wall_ns};
 use config::Config;
+use control::Report;
 use group::{Group, LAST_WORDS, PATIENCE};
 use leaks::Usage;
 use messages::ProcessKind;
@@ -49,7 +50,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use touchline::monitor::Report;
 use vandal::Vandal;
 
 /// Time between two rounds of the main loop.

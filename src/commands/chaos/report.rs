@@ -57,7 +57,7 @@ pub struct ChaosReport {
     /// Resources left after its end.
     pub left: Leftovers,
     /// The group's own last report.
-    pub group: Option<touchline::monitor::Report>,
+    pub group: Option<control::Report>,
     /// The supervisor's log: every event, with its evidence.
     pub group_log: Vec<String>,
 }

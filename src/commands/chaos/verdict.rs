@@ -343,8 +343,8 @@ mod tests {
     use super::super::leaks::{Leftovers, Usage};
     use super::super::report::{Ended, Frames, tests::done};
     use super::*;
+    use control::Report;
     use messages::ProcessKind;
-    use touchline::monitor::Report;
 
     fn good() -> ChaosReport {
         let usage = Usage {

@@ -2,12 +2,12 @@
 //! configuration and take over stage by stage, so no frame is lost.
 
 use super::{Group, settings, tick};
-use crate::monitor::Event as LogEvent;
-use crate::supervisor::control::{Answer, Done};
 use crate::supervisor::policy::MemberId;
 use client::clock::monotonic_ns;
 use config::Config;
 use config::change::changes;
+use control::Event as LogEvent;
+use control::{Answer, Done};
 use messages::{Attendant, EventKind, ProcessKind};
 use std::path::Path;
 

@@ -1,12 +1,13 @@
 //! The supervisor's own upkeep: its files and connections, the record, the attendants and the report.
 
 use super::{Group, SIGHT};
-use crate::monitor::{Configured, Event as LogEvent, ProcessView};
+use crate::monitor::ProcessView;
 use crate::supervisor::children::Process;
 use crate::supervisor::policy::{Degraded, Lack};
 use crate::supervisor::record::{Member, Record};
 use crate::supervisor::reserve::raise_limit;
 use client::clock::monotonic_ns;
+use control::{Configured, Event as LogEvent};
 use messages::stages::StageId;
 use messages::{Attendant, EventKind, ProcessState};
 use std::time::{Duration, Instant};

@@ -1,66 +1,24 @@
-//! Requests to a running supervisor: a socket in the runtime directory, which only the group's user can
-//! reach.
-//!
-//! Request and answer are one JSON datagram each. A datagram arrives as a whole, so a supervisor never
-//! waits for a client.
+//! The supervisor's end of the socket for [requests](control::Request).
 
 use super::sys::{self, Call};
 use client::instance::Instance;
 use client::private;
-use serde::{Deserialize, Serialize};
+use control::{Answer, MAX_REQUEST_BYTES, Request};
 use std::fs;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::PathBuf;
-use std::time::Duration;
 
-/// A request during a match.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Request {
-    /// Replace the active processes of these stages, each by its spare.
-    Restart(Vec<String>),
-    /// Hand over to this program.
-    Upgrade(PathBuf),
-    /// Go over to the configuration in a file.
-    Reload {
-        /// The file.
-        file: PathBuf,
-        /// The revision that the change was made from; the request is refused if there is a newer one by now.
-        /// `None` for a configuration that is wanted whatever the group runs with.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        base: Option<u32>,
-    },
-    /// Go back to the configuration before the present one.
-    Rollback,
-    /// Write these words among the events, to be found again in the log and in recordings.
-    Mark(String),
-}
-
-/// `Ok` if the request is carried out; otherwise the reason for refusing it.
-pub type Answer = Result<Done, String>;
-
-/// A request that is carried out.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Done {
-    /// The new revision of the configuration; `None` if it stays.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub revision: Option<u32>,
-}
-
-/// Longest request.
-const MAX_BYTES: usize = 8192;
-
-/// The supervisor's end of the socket.
-pub struct Control {
+/// Receives requests and answers them.
+pub struct RequestSocket {
     socket: UnixDatagram,
     path: PathBuf,
     inode: u64,
 }
 
-impl Control {
+impl RequestSocket {
     /// Opens the socket, replacing one that a dead supervisor left. Only for the holder of the
     /// instance's lock.
     pub fn open(instance: &Instance) -> io::Result<Self> {
@@ -88,7 +46,7 @@ impl Control {
 
     /// The next request and its sender. An invalid request is refused at once.
     pub fn next(&self) -> Option<(Request, SocketAddr)> {
-        let mut buffer = [0; MAX_BYTES];
+        let mut buffer = [0; MAX_REQUEST_BYTES];
         loop {
             let receive = || self.socket.recv_from(&mut buffer);
             let (length, sender) = sys::ask(Call::ReceiveRequest, receive).ok()?;
@@ -111,7 +69,7 @@ impl Control {
     }
 }
 
-impl Drop for Control {
+impl Drop for RequestSocket {
     fn drop(&mut self) {
         if self.is_reachable() {
             let _ = fs::remove_file(&self.path);
@@ -119,29 +77,12 @@ impl Drop for Control {
     }
 }
 
-/// Sends a request to a group's supervisor. The outer error is a failed exchange; the inner result
-/// is the answer.
-pub fn ask(instance: &Instance, request: &Request, patience: Duration) -> io::Result<Answer> {
-    let own = instance.directory().join(format!("control-{}", std::process::id()));
-    let _ = fs::remove_file(&own);
-    let socket = private::bind_datagram(&own)?;
-    let exchange = || {
-        socket.set_read_timeout(Some(patience))?;
-        socket.set_write_timeout(Some(patience))?;
-        socket.send_to(&serde_json::to_vec(request)?, instance.control_path())?;
-        let mut buffer = [0; MAX_BYTES];
-        let length = socket.recv(&mut buffer)?;
-        Ok(serde_json::from_slice(&buffer[..length])?)
-    };
-    let outcome = exchange();
-    let _ = fs::remove_file(&own);
-    outcome
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use control::ask;
     use std::ffi::OsString;
+    use std::time::Duration;
 
     #[test]
     fn requests_are_answered_and_invalid_ones_are_refused() {
@@ -153,8 +94,8 @@ mod tests {
         assert!(ask(&instance, &request, patience).is_err(), "nobody is there");
 
         // A dead supervisor's socket file stays.
-        std::mem::forget(Control::open(&instance).unwrap());
-        let control = Control::open(&instance).unwrap();
+        std::mem::forget(RequestSocket::open(&instance).unwrap());
+        let control = RequestSocket::open(&instance).unwrap();
         assert_eq!(fs::symlink_metadata(&control.path).unwrap().mode() & 0o777, 0o600);
         let server = std::thread::spawn(move || {
             let stranger = UnixDatagram::unbound().unwrap();
