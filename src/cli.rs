@@ -14,7 +14,9 @@ pub use console::ConsoleArgs;
 pub use from_group::FromGroupArgs;
 pub use operate::{ReloadArgs, RestartArgs, RollbackArgs, UpgradeArgs};
 pub use pictures::{DetectArgs, LearnArgs, ScoreArgs};
-pub use recordings::{ExportArgs, InfoArgs, RecordArgs, RecoverArgs, ReplayArgs};
+pub use recordings::{
+    ExportArgs, InfoArgs, RecordArgs, RecordingViewerArgs, RecoverArgs, ReplayArgs,
+};
 pub use stages::{AttendantArgs, GrabberArgs, StageArgs};
 pub use topics::{TopicsArgs, TopicsFormat};
 
@@ -160,6 +162,9 @@ pub enum Command {
     /// Answers a request of the console about setting up: JSON on standard input and output.
     #[command(hide = true)]
     SetupWorker(SetupWorkerArgs),
+    /// Answers questions of the console about a recording: standard input and output.
+    #[command(hide = true)]
+    RecordingViewer(RecordingViewerArgs),
     /// Disturbs a match of its own at random, and checks that nothing is lost.
     ///
     /// Starts a match that no other group notices, kills, freezes and otherwise troubles

@@ -5,8 +5,9 @@
 //! [`attendants`] lists the processes that serve people, of which are [`gateway`], [`publisher`] and [`console`].
 //! [`top_scale`] measures whether robot tops have the configured size, and [`colorless`] whether pictures have
 //! colours. [`recorder`] and [`replay`] write
-//! recordings and compute them again. [`live_frames`] copies frames of a running group, and [`setup_worker`] sets a
-//! pitch up from them in a process of its own. The command line and the commands are the program's alone.
+//! recordings and compute them again, [`viewing`] shows them. [`live_frames`] copies frames of a running group, and
+//! [`setup_worker`] sets a pitch up from them in a process of its own. The command line and the commands are the
+//! program's alone.
 
 // A process outlives the readers of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
@@ -26,3 +27,4 @@ pub mod replay;
 pub mod setup_worker;
 pub mod supervisor;
 pub mod top_scale;
+pub mod viewing;

@@ -12,9 +12,9 @@ pub struct RecordArgs {
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
     /// What to record, separated by commas: frames, runs, detections, world, commands, truth, health,
-    /// and scene, which is for viewers
+    /// events, and scene, which is for viewers
     #[arg(long, value_name = "TOPICS", value_delimiter = ',', value_parser = parse_topic,
-        default_value = "frames,detections,world,commands,truth,health,scene")]
+        default_value = "frames,detections,world,commands,truth,health,events,scene")]
     pub topics: Vec<Channel>,
     /// End after so many seconds
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
@@ -35,6 +35,9 @@ pub struct RecordArgs {
     /// Show no progress
     #[arg(long)]
     pub quiet: bool,
+    /// Print progress on standard output as lines of JSON, twice a second
+    #[arg(long, hide = true)]
+    pub progress: bool,
 }
 
 /// Arguments of `recover`.
@@ -80,13 +83,24 @@ pub struct ReplayArgs {
     pub verify: bool,
 }
 
+/// Arguments of `recording-viewer`.
+#[derive(Debug, Args)]
+pub struct RecordingViewerArgs {
+    /// The recording
+    pub file: PathBuf,
+    /// The group.
+    #[command(flatten)]
+    pub instance: InstanceArgs,
+}
+
 /// Arguments of `export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// The recording
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// Write robots and ball of detections, world and truth to a table, one row each
+    /// Write robots and ball of detections, world and truth to a table, one row each; - stands for standard
+    /// output, also with --ssl-log
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Write detections and world as a log file of the SSL, with the field's geometry; compressed if the
@@ -112,7 +126,7 @@ fn parse_topic(text: &str) -> Result<Channel, String> {
             channel != Channel::Setup && (!channel.is_derived() || channel == Channel::Scene)
         })
         .ok_or_else(|| {
-            "use frames, runs, detections, world, commands, truth, health or scene".into()
+            "use frames, runs, detections, world, commands, truth, health, events or scene".into()
         })
 }
 

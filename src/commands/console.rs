@@ -19,7 +19,7 @@ pub fn console(args: ConsoleArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.run.instance)?;
     if !instance.is_supervised() {
         // It says where the page is when it starts.
-        return run::run(args.run);
+        return run::for_console(args.run);
     }
     let Some(place) = Place::read(&instance) else {
         return Err(format!(

@@ -74,6 +74,7 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Export(args)) => recordings::export(args),
         Some(Command::Recover(args)) => recordings::recover(args),
         Some(Command::SetupWorker(args)) => setup_worker::work(args),
+        Some(Command::RecordingViewer(args)) => recordings::view(args),
         Some(Command::Config(command)) => config::execute(command),
         Some(Command::Grabber(args)) => grabber_stage(args),
         Some(Command::Classifier(args)) => {

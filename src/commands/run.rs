@@ -26,9 +26,25 @@ const NO_CONSOLE_VARIABLE: &str = "TOUCHLINE_NO_CONSOLE";
 
 /// Runs a group until it is done or stopped.
 pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
+    start(args, false)
+}
+
+/// Runs a group for its console: to look at a camera, pictures or a recording. A recording is played again and
+/// again, as the page would end with it.
+pub fn for_console(mut args: RunArgs) -> Result<ExitCode, CommandError> {
+    if let Source::Recording(playlist) = &mut args.source {
+        playlist.is_loop = true;
+    }
+    start(args, true)
+}
+
+fn start(args: RunArgs, for_console: bool) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance)?;
-    let (launch, config) =
-        if args.adopt { left_behind(&instance)? } else { asked_for(&args, &instance)? };
+    let (launch, config) = if args.adopt {
+        left_behind(&instance)?
+    } else {
+        asked_for(&args, &instance, for_console)?
+    };
     // Problems of the source are reported now, not by a grabber that dies in the background.
     grabber::source::check(&launch.source, &config)?;
     for complaint in runtime::scheduling::unavailable(&config.scheduling) {
@@ -73,7 +89,11 @@ pub fn run(args: RunArgs) -> Result<ExitCode, CommandError> {
 }
 
 /// The group that the command line describes.
-fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), CommandError> {
+fn asked_for(
+    args: &RunArgs,
+    instance: &Instance,
+    for_console: bool,
+) -> Result<(Launch, Config), CommandError> {
     let config = match (&args.config, &args.source) {
         // A recording is normally played with the configuration it was made with.
         (None, Source::Recording(playlist)) => {
@@ -88,7 +108,8 @@ fn asked_for(args: &RunArgs, instance: &Instance) -> Result<(Launch, Config), Co
     };
     let source = absolute(args.source.clone())?;
     let no_console = args.no_console || std::env::var_os(NO_CONSOLE_VARIABLE).is_some();
-    let overrides = Overrides { fps: args.fps, publish: args.publish.clone(), no_console };
+    let overrides =
+        Overrides { fps: args.fps, publish: args.publish.clone(), no_console, for_console };
     let config = as_run(config, &overrides, &source);
     let ends_at_ns = args.seconds.map(|seconds| monotonic_ns() + (seconds * 1e9) as u64);
     let config_file = args.config.as_deref().map(std::path::absolute).transpose()?;

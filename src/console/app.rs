@@ -3,6 +3,7 @@
 use super::access::Policy;
 use super::desk::Desk;
 use super::recording::Recordings;
+use super::viewers::Viewers;
 use client::instance::Instance;
 use config::ConsoleConfig;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,8 @@ use tokio::sync::Semaphore;
 /// the owner out.
 const SOCKETS: usize = 32;
 const WATCHING_SOCKETS: usize = 48;
+/// Most jobs of the set-up that wait.
+const WAITING_JOBS: usize = 8;
 
 /// The group, and who may do what.
 pub struct App {
@@ -28,10 +31,18 @@ pub struct App {
     pub watching_sockets: Arc<Semaphore>,
     /// Free jobs of the set-up: one at a time.
     pub jobs: Semaphore,
+    /// Free places of jobs that wait for their turn.
+    pub waiting_jobs: Semaphore,
     /// Held by the request that changes something: one at a time.
     pub changes: tokio::sync::Mutex<()>,
     /// The recording that was started here.
     pub recordings: Recordings,
+    /// Recordings that are looked at.
+    pub viewers: Viewers,
+    /// Directories whose recordings may be looked at, besides the console's own.
+    pub recording_directories: Vec<PathBuf>,
+    /// Free exports: one at a time.
+    pub exports: Arc<Semaphore>,
     /// The file that a group without a file was saved to.
     saved_to: Mutex<Option<PathBuf>>,
 }
@@ -47,8 +58,12 @@ impl App {
             sockets: Arc::new(Semaphore::new(SOCKETS)),
             watching_sockets: Arc::new(Semaphore::new(WATCHING_SOCKETS)),
             jobs: Semaphore::new(1),
+            waiting_jobs: Semaphore::new(WAITING_JOBS),
             changes: tokio::sync::Mutex::new(()),
             recordings: Recordings::new(instance),
+            viewers: Viewers::new(instance),
+            recording_directories: config.recordings.iter().map(PathBuf::from).collect(),
+            exports: Arc::new(Semaphore::new(1)),
             saved_to: Mutex::default(),
         }
     }

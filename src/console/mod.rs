@@ -7,7 +7,8 @@
 //! newest of what clients wait for on a [`desk`]; [`server`] accepts connections, [`routes`] lets through what
 //! [`access`] permits, and a task for each client takes from the desk. [`scene`] turns messages into what a page
 //! draws, [`picture`] frames into pictures. [`changes`] asks the supervisor for what [`changing`] has checked,
-//! [`saving`] writes it into the user's file, [`jobs`] sets a pitch up. [`place`] is where the console is found.
+//! [`saving`] writes it into the user's file, [`jobs`] sets a pitch up. [`recording`] records,
+//! [`recordings`] shows what was recorded, by processes of [`viewers`] and [`export`]. [`place`] is where the console is found.
 
 pub mod access;
 mod answer;
@@ -15,22 +16,26 @@ mod app;
 mod changes;
 pub mod changing;
 mod desk;
+mod export;
 pub mod foxglove;
 mod jobs;
 pub mod live;
 mod metrics;
 mod page;
 pub mod peer;
-mod picture;
+pub(crate) mod picture;
 pub mod pictures;
 mod place;
-mod reading;
+pub(crate) mod reading;
 mod recording;
+mod recordings;
 mod routes;
 pub mod saving;
-mod scene;
+pub(crate) mod scene;
 mod server;
+mod shelf;
 mod still;
+mod viewers;
 
 pub use place::Place;
 

@@ -12,7 +12,7 @@ use axum::extract::ws::{Message, WebSocketUpgrade};
 use axum::response::Response;
 use messages::FrameHeader;
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -50,8 +50,12 @@ impl Default for Wish {
 impl Wish {
     /// Parses a client's message.
     pub fn parse(text: &str) -> Option<Self> {
-        let wish: Self = serde_json::from_str(text).ok()?;
-        [1, 2, 4].contains(&wish.scale).then_some(wish)
+        serde_json::from_str(text).ok().filter(Self::is_possible)
+    }
+
+    /// Whether there are pictures of this scale.
+    pub(crate) fn is_possible(&self) -> bool {
+        [1, 2, 4].contains(&self.scale)
     }
 }
 
@@ -102,6 +106,17 @@ pub async fn next_frame(app: &App, last: Option<u64>) -> Option<Arc<Frame>> {
 
 /// Length of the header, header, picture.
 fn message(frame: &Frame, wish: Wish) -> Option<Vec<u8>> {
+    let (header, bytes) = encoded(frame, wish)?;
+    let header = header.to_string();
+    let mut message = Vec::with_capacity(4 + header.len() + bytes.len());
+    message.extend((header.len() as u32).to_le_bytes());
+    message.extend(header.as_bytes());
+    message.extend(bytes);
+    Some(message)
+}
+
+/// A frame as a client wishes it: what has to be known of it, and the picture.
+pub(crate) fn encoded(frame: &Frame, wish: Wish) -> Option<(Value, Vec<u8>)> {
     let FrameHeader { seq, t_capture_wall_ns, width, height, .. } = frame.header;
     let (size, scale, bytes, format) = match wish.format {
         Format::Raw => ([width, height], 1, frame.rows(), "raw"),
@@ -116,13 +131,8 @@ fn message(frame: &Frame, wish: Wish) -> Option<Vec<u8>> {
         "seq": seq, "time_s": t_capture_wall_ns as f64 * 1e-9, "width": size[0], "height": size[1],
         "scale": scale, "format": format, "pixel_format": layout.format.name(),
         "bayer": layout.format.is_bayer().then_some(layout.order),
-    })
-    .to_string();
-    let mut message = Vec::with_capacity(4 + header.len() + bytes.len());
-    message.extend((header.len() as u32).to_le_bytes());
-    message.extend(header.as_bytes());
-    message.extend(bytes);
-    Some(message)
+    });
+    Some((header, bytes))
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use super::scene::{Scene, messages};
 use ::messages::stages::StageId;
 use ::messages::topics::{self, Topic};
 use ::messages::{
-    Attendant, ClearStale, DetectionFrame, EventKind, FrameHeader, GroupEvent, Header, Message,
-    Run, RunsHeader, StatusHeader, WorldFrame, read_text,
+    Attendant, ClearStale, DetectionFrame, EventKind, FrameHeader, GroupEvent, Header,
+    LightCorrection, LightReport, Message, Run, RunsHeader, StatusHeader, WorldFrame, read_text,
 };
 use client::bus::{Bus, BusError, Received, Subscriber};
 use client::instance::Instance;
@@ -74,7 +74,10 @@ pub struct Reading {
     runs: Intake<Run, RunsHeader>,
     status: Intake<u8, StatusHeader>,
     events: Intake<GroupEvent, ()>,
+    light: Intake<LightReport, ()>,
     frames: Option<Intake<u8, FrameHeader>>,
+    /// The newest correction of the light, for the detections; reported when it changes and now and then.
+    newest_light: Option<LightCorrection>,
     kept_events: VecDeque<Value>,
     event_count: u64,
     status_count: u64,
@@ -98,7 +101,9 @@ impl Reading {
             runs: Intake::new(topics::RUNS, &[Kind::Runs, Kind::RawRuns], false),
             status: Intake::new(topics::STATUS, &[Kind::Status], false),
             events: Intake::new(topics::EVENTS, &[Kind::Events], true),
+            light: Intake::new(topics::LIGHT, &[Kind::Detections], false),
             frames: None,
+            newest_light: None,
             kept_events: VecDeque::new(),
             event_count: 0,
             status_count: 0,
@@ -113,11 +118,18 @@ impl Reading {
         self.look_at_configuration(desk);
         if let Some(scene) = self.scene.clone() {
             self.read_frames(bus, desk, &scene)?;
+            if let Some(received) = self.light.newest(bus, desk)?
+                && let Some(report) = received.message()
+            {
+                self.newest_light = Some(report.correction);
+            }
             if let Some(received) = self.detections.newest(bus, desk)?
                 && let Some(seen) = received.message()
             {
                 if desk.is_awaited(Kind::Detections) {
-                    put(desk, Kind::Detections, seen.frame.seq, &scene.detections(seen));
+                    let mut found = scene.detections(seen);
+                    found["light"] = self.newest_light.map_or(Value::Null, light_json);
+                    put(desk, Kind::Detections, seen.frame.seq, &found);
                 }
                 put_raw(desk, Kind::RawDetections, &seen.frame, seen);
             }
@@ -238,7 +250,13 @@ fn put_raw<T: Message + ClearStale>(desk: &Desk, kind: Kind, frame: &FrameHeader
     desk.put_raw(kind, Raw { seq, t_wall_ns, bytes: bytes.into() });
 }
 
-fn event_json(event: &GroupEvent) -> Value {
+/// How pictures are corrected before their colours are told apart.
+fn light_json(it: LightCorrection) -> Value {
+    json!({ "followed": it.has(LightCorrection::FOLLOWED), "gains": it.gains })
+}
+
+/// An event in the terms of a page.
+pub fn event_json(event: &GroupEvent) -> Value {
     let kind = EventKind::from_number(event.kind).unwrap_or_default();
     let attendant = Attendant::ALL.into_iter().find(|&it| it as u32 == event.process);
     let stage = || StageId::from_number(event.process).map(|stage| stage.to_string());

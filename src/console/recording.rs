@@ -4,7 +4,7 @@
 use super::answer::{self, Failure};
 use super::app::App;
 use super::changes::parsed;
-use crate::supervisor::evidence_directory;
+use super::recordings::own_directory;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -19,6 +19,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::process::ChildStdout;
 
 /// Time for a recording to be completed on a slow disk; then it goes on by itself.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -28,18 +30,41 @@ const LOOK: Duration = Duration::from_millis(20);
 pub struct Recordings {
     instance: Instance,
     running: Mutex<Option<Running>>,
+    /// Files of all recordings that were started here.
+    paths: Mutex<Vec<PathBuf>>,
 }
 
 struct Running {
     child: Child,
     path: PathBuf,
     since_s: f64,
+    progress: Arc<Mutex<Progress>>,
+}
+
+/// A line of `touchline record --progress`.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+pub struct Progress {
+    /// The newest file.
+    path: PathBuf,
+    /// Bytes in all files.
+    bytes: u64,
+    /// Messages that were dropped because the disk was too slow.
+    dropped: u64,
+    /// Frames that never reached the recorder.
+    missed: u64,
+}
+
+impl Progress {
+    /// Parses a line.
+    pub fn parse(line: &str) -> Option<Self> {
+        serde_json::from_str(line).ok()
+    }
 }
 
 impl Recordings {
     /// None runs.
     pub fn new(instance: &Instance) -> Self {
-        Self { instance: instance.clone(), running: Mutex::default() }
+        Self { instance: instance.clone(), running: Mutex::default(), paths: Mutex::default() }
     }
 
     /// Starts one; into a new file of the user's state directory if no path is given.
@@ -56,7 +81,7 @@ impl Recordings {
             }
             Some(path) => std::path::absolute(path).map_err(|error| refused(error.to_string()))?,
             None => {
-                let directory = evidence_directory().join("recordings");
+                let directory = own_directory();
                 private::create_directory(&directory)
                     .map_err(|error| refused(error.to_string()))?;
                 directory.join(format!("{}-{now_s:.0}.mcap", self.instance.name()))
@@ -64,13 +89,20 @@ impl Recordings {
         };
         let mut command = Command::new("/proc/self/exe");
         command
-            .args(["record", "--quiet", "--instance", self.instance.name(), "--"])
+            .args(["record", "--quiet", "--progress", "--instance", self.instance.name(), "--"])
             .arg(&path)
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .stderr(Stdio::null());
-        let child = command.spawn().map_err(|error| refused(error.to_string()))?;
-        *running = Some(Running { child, path: path.clone(), since_s: now_s });
+        let mut child = command.spawn().map_err(|error| refused(error.to_string()))?;
+        let progress = Arc::new(Mutex::new(Progress::default()));
+        // Without its lines it records as well.
+        if let Some(Ok(output)) = child.stdout.take().map(ChildStdout::from_std) {
+            tokio::spawn(follow(output, Arc::clone(&progress)));
+        }
+        *running = Some(Running { child, path: path.clone(), since_s: now_s, progress });
+        drop(running);
+        self.lock_paths().push(path.clone());
         Ok(path)
     }
 
@@ -97,16 +129,40 @@ impl Recordings {
         if !it.lives() {
             return Value::Null;
         }
-        let bytes = fs::metadata(&it.path).map(|data| data.len()).unwrap_or(0);
+        let Progress { path, bytes, dropped, missed } =
+            it.progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        // Nothing was said yet.
+        let path = if path.as_os_str().is_empty() { it.path.clone() } else { path };
+        let bytes = bytes.max(fs::metadata(&path).map_or(0, |data| data.len()));
         let free = it.path.parent().and_then(|place| rustix::fs::statvfs(place).ok());
         let free_bytes = free.map(|free| free.f_bavail * free.f_frsize);
         json!({
-            "path": it.path, "since_s": it.since_s, "bytes": bytes, "free_bytes": free_bytes, "lost": 0,
+            "path": path, "since_s": it.since_s, "bytes": bytes, "free_bytes": free_bytes,
+            "dropped": dropped, "missed": missed, "lost": dropped + missed,
         })
+    }
+
+    /// Files of all recordings that were started here.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        self.lock_paths().clone()
+    }
+
+    fn lock_paths(&self) -> MutexGuard<'_, Vec<PathBuf>> {
+        self.paths.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Running>> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Keeps the newest line of progress, until the process ends.
+async fn follow(output: ChildStdout, progress: Arc<Mutex<Progress>>) {
+    let mut lines = BufReader::new(output).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        if let Some(newest) = Progress::parse(&line) {
+            *progress.lock().unwrap_or_else(PoisonError::into_inner) = newest;
+        }
     }
 }
 
@@ -151,4 +207,17 @@ pub async fn record(State(app): State<Arc<App>>, body: Body) -> Result<Response,
         path
     };
     Ok(answer::of(&json!({ "path": path })))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_progress_are_understood() {
+        let line = r#"{"path":"/tmp/a.mcap","bytes":5,"dropped":2,"missed":1}"#;
+        let progress = Progress { path: "/tmp/a.mcap".into(), bytes: 5, dropped: 2, missed: 1 };
+        assert_eq!(Progress::parse(line), Some(progress));
+        assert_eq!(Progress::parse("recorded 3 frames"), None);
+    }
 }

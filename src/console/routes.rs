@@ -5,7 +5,7 @@ use super::answer::{self, Failure};
 use super::app::App;
 use super::desk;
 use super::server::Connection;
-use super::{changes, foxglove, jobs, live, metrics, page, pictures, recording, still};
+use super::{changes, foxglove, jobs, live, metrics, page, pictures, recording, recordings, still};
 use axum::Router;
 use axum::extract::{Path, Request, State};
 use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN, SET_COOKIE, UPGRADE};
@@ -46,6 +46,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/mark", post(changes::mark))
         .route("/api/record", post(recording::record))
         .route("/api/setup/{kind}", post(jobs::run))
+        .merge(recordings::router())
         .route("/foxglove", get(foxglove::foxglove))
         .route("/metrics", get(metrics::metrics))
         .fallback(async || nothing_there())
@@ -162,7 +163,7 @@ async fn hello(
     let record = crate::supervisor::Record::read(&app.instance).unwrap_or_default();
     answer::of(&json!({
         "version": env!("CARGO_PKG_VERSION"), "instance": app.instance.name(),
-        "rights": rights.name(), "source": record.source, "alone": false,
+        "rights": rights.name(), "source": record.source, "alone": record.overrides.for_console,
         "address": app.policy.place.local_url(),
     }))
 }

@@ -4,7 +4,7 @@
 use super::configurations::{Revised, Revisions};
 use super::queue::Recorded;
 use client::bus::{Bus, BusError, Received, Subscriber};
-use client::clock::monotonic_ns;
+use client::clock::{monotonic_ns, wall_ns};
 use client::consumer::{Order, Position};
 use client::instance::Instance;
 use messages::topics::{self, Topic};
@@ -120,6 +120,15 @@ fn lane(bus: &Bus, channel: Channel) -> Result<Option<Box<dyn Lane>>, BusError> 
             Some(open(bus, channel, &topics::HEALTH, none, move |received, now_ns, out| {
                 take_message(received, &mut copy, out)?;
                 let t_ns = stamp(copy.t_sent_ns, now_ns);
+                Some((t_ns, t_ns))
+            })?)
+        }
+        Channel::Events => {
+            Some(open(bus, channel, &topics::EVENTS, none, move |received, now_ns, out| {
+                let event = received.message()?;
+                let age_ns = wall_ns().saturating_sub(event.t_wall_ns);
+                encode_message(event, out);
+                let t_ns = stamp(now_ns.saturating_sub(age_ns), now_ns);
                 Some((t_ns, t_ns))
             })?)
         }

@@ -14,7 +14,7 @@
 
 mod colors;
 mod field;
-mod input;
+pub(crate) mod input;
 mod trial;
 
 use client::instance::Instance;

@@ -15,6 +15,8 @@ pub struct Overrides {
     pub publish: Vec<String>,
     /// No console.
     pub no_console: bool,
+    /// The group was started for its console, by `touchline console`, not for a match.
+    pub for_console: bool,
 }
 
 /// The configuration of a group whose file says `config`, with what its command line changes.

@@ -32,6 +32,10 @@ export async function open(address) {
       mkdirSync(SHOTS, { recursive: true });
       await page.screenshot({ path: join(SHOTS, `${name}.png`) });
     },
+    /** @param {'light'|'dark'} theme */
+    async setTheme(theme) {
+      await page.evaluate((name) => { document.documentElement.dataset.theme = name; }, theme);
+    },
     async close() {
       await context.close();
       rmSync(profile, { recursive: true, force: true });

@@ -67,6 +67,8 @@ test('what a frame lacks comes from the nearest one', () => {
   const around = history.around(3);
   assert.equal(around.world.seq, 4);
   assert.equal(around.detections.seq, 2);
+  assert.equal(history.around(3, 0).detections, undefined, 'too far away');
+  assert.equal(history.around(3, 1).detections.seq, 2);
 });
 
 test('a new group starts the history again', () => {

@@ -141,13 +141,25 @@ impl Group {
 
     /// Starts `touchline run` with these arguments only.
     pub fn start_plain(name: &str, args: &[&str]) -> Self {
-        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-        let scratch = Scratch::new(name);
-        let instance = Instance::below(&scratch.path.join("run"), "test").unwrap();
         let base = ["run", "--instance", "test"];
-        let arguments: Vec<String> =
-            base.iter().chain(args).map(|argument| argument.to_string()).collect();
-        let supervisor = Self::command(&scratch, &arguments).spawn().unwrap();
+        Self::start_in(Scratch::new(name), &[&base, args].concat(), |_| ())
+    }
+
+    /// Starts `touchline console` with these arguments only, in a directory that may have files already.
+    pub fn start_console(scratch: Scratch, args: &[&str]) -> Self {
+        let base = ["console", "--instance", "test"];
+        Self::start_in(scratch, &[&base, args].concat(), |supervisor| {
+            supervisor.env_remove("TOUCHLINE_NO_CONSOLE");
+        })
+    }
+
+    fn start_in(scratch: Scratch, args: &[&str], change: impl FnOnce(&mut Command)) -> Self {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let instance = Instance::below(&scratch.path.join("run"), "test").unwrap();
+        let arguments: Vec<String> = args.iter().map(|argument| argument.to_string()).collect();
+        let mut supervisor = Self::command(&scratch, &arguments);
+        change(&mut supervisor);
+        let supervisor = supervisor.spawn().unwrap();
         let (seen, namespaces) = Default::default();
         Self { scratch, instance, supervisor, arguments, seen, namespaces, _turn: turn }
     }

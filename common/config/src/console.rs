@@ -23,6 +23,9 @@ pub struct ConsoleConfig {
     pub allow_hosts: Vec<String>,
     /// Whether nothing can be changed from the page.
     pub read_only: bool,
+    /// Directories whose recordings can be looked at in the page, besides those that were made there:
+    /// `["/home/team/matches"]`.
+    pub recordings: Vec<String>,
 }
 
 impl Default for ConsoleConfig {
@@ -33,6 +36,7 @@ impl Default for ConsoleConfig {
             listen: address.to_string(),
             allow_hosts: Vec::new(),
             read_only: false,
+            recordings: Vec::new(),
         }
     }
 }

@@ -76,6 +76,14 @@ impl Chain {
         self.has_world = true;
     }
 
+    /// Goes on from a `world` that another chain or a group has made, so that the next frame has a prediction.
+    /// Tracks of robots that are not configured here are left out.
+    pub fn resume(&mut self, last: &WorldFrame) {
+        self.filter.resume(last);
+        *self.world = *last;
+        self.has_world = true;
+    }
+
     /// Passes commands to the filter.
     pub fn command(&mut self, commands: &Commands) {
         self.filter.command(commands);

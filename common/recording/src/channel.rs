@@ -5,7 +5,9 @@ use crate::scene::{PoseInFrame, PosesInFrame, SceneUpdate};
 use crate::setup::Setup;
 use messages::structure::{Structure, structures_of};
 use messages::topics;
-use messages::{Commands, DetectionFrame, Heartbeat, Run, RunsHeader, TruthFrame, WorldFrame};
+use messages::{
+    Commands, DetectionFrame, GroupEvent, Heartbeat, Run, RunsHeader, TruthFrame, WorldFrame,
+};
 use schemars::{JsonSchema, schema_for};
 use serde::Serialize;
 
@@ -28,6 +30,8 @@ pub enum Channel {
     Truth,
     /// Same as the topic.
     Health,
+    /// Same as the topic: what the supervisor saw and did, and moments that a person has marked.
+    Events,
     /// The pitch, robots and ball of `world` as `foxglove.SceneUpdate`, for viewers.
     Scene,
     /// The robots of `world` as `foxglove.PosesInFrame`, for viewers.
@@ -70,7 +74,7 @@ struct MemorySchema {
 
 impl Channel {
     /// All channels.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Setup,
         Self::Frames,
         Self::Runs,
@@ -79,6 +83,7 @@ impl Channel {
         Self::Commands,
         Self::Truth,
         Self::Health,
+        Self::Events,
         Self::Scene,
         Self::Robots,
         Self::Ball,
@@ -95,6 +100,7 @@ impl Channel {
             Self::Commands => topics::COMMANDS.name.base(),
             Self::Truth => topics::TRUTH.name.base(),
             Self::Health => topics::HEALTH.name.base(),
+            Self::Events => topics::EVENTS.name.base(),
             Self::Scene => "scene",
             Self::Robots => "robots",
             Self::Ball => "ball",
@@ -132,6 +138,7 @@ impl Channel {
             Self::Commands => single::<Commands>(topics::COMMANDS.type_names().element),
             Self::Truth => single::<TruthFrame>(topics::TRUTH.type_names().element),
             Self::Health => single::<Heartbeat>(topics::HEALTH.type_names().element),
+            Self::Events => single::<GroupEvent>(topics::EVENTS.type_names().element),
             Self::Scene => json::<SceneUpdate>("foxglove.SceneUpdate"),
             Self::Robots => json::<PosesInFrame>("foxglove.PosesInFrame"),
             Self::Ball => json::<PoseInFrame>("foxglove.PoseInFrame"),

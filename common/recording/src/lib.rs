@@ -4,6 +4,7 @@
 //! * [`Writer`] writes a file in small chunks, so that little is lost if the process or the power
 //!   fails.
 //! * [`Reader`] reads a file, finished or not, in the order in which the messages were sent.
+//! * [`Archive`] finds any moment of a file by its time, without reading what comes before it.
 //! * [`recover`](recover::recover) makes an unfinished or damaged file a proper recording.
 //!
 //! Frames are written as `foxglove.RawImage` (protobuf) with our own header in an additional field,
@@ -16,6 +17,7 @@
 // A process must survive the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+mod archive;
 mod bytes;
 mod channel;
 mod chunk;
@@ -31,6 +33,7 @@ mod summary;
 mod wire;
 mod writer;
 
+pub use archive::{Archive, Moment};
 pub use channel::{Channel, Description};
 pub use damage::{Damage, Damages, Fault};
 pub use image::{Frame, decode_frame, encode_frame};

@@ -171,6 +171,12 @@ impl Scanner {
         Ok(())
     }
 
+    /// Goes on at this offset of the file.
+    pub fn seek(&mut self, at: u64) {
+        self.place = at;
+        self.is_over = false;
+    }
+
     /// The next piece; `None` after the end.
     pub fn next(&mut self) -> io::Result<Option<Piece>> {
         self.records.clear();

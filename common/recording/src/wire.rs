@@ -260,6 +260,12 @@ pub(crate) fn chunk_index(body: &[u8]) -> Option<(u64, BTreeMap<u16, u64>)> {
     Some((at, indexes))
 }
 
+/// Times of the earliest and the latest message of a chunk, from a summary.
+pub(crate) fn chunk_times(body: &[u8]) -> Option<(u64, u64)> {
+    let mut cursor = Cursor(body);
+    Some((cursor.u64()?, cursor.u64()?))
+}
+
 /// Writes consecutive values.
 #[derive(Debug, Default)]
 pub(crate) struct Encoder(pub Vec<u8>);

@@ -16,15 +16,23 @@ use std::process::ExitCode;
 const COLUMNS: &str = "source,seq,t_capture_ns,what,robot_id,x_mm,y_mm,orientation_rad,v_mm_s,\
                        omega_rad_s,vx_mm_s,vy_mm_s,quality,track_id";
 
+/// Standard output as a file.
+const STDOUT: &str = "/dev/stdout";
+
 /// Writes poses as a table, frames as pictures, or both.
 pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     if args.csv.is_none() && args.png.is_none() && args.ssl_log.is_none() {
         return Err("say what to export: --csv FILE, --png DIR, --ssl-log FILE".into());
     }
+    if [&args.csv, &args.ssl_log].into_iter().flatten().filter(|path| is_stdout(path)).count() > 1 {
+        return Err("only one of them can go to standard output".into());
+    }
     let mut reader = Reader::open(&args.file)?;
     let rule = Rule { inputs: &[&args.file], force: args.force };
-    let mut table = args.csv.as_deref().map(|path| Table::create(path, rule)).transpose()?;
-    let mut log = args.ssl_log.as_deref().map(|path| SslLog::create(path, rule)).transpose()?;
+    let place = |path: &Path| if is_stdout(path) { STDOUT.into() } else { path.to_path_buf() };
+    let (csv, ssl_log) = (args.csv.as_deref().map(place), args.ssl_log.as_deref().map(place));
+    let mut table = csv.as_deref().map(|path| Table::create(path, rule)).transpose()?;
+    let mut log = ssl_log.as_deref().map(|path| SslLog::create(path, rule)).transpose()?;
     if let Some(directory) = &args.png {
         std::fs::create_dir_all(directory)
             .map_err(|error| format!("{}: {error}", directory.display()))?;
@@ -49,10 +57,10 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
         }
     }
     if let (Some(table), Some(path)) = (table, &args.csv) {
-        say_line!("{}: {} rows", path.display(), table.finish()?)?;
+        tell_count(path, table.finish()?, "rows")?;
     }
     if let (Some(log), Some(path)) = (log, &args.ssl_log) {
-        say_line!("{}: {} packets", path.display(), log.finish()?)?;
+        tell_count(path, log.finish()?, "packets")?;
     }
     tell_damages(&args.file, reader.damages());
     if let Some(directory) = &args.png {
@@ -62,6 +70,19 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether a path stands for standard output.
+fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Says how much was written, but not in the middle of it.
+fn tell_count(path: &Path, count: u64, what: &str) -> std::io::Result<()> {
+    if !is_stdout(path) {
+        say_line!("{}: {count} {what}", path.display())?;
+    }
+    Ok(())
 }
 
 /// Saves a frame unprocessed: Bayer data as a grey picture, which `touchline detect` recognises as such.

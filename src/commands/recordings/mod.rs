@@ -7,6 +7,7 @@ mod record;
 mod recover;
 mod replay;
 mod ssl_log;
+mod view;
 
 use recording::Damages;
 use std::path::Path;
@@ -16,6 +17,7 @@ pub use info::info;
 pub use record::record;
 pub use recover::recover;
 pub use replay::replay;
+pub use view::view;
 
 /// Most damaged parts that are listed individually.
 const LISTED_PARTS: usize = 10;

@@ -6,6 +6,7 @@ use crate::commands::CommandError;
 use client::instance::Instance;
 use recording::Channel;
 use runtime::memory_rank::MemoryRank;
+use serde_json::{Value, json};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -48,7 +49,13 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
         keep_free_bytes: args.keep_free,
     };
     let mut display = Display::new(args.quiet);
-    let outcome = recorder::record(&options, &stop, |progress| display.show(progress));
+    let outcome = recorder::record(&options, &stop, |progress| {
+        display.show(progress);
+        if args.progress {
+            // A reader that is gone does not end the recording.
+            let _ = say_line!("{}", progress_json(progress));
+        }
+    });
     display.clear();
     let (end, progress) = outcome?;
     say!("{}", summary(&progress))?;
@@ -60,6 +67,15 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
         .into());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Progress for a program.
+fn progress_json(progress: &Progress) -> Value {
+    json!({
+        "path": progress.path, "bytes": progress.bytes, "dropped": total(&progress.dropped),
+        // Results of a frame that never came are missed for the same reason.
+        "missed": progress.missed.get(&Channel::Frames).copied().unwrap_or_default(),
+    })
 }
 
 fn total(counts: &BTreeMap<Channel, u64>) -> u64 {

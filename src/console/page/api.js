@@ -38,6 +38,19 @@ async function ask(path, options) {
 /** @param {string} path */
 export const get = (path) => ask(path);
 
+/** An answer that is not JSON. @param {string} path @returns {Promise<ArrayBuffer>} */
+export async function getBytes(path) {
+  let response;
+  try {
+    response = await fetch(path, { cache: 'no-store' });
+    if (response.ok) return await response.arrayBuffer();
+  } catch {
+    throw new ApiError(0, { message: 'The console does not answer.', help: 'Wait until the connection is back, then try again.' });
+  }
+  const body = await response.json().catch(() => null);
+  throw new ApiError(response.status, body?.error);
+}
+
 /** @param {string} path @param {object} [body] */
 export function post(path, body = {}) {
   return ask(path, { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body) });

@@ -6,16 +6,17 @@ import { LiveView } from './live-view.js';
 import { MatchView } from './match-view.js';
 import { need } from './needs.js';
 import { SWITCHES } from './overlay.js';
+import { RecordingsView } from './recordings-view.js';
 import { SetupView } from './setup-view.js';
 import { store } from './store.js';
 import { toast } from './toast.js';
 
 /** @typedef {{element: HTMLElement, show: (part: string) => void, hide: () => void, key?: (event: KeyboardEvent) => boolean}} View */
 
-const TABS = /** @type {const} */ ([['live', 'Live'], ['match', 'Match'], ['setup', 'Set-up']]);
+const TABS = /** @type {const} */ ([['live', 'Live'], ['match', 'Match'], ['setup', 'Set-up'], ['recordings', 'Recordings']]);
 
 /** @type {Record<string, () => View>} */
-const MAKE = { live: () => new LiveView(), match: () => new MatchView(), setup: () => new SetupView() };
+const MAKE = { live: () => new LiveView(), match: () => new MatchView(), setup: () => new SetupView(), recordings: () => new RecordingsView() };
 
 /** @type {Map<string, View>} */
 const views = new Map();
@@ -71,7 +72,8 @@ async function act() {
 }
 
 function route() {
-  const [name, part = ''] = location.hash.slice(1).split('/');
+  const [name, ...rest] = location.hash.slice(1).split('/');
+  const part = rest.join('/');
   const known = MAKE[name] ? name : 'live';
   let view = views.get(known);
   if (!view) {
@@ -89,6 +91,11 @@ function route() {
     else link.removeAttribute('aria-current');
   });
   document.title = `Touchline – ${TABS.find(([tab]) => tab === known)?.[1]}`;
+}
+
+/** A page that was started to look at a recording begins with it. */
+function lead() {
+  if (store.hello?.alone && store.hello.source.startsWith('recording:') && !location.hash) location.hash = 'recordings';
 }
 
 /** The figures in the bar, and the line below it. */
@@ -152,7 +159,7 @@ let dialog = null;
 function help() {
   if (dialog?.open) return dialog.close();
   const keys = [
-    ['1 2 3', 'Live, Match, Set-up'], ['D', 'light or dark'], ['?', 'this page'], ['Space', 'pause, and on again'],
+    ['1 2 3 4', 'Live, Match, Set-up, Recordings'], ['D', 'light or dark'], ['?', 'this page'], ['Space', 'pause, and on again'],
     ['← →', 'a frame back, forward'], ['+ − 0', 'zoom in, out, whole picture'], ['Ctrl Z', 'take the last change back'], ['Ctrl S', 'save to the file'],
     ['K', 'mark this moment'],
     ...SWITCHES.map(([, key, title]) => [key, title.toLowerCase()]),
@@ -193,6 +200,7 @@ addEventListener('hashchange', route);
 store.on('status', update);
 store.on('connection', update);
 store.on('hello', update);
+store.on('hello', lead);
 setInterval(update, 500);
 store.start();
 route();

@@ -13,6 +13,8 @@ export class FieldView extends HTMLElement {
     this.canvas = document.createElement('canvas');
     /** @type {Scene|null} */
     this.scene = null;
+    /** The pitch and its robots; without it those of the group. @type {import('./types').Model|null} */
+    this.model = null;
     /** @type {{trails?: boolean, prediction?: boolean, covariance?: boolean, headings?: boolean}} */
     this.switches = {};
     /** Drawn below the robots. @type {((context: CanvasRenderingContext2D, at: (mm: Pair) => Pair, per_mm: number) => void)|null} */
@@ -47,7 +49,7 @@ export class FieldView extends HTMLElement {
 
   /** @private */
   scaling() {
-    const field = store.model?.field;
+    const field = (this.model ?? store.model)?.field;
     const [length, width] = [field?.length_mm ?? 2200, field?.width_mm ?? 1800];
     const around = 0.12 * Math.min(length, width);
     const per_mm = Math.min(this.clientWidth / (length + 2 * around), this.clientHeight / (width + around));
@@ -62,7 +64,7 @@ export class FieldView extends HTMLElement {
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
     const context = canvas.getContext('2d');
-    const model = store.model;
+    const model = this.model ?? store.model;
     if (!context || !width || !height) return;
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.clearRect(0, 0, this.clientWidth, this.clientHeight);
@@ -115,8 +117,9 @@ export class FieldView extends HTMLElement {
   /** @private @param {CanvasRenderingContext2D} context @param {(points: Pair[]) => void} line */
   drawTrails(context, line) {
     const scene = this.scene;
-    if (!scene?.world || !store.model) return;
-    const worlds = store.history.worlds(scene.seq, Math.round(2 * store.model.picture.fps));
+    const model = this.model ?? store.model;
+    if (!scene?.world || !model) return;
+    const worlds = scene.past ?? store.history.worlds(scene.seq, Math.round(2 * model.picture.fps));
     for (const robot of scene.world.robots) {
       line(worlds.flatMap((world) => world.robots.filter((other) => other.name === robot.name).map((other) => other.pose_mm)));
       context.strokeStyle = teamColor(robot.team);
@@ -133,7 +136,7 @@ export class FieldView extends HTMLElement {
    * @param {CSSStyleDeclaration} style
    */
   drawRobot(context, robot, line, at, per_mm, style) {
-    const model = store.model;
+    const model = this.model ?? store.model;
     if (!model) return;
     const seen = robot.seen_ms < 100;
     const heading = robot.heading_deg ?? 0;

@@ -65,13 +65,14 @@ export class History {
   /**
    * What is known of a frame; what is missing there is taken from the nearest one.
    * @param {number} seq
+   * @param {number} [most] frames that it may be away; what is further away is left out
    * @returns {Scene}
    */
-  around(seq) {
+  around(seq, most = Infinity) {
     const near = (/** @type {'detections'|'world'|'runs'} */ part) => {
       let nearest;
       for (const scene of this.scenes.values()) {
-        if (scene[part] && (!nearest || Math.abs(scene.seq - seq) < Math.abs(nearest.seq - seq))) nearest = scene;
+        if (scene[part] && Math.abs(scene.seq - seq) <= most && (!nearest || Math.abs(scene.seq - seq) < Math.abs(nearest.seq - seq))) nearest = scene;
       }
       return nearest;
     };

@@ -1,17 +1,16 @@
 // The live view: the picture with what was found on it, the pitch beside it, the last ten seconds.
 
 import { get, post } from './api.js';
-import { h, keyed, mark, number, replace, say } from './dom.js';
+import { h, mark, number, replace, say } from './dom.js';
 import { FieldView } from './field-view.js';
-import { reasonFor } from './needs.js';
-import { css, drawScene, middle, shortName, SWITCHES } from './overlay.js';
+import { css, drawScene, SWITCHES } from './overlay.js';
 import { PictureView } from './picture-view.js';
 import { canDemosaic, Pictures } from './pictures.js';
+import { RobotsTable } from './robots-table.js';
 import { store } from './store.js';
 import { attempt, toast } from './toast.js';
 
 /** @typedef {import('./types').Scene} Scene */
-/** @typedef {import('./types').RobotName} RobotName */
 
 /** The overlay waits for its picture up to this delay. */
 const IN_STEP_S = 0.5;
@@ -34,8 +33,6 @@ export class LiveView {
     /** @type {Scene|null} */
     this.scene = null;
     this.asking_pixel = false;
-    /** @type {Map<string, import('./types').Pair>} */
-    this.last_px = new Map();
     this.buttons = SWITCHES.map(([name, key, title, on]) => h('button', {
       class: 'switch', 'aria-pressed': String(on), title: `Key ${key.toUpperCase()}`, onclick: () => this.toggle(name),
     }, title, h('kbd', null, key)));
@@ -48,9 +45,7 @@ export class LiveView {
     this.slider = h('input', { type: 'range', min: '0', max: '0', 'aria-label': 'Frame', hidden: true, oninput: () => this.scrub() });
     this.time = h('span', { class: 'soft' });
     this.reading = h('div', { class: 'reading' });
-    this.rows = h('tbody', null);
-    this.ball_row = h('p', { class: 'soft' });
-    this.none = h('p', { class: 'soft' }, 'No robots are configured. ', h('a', { href: '#setup/robots' }, 'Add them in Set-up.'));
+    this.robots = new RobotsTable();
     this.empty = h('div', { class: 'empty over' }, h('b', null, 'No picture yet'), h('span', null, 'Waiting for the camera. If this stays, its state is in Match.'));
     this.picture_ms = 0;
     this.element = h('section', { class: 'live' },
@@ -58,10 +53,7 @@ export class LiveView {
       h('div', { class: 'frame' }, this.picture, this.empty),
       h('div', { class: 'side' },
         h('div', { class: 'panel stack' }, this.field),
-        h('div', { class: 'panel list' },
-          h('table', null, h('thead', null, h('tr', null, h('th', null, 'Robot'), h('th', { class: 'n' }, 'x'), h('th', { class: 'n' }, 'y, mm'), h('th', { class: 'n' }, '°'), h('th', { class: 'n' }, 'mm/s'), h('th', { class: 'n' }, 'seen'))), this.rows),
-          this.none, this.ball_row,
-        ),
+        this.robots.element,
       ),
       h('div', { class: 'under' }, this.pause_button, this.back, this.forward, this.slider, this.time, this.reading),
     );
@@ -216,7 +208,7 @@ export class LiveView {
     const now = performance.now();
     if (this.paused === null && now - (this.listed_ms ?? 0) < 120) return;
     this.listed_ms = now;
-    this.list();
+    this.robots.update(this.scene, store.model);
     if (this.paused === null) return say(this.time, '');
     const behind = ((store.history.newest()?.seq ?? 0) - this.paused) / (store.model?.picture.fps ?? 60);
     say(this.time, `frame ${this.paused}, ${behind.toFixed(2)} s before the pause`);
@@ -224,49 +216,6 @@ export class LiveView {
 
   /** @type {number|undefined} */
   listed_ms;
-
-  /** @private */
-  list() {
-    const { world, detections } = this.scene ?? {};
-    const known = new Map(world?.robots.map((robot) => [robot.name, robot]));
-    for (const robot of detections?.robots ?? []) this.last_px.set(robot.name, robot.center_px);
-    keyed(this.rows, store.model?.robots ?? [], (robot) => robot.name, (robot) => this.row(robot), (row, robot) => {
-      const seen = known.get(robot.name);
-      const cells = row.children;
-      const away = !seen || seen.seen_ms > 250;
-      mark(row, 'is-selected', store.selected === robot.name);
-      mark(/** @type {Element} */ (cells[0].firstElementChild), 'is-away', away);
-      const first = /** @type {HTMLTableCellElement} */ (cells[1]);
-      if (away) {
-        const px = seen?.outline_px?.length ? middle(seen.outline_px) : this.last_px.get(robot.name) ?? null;
-        if (first.colSpan !== 4) first.colSpan = 4;
-        for (const index of [2, 3, 4]) /** @type {HTMLElement} */ (cells[index]).hidden = true;
-        first.className = 'soft';
-        say(first, reasonFor(robot, detections ?? null, px));
-        say(cells[5], seen ? `${(seen.seen_ms / 1000).toFixed(1)} s` : '–');
-        return;
-      }
-      if (first.colSpan !== 1) first.colSpan = 1;
-      first.className = 'n';
-      for (const index of [2, 3, 4]) /** @type {HTMLElement} */ (cells[index]).hidden = false;
-      say(first, number(seen.pose_mm[0]));
-      say(cells[2], number(seen.pose_mm[1]));
-      say(cells[3], number(seen.heading_deg));
-      say(cells[4], number(Math.hypot(...seen.velocity_mm_s)));
-      say(cells[5], seen.seen_ms < 1 ? '✓' : `${seen.seen_ms.toFixed(0)} ms`);
-    });
-    this.none.hidden = (store.model?.robots.length ?? 1) > 0;
-    const ball = world?.ball;
-    const extra = detections?.rejected.length ?? 0;
-    say(this.ball_row, `${ball ? `Ball ${number(ball.position_mm[0])}, ${number(ball.position_mm[1])} mm, ${number(Math.hypot(...ball.velocity_mm_s))} mm/s${ball.visible ? '' : ', not seen now'}` : 'No ball'}${extra ? ` · ${extra} candidate${extra === 1 ? '' : 's'} rejected` : ''}`);
-  }
-
-  /** @private @param {RobotName} robot */
-  row(robot) {
-    return h('tr', { onclick: () => store.select(robot.name) },
-      h('td', null, h('span', { class: robot.team === 'blue' ? 'robot is-blue' : 'robot' }, shortName(robot))),
-      h('td', { class: 'n' }), h('td', { class: 'n' }), h('td', { class: 'n' }), h('td', { class: 'n' }), h('td', { class: 'n' }));
-  }
 
   /** @private @param {import('./types').Pair} px */
   pick(px) {

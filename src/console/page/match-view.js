@@ -34,7 +34,7 @@ export class MatchView {
     this.mark_text = h('input', { type: 'text', placeholder: 'What happened', 'aria-label': 'What happened', onkeydown: (/** @type {KeyboardEvent} */ event) => event.key === 'Enter' && this.mark() });
     this.mark_button = h('button', { onclick: () => this.mark(), title: 'Key K' }, 'Mark');
     this.record_facts = h('dl', { class: 'facts' });
-    replace(this.recording, h('div', { class: 'row' }, this.record_button, h('span', { class: 'grow' }, this.mark_text), this.mark_button), this.record_facts);
+    replace(this.recording, h('div', { class: 'row' }, this.record_button, h('span', { class: 'grow' }, this.mark_text), this.mark_button), this.record_facts, h('a', { href: '#recordings' }, 'Look at recordings'));
     const heads = (/** @type {string[]} */ ...names) => h('thead', null, h('tr', null, names.map((name, index) => h('th', { class: index ? 'n' : '' }, name))));
     const panel = (/** @type {string} */ size, /** @type {string} */ title, /** @type {Node[]} */ ...content) =>
       h('div', { class: `panel ${size}` }, h('h2', null, title), content);
@@ -187,7 +187,8 @@ export class MatchView {
     for (const button of [this.record_button, this.mark_button]) button.disabled = !store.mayChange || !store.connected;
     facts(this.record_facts, recording ? [
       ['File', recording.path],
-      ['Size', `${bytes(recording.bytes)}${recording.free_bytes ? `, ${bytes(recording.free_bytes)} free` : ''}${recording.lost ? `, ${recording.lost} messages lost` : ''}`],
+      ['Size', `${bytes(recording.bytes)}${recording.free_bytes ? `, ${bytes(recording.free_bytes)} free` : ''}`],
+      ...(recording.lost ? /** @type {[string, string][]} */ ([['Lost', `${recording.dropped} messages, because the disk is too slow; ${recording.missed} frames never reached the recorder`]]) : []),
     ] : []);
   }
 

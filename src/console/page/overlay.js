@@ -177,7 +177,7 @@ function drawRobots(context, view, scene, on) {
 function drawTracks(context, view, scene, model, on) {
   const found = new Set(scene.detections?.robots.map((robot) => robot.name));
   if (on.trails) {
-    const worlds = store.history.worlds(scene.seq, Math.round(2 * model.picture.fps));
+    const worlds = scene.past ?? store.history.worlds(scene.seq, Math.round(2 * model.picture.fps));
     for (const robot of scene.world?.robots ?? []) {
       const points = worlds.map((world) => world.robots.find((other) => other.name === robot.name)?.outline_px).filter((outline) => outline?.length);
       path(context, view, points.map((outline) => middle(/** @type {Pair[]} */ (outline))));

@@ -29,6 +29,8 @@ export class PictureView extends HTMLElement {
     this.size = { width: 640, height: 480 };
     /** @type {ViewTransform} */
     this.view = { scale: 1, left: 0, top: 0 };
+    /** Number of the shown frame; 0 before the first. */
+    this.seq = 0;
     this.fit_scale = 1;
     this.is_fitted = true;
     this.bayer = new BayerView();
@@ -64,6 +66,7 @@ export class PictureView extends HTMLElement {
   /** Shows a picture of any scale. @param {Picture} picture */
   async show(picture) {
     const { header, bytes } = picture;
+    this.seq = header.seq;
     const size = { width: header.width * header.scale, height: header.height * header.scale };
     if (header.format === 'raw') {
       this.bayer.load(picture);
@@ -92,7 +95,7 @@ export class PictureView extends HTMLElement {
     this.is_fitted = true;
     const scale = this.fit_scale;
     this.view = { scale, left: (width - this.size.width * scale) / 2, top: (height - this.size.height * scale) / 2 };
-    this.drawAll();
+    this.moved();
   }
 
   /** How much of its resolution the picture needs. @returns {1|2|4} */
@@ -126,6 +129,19 @@ export class PictureView extends HTMLElement {
       size <= room ? (room - size) / 2 : Math.min(0, Math.max(room - size, at));
     this.view.left = within(this.view.left, this.clientWidth, this.size.width * scale);
     this.view.top = within(this.view.top, this.clientHeight, this.size.height * scale);
+    this.moved();
+  }
+
+  /** @private */
+  moved() {
+    this.drawAll();
+    this.dispatchEvent(new CustomEvent('view'));
+  }
+
+  /** Shows the same part as another one of the same size. @param {PictureView} other */
+  follow(other) {
+    this.is_fitted = other.is_fitted;
+    this.view = { ...other.view };
     this.drawAll();
   }
 

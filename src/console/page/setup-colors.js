@@ -144,7 +144,7 @@ export class ColorsStep {
   async pick(px, x, y) {
     this.closeMenu();
     const at = /** @type {Pair} */ (px.map(Math.round));
-    const pixel = await get(`/api/pixel?x=${at[0]}&y=${at[1]}&seq=0`).catch(() => null);
+    const pixel = await get(`/api/pixel?x=${at[0]}&y=${at[1]}&seq=${this.picture.seq}`).catch(() => null);
     const colors = changes.values?.colors ?? [];
     const menu = h('div', { class: 'menu', role: 'menu' },
       h('p', null, pixel ? `RGB ${pixel.rgb.map(Math.round).join(' ')}: ${pixel.colors.length ? pixel.colors.join(', ') : 'no colour'}` : `pixel ${at.join(', ')}`),
@@ -208,7 +208,8 @@ export class ColorsStep {
     }
     if (this.bounds.querySelector('button:active')) return;
     this.picture.bayer.colors = values.colors;
-    this.picture.bayer.gains = store.status?.light?.followed ? store.status.light.gains : [1, 1, 1];
+    const light = store.detections?.light ?? store.status?.light;
+    this.picture.bayer.gains = light?.followed ? light.gains : [1, 1, 1];
   }
 
   /** @param {CanvasRenderingContext2D} context @param {import('./types').ViewTransform} view */

@@ -31,6 +31,8 @@ import { store } from './store.js';
 
 /** How long the frame on which a proposal was tried is shown. */
 const HELD_MS = 2500;
+/** The overlay is that of a frame at most so far from the picture. */
+const IN_STEP_S = 0.1;
 
 const NO_SWITCHES = {
   robots: false, names: false, headings: false, ball: false, rejected: false, regions: false, runs: false, trails: false, prediction: false,
@@ -186,7 +188,8 @@ export class SetupView {
   scene() {
     const tried = changes.tried?.detections;
     if (this.holds && tried) return { seq: tried.seq, detections: tried };
-    return store.history.around(this.shown_seq);
+    // Outlines beside their robots would look like a wrong set-up: better none for a moment.
+    return store.history.around(this.shown_seq, Math.max(2, Math.round(IN_STEP_S * (store.model?.picture.fps ?? 60))));
   }
 
   shown_seq = 0;

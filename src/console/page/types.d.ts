@@ -35,7 +35,7 @@ export interface Rejected { center_px: Pair; team: string | null; color: string 
 export interface Detections {
   seq: number; revision: number; time_s: number;
   regions: SeenRegion[]; robots: SeenRobot[]; balls: SeenBall[]; rejected: Rejected[];
-  light?: { gains?: number[] } | null;
+  light?: { followed: boolean; gains: number[] } | null;
 }
 
 export interface WorldRobot extends RobotName {
@@ -94,7 +94,7 @@ export interface Status {
   attendants?: Record<string, { pid: number | null; restarts: number }>;
   commanders?: { pid: number; name: string; robots: string[]; overruled?: string[]; messages: number; floods?: boolean }[];
   strangers?: { pid: number; name: string; program: string; topic: string; messages: number }[];
-  recording?: { path: string; since_s: number; bytes: number; free_bytes: number; lost: number } | null;
+  recording?: { path: string; since_s: number; bytes: number; free_bytes: number; dropped: number; missed: number; lost: number } | null;
   events: GroupEvent[];
 }
 
@@ -140,7 +140,11 @@ export interface PictureHeader {
 export interface Picture { header: PictureHeader; bytes: Uint8Array<ArrayBuffer> }
 
 /** All that is known of one frame, to be drawn together. */
-export interface Scene { seq: number; detections?: Detections; world?: World; runs?: Runs; picture?: Picture }
+export interface Scene {
+  seq: number; detections?: Detections; world?: World; runs?: Runs; picture?: Picture;
+  /** Worlds before it, for trails; without them those of the last seconds. */
+  past?: World[];
+}
 
 /** From picture pixels to CSS pixels of a canvas: x = (x_px + 0.5) · scale + left. */
 export interface ViewTransform { scale: number; left: number; top: number }
@@ -148,4 +152,33 @@ export interface ViewTransform { scale: number; left: number; top: number }
 export interface PixelReading {
   raw: number | null; rgb: [number, number, number]; hue_deg: number | null; saturation: number; intensity: number;
   field_mm: Pair | null; colors: string[];
+}
+
+/** A recording in the list. */
+export interface ListedRecording { place: string; name: string; directory: string; bytes: number; modified_s: number }
+export interface RecordingList { recordings: ListedRecording[]; directories: string[]; played: string | null }
+/** An opened recording; times are seconds since its first frame. */
+export interface Opened {
+  frames: number; seconds: number; begins_s: number; has_pictures: boolean; instance: string; version: string; revision: number;
+  configurations: { revision: number; after_s: number; changes: string[] }[];
+}
+/** What another configuration finds on the same frame. */
+export interface OtherResults { detections: Detections; world: World; runs: number[] }
+export interface RecordedFrame {
+  index: number; time_s: number; damaged?: boolean; clock_s?: number; seq?: number; revision?: number; detections?: Detections | null;
+  world?: World | null; runs?: number[] | null; picture?: PictureHeader | null; other?: OtherResults | null;
+}
+export interface ComparedRow {
+  team: Team | null; identity: number | null; recorded: number; other: number; both: number; elsewhere: number; apart_mm: number | null;
+  why_recorded: string | null; why_other: string | null;
+}
+export interface ComparisonReport {
+  name: string; from_s: number; to_s: number; done: number; is_done: boolean; frames: number; without_results: number; failed: number;
+  fault: string | null; different: number; rows: ComparedRow[];
+}
+/** For the time line, in equal parts of the time: the fewest robots found in a frame, and so on. */
+export interface Survey {
+  done: number; robots: (number | null)[]; ball: (boolean | null)[]; different: number[];
+  gaps: { from_s: number; to_s: number; missing: number }[]; events: (GroupEvent & { after_s: number })[];
+  comparison: ComparisonReport | null;
 }

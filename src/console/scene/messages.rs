@@ -143,6 +143,11 @@ impl Scene {
 }
 
 /// Runs as one list of numbers: row, first and last column, class, and so on.
+pub fn runs_list<'a>(runs: impl Iterator<Item = &'a Run>) -> Vec<u16> {
+    runs.flat_map(|run| [run.row, run.begin, run.end.saturating_sub(1), run.class.into()]).collect()
+}
+
+/// The same with the number of the frame, as text.
 pub fn runs(seq: u64, revision: u32, runs: &[Run]) -> String {
     let mut text = String::with_capacity(64 + 20 * runs.len());
     let _ = write!(text, "{{\"seq\":{seq},\"revision\":{revision},\"runs\":[");

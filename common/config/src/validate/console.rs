@@ -3,6 +3,7 @@
 use super::super::Config;
 use super::super::problem::{Problem, quoted};
 use std::net::SocketAddr;
+use std::path::Path;
 
 pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
     let console = &config.console;
@@ -17,6 +18,14 @@ pub(super) fn check(config: &Config, problems: &mut Vec<Problem>) {
             let message = format!("{} is not the name of a computer", quoted(host));
             let problem = Problem::new(format!("console.allow_hosts[{index}]"), message);
             problems.push(problem.help("for example \"touchline.example.org\""));
+        }
+    }
+    for (index, directory) in console.recordings.iter().enumerate() {
+        // The console's process runs where the group was started.
+        if !Path::new(directory).is_absolute() {
+            let message = format!("{} does not begin with /", quoted(directory));
+            let problem = Problem::new(format!("console.recordings[{index}]"), message);
+            problems.push(problem.help("for example \"/home/team/matches\""));
         }
     }
 }
@@ -34,6 +43,10 @@ mod tests {
         });
         refused("console.allow_hosts[0]", "name of a computer", |config| {
             config.console.allow_hosts = vec!["http://a/".into()];
+        });
+        accepted(|config| config.console.recordings = vec!["/srv/matches".into()]);
+        refused("console.recordings[0]", "does not begin with /", |config| {
+            config.console.recordings = vec!["matches".into()];
         });
     }
 }
