@@ -64,7 +64,8 @@ fn node(arguments: &[&str], variables: &[(&str, &str)]) {
     command.args(arguments).envs(variables.iter().copied()).current_dir(directory());
     let output = command.output().expect("node runs");
     let text = [output.stdout, output.stderr].concat();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&text));
+    println!("{}", String::from_utf8_lossy(&text));
+    assert!(output.status.success(), "{arguments:?}");
 }
 
 #[test]

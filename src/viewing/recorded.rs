@@ -6,7 +6,9 @@ use crate::console::scene::Scene;
 use config::change::changes;
 use config::snapshot::Snapshot;
 use messages::{DetectionFrame, FrameHeader, Run, RunsHeader, WorldFrame};
-use recording::{Archive, Channel, Entry, Setup, decode_frame, decode_list, decode_message};
+use recording::{
+    Archive, Channel, Entry, Moment, Setup, decode_frame, decode_list, decode_message,
+};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::mem::offset_of;
@@ -15,10 +17,11 @@ use std::rc::Rc;
 
 /// Chunks kept in memory, each with some frames.
 const KEPT_CHUNKS: usize = 12;
-/// Chunks around that of a frame in which its results may be: a recorder empties one topic after the other, and
-/// ends a chunk after 40 ms.
-const BEFORE: usize = 1;
-const BEHIND: usize = 3;
+/// Chunks around that of a frame in which its results may be: a recorder empties one topic after the other, after a
+/// pause with many frames, and a large frame fills a chunk.
+const AROUND: usize = 64;
+/// Longest time after a frame in which its results were sent.
+const RESULTS_NS: u64 = 300_000_000;
 /// Most keys told of a changed configuration.
 const MOST_KEYS: usize = 40;
 
@@ -154,15 +157,29 @@ impl Recorded {
             world: None,
             runs: None,
         };
-        for chunk in around(chunk) {
+        for chunk in self.around(moment) {
             for entry in self.chunk(chunk)?.iter() {
                 at.take(entry);
             }
-            if chunk >= moment.chunk as usize && at.world.is_some() && at.detections.is_some() {
+            if at.world.is_some() && at.detections.is_some() {
                 break;
             }
         }
         Ok(Some(at))
+    }
+
+    /// Chunks with messages that were sent soon after a frame, that of the frame first.
+    fn around(&self, moment: Moment) -> Vec<usize> {
+        let (own, t_ns) = (moment.chunk as usize, moment.t_sent_ns);
+        let is_in_time = |&chunk: &usize| {
+            let times_ns = self.archive.chunk_times_ns(chunk);
+            times_ns.is_some_and(|(from, to)| to >= t_ns && from <= t_ns + RESULTS_NS)
+        };
+        let range = own.saturating_sub(AROUND)..=own + AROUND;
+        let mut near: Vec<usize> =
+            range.filter(|chunk| *chunk == own || is_in_time(chunk)).collect();
+        near.sort_by_key(|chunk| chunk.abs_diff(own));
+        near
     }
 
     /// What does not change from frame to frame.
@@ -190,11 +207,6 @@ impl Recorded {
             "configurations": configurations.collect::<Vec<_>>(),
         })
     }
-}
-
-/// Chunks in which the results of a frame may be that is in this one.
-fn around(chunk: usize) -> impl Iterator<Item = usize> {
-    chunk.saturating_sub(BEFORE)..=chunk + BEHIND
 }
 
 /// Number of the frame that a message is about, without decoding all of it.

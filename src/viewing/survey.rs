@@ -11,7 +11,7 @@ use std::collections::HashMap;
 const MOST_EVENTS: usize = 1000;
 const MOST_GAPS: usize = 1000;
 /// Chunks after which results without a frame are given up.
-const PATIENCE: usize = 8;
+const PATIENCE: usize = 128;
 
 /// What is known of a frame.
 #[derive(Debug, Clone, Copy, Default)]
