@@ -46,8 +46,12 @@ fn a_page_sees_what_the_group_sees() {
     let kinds = ["detections", "world", "runs", "status", "events"];
     let (mut seen, mut after) = (Value::Null, json!({}));
     let deadline = Instant::now() + PATIENCE;
-    // The match has begun when all robots are tracked.
-    while seen["world"]["robots"].as_array().is_none_or(|robots| robots.len() < 10) {
+    // The match has begun when all robots are tracked. The first of each kind may come in another answer.
+    let is_begun = |seen: &Value| {
+        seen["world"]["robots"].as_array().is_some_and(|robots| robots.len() == 10)
+            && kinds.iter().all(|kind| seen[kind].is_object())
+    };
+    while !is_begun(&seen) {
         assert!(Instant::now() < deadline, "{seen}");
         let news = credit(&mut live, &json!({ "want": kinds, "after": after }));
         for (kind, news) in news.as_object().unwrap() {
