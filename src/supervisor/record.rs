@@ -108,7 +108,12 @@ mod tests {
             frames: Some(7),
             ends_at_ns: Some(8_000_000_000),
             config_file: Some("/etc/match.toml".into()),
-            overrides: Overrides { fps: Some(60.0), publish: vec!["ssl".into()], no_console: true },
+            overrides: Overrides {
+                fps: Some(60.0),
+                publish: vec!["ssl".into()],
+                no_console: true,
+                for_console: true,
+            },
             members: vec![Member { stage: "tracker".into(), pid: 12, spare: true }],
             restarts: [("tracker".to_string(), 3)].into(),
             events: vec![Event::new(EventKind::TakenOver, "tracker", 12, "taken over", "")],

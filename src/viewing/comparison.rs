@@ -2,13 +2,13 @@
 
 use super::ViewingError;
 use super::recorded::{At, Recorded};
-use crate::chain::Chain;
 use crate::console::scene::Scene;
 use config::Config;
 use config::snapshot::Snapshot;
 use messages::{
     ClearStale, DetectedRobot, DetectionFrame, RejectReason, Rejected, Team, WorldFrame,
 };
+use offline::chain::Chain;
 use recording::{Channel, decode_message, encode_message};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
