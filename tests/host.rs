@@ -461,15 +461,16 @@ fn the_wall_clock_is_only_for_people() {
         ("grabber/src/camera/timeline.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/playback/mod.rs", "for people: t_capture_wall_ns"),
         ("grabber/src/genicam/mod.rs", "Aravis' stamps, by way of WallClock, which notices"),
-        ("src/commands/chaos/mod.rs", "a seed, when none is given"),
+        ("tests/trials/src/chaos/mod.rs", "a seed, when none is given"),
         ("src/console/reading.rs", "for people and programs: times in what clients get"),
         ("src/console/recording.rs", "the name of a recording's file"),
-        ("src/monitor/view.rs", "for people: times of events"),
+        ("common/control/src/event.rs", "for people: times of events"),
         ("src/publisher/worker.rs", "for programs of the leagues: times in their packets"),
         ("src/recorder/mod.rs", "once for each recording"),
     ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let crates = ["grabber", "classifier", "tracker", "filter", "."].map(|name| root.join(name));
+    let crates = ["grabber", "classifier", "tracker", "filter", "tests/trials", "."]
+        .map(|name| root.join(name));
     let common = fs::read_dir(root.join("common")).unwrap().map(|entry| entry.unwrap().path());
     let mut folders: Vec<PathBuf> =
         crates.into_iter().chain(common).map(|path| path.join("src")).collect();

@@ -49,7 +49,7 @@ pub struct ReloadArgs {
     pub set: Vec<String>,
     /// Take over only the sections of which every change concerns these stages alone, separated by commas:
     /// any of grabber, classifier, tracker, filter. What else differs is listed, and stays as it runs
-    #[arg(long, value_name = "STAGES", value_delimiter = ',', value_parser = super::parse_stage)]
+    #[arg(long, value_name = "STAGES", value_delimiter = ',', value_parser = trials::args::parse_stage)]
     pub stages: Vec<ProcessKind>,
     /// Only tell what differs and which stages it concerns
     #[arg(long)]

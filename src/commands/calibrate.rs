@@ -1,8 +1,8 @@
 //! `touchline calibrate`: computes the camera's geometry from marked points.
 
+use super::CommandError;
 use super::from_group::SourceGroup;
-use super::output::Rule;
-use super::{CommandError, load_config};
+use super::picture_file::write_picture;
 use crate::cli::CalibrateArgs;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, Problem, commented_toml};
 use grabber::pictures::read_picture;
@@ -11,6 +11,8 @@ use offline::calibration::picture::lines::{LinesFound, NotRefined};
 use offline::calibration::picture::points::{NamedMark, PointsFile};
 use offline::calibration::picture::{Fit, Marking, fit, fit_without_marks, words};
 use offline::calibration::{Calibration, KnownLens, calibrated};
+use runtime::output::Rule;
+use runtime::user_config::load_config;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
@@ -78,7 +80,8 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
         return Err(format!("{problem}\n{}nothing was written", listing(&points)).into());
     }
     if let Some((path, picture)) = args.overlay.as_deref().zip(picture.as_ref()) {
-        rule.write_picture(
+        write_picture(
+            rule,
             path,
             &drawing::calibration::draw(picture, &config.field, &points, &calibration),
         )?;
@@ -86,16 +89,16 @@ pub fn calibrate(args: CalibrateArgs) -> Result<ExitCode, CommandError> {
     let lines = lines.as_ref().map(said_of_lines);
     let report = report(&points, &calibration, lines.as_deref(), &config.warnings());
     match &args.output {
-        None if args.from_group.apply => _ = say!("{report}")?,
+        None if args.from_group.apply => _ = runtime::say!("{report}")?,
         None => {
             runtime::tell_part!("{report}");
-            say!("{}", section(&calibration.geometry))?;
+            runtime::say!("{}", section(&calibration.geometry))?;
         }
         Some(path) => {
             rule.write(path, commented_toml(&config).as_bytes())?;
             let path = path.display();
-            say!("{report}")?;
-            say_line!("{path}: written; `touchline config check {path}` checks it")?;
+            runtime::say!("{report}")?;
+            runtime::say_line!("{path}: written; `touchline config check {path}` checks it")?;
         }
     }
     let Some(group) = group else { return Ok(ExitCode::SUCCESS) };

@@ -10,9 +10,9 @@ use std::process::ExitCode;
 pub fn cameras(args: CamerasArgs) -> Result<ExitCode, CommandError> {
     let listing = list();
     if args.json {
-        say_line!("{}", serde_json::to_string_pretty(&listing)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&listing)?)?;
     } else {
-        say!("{}", text(&listing))?;
+        runtime::say!("{}", text(&listing))?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -1,7 +1,6 @@
 //! `touchline config`: writes a commented configuration file, checks one, prints the schema.
 
 use super::CommandError;
-use super::output::{OutputError, Rule};
 use crate::cli::ConfigCommand;
 use config::change::{changes, values};
 use config::edit::with_value;
@@ -13,6 +12,7 @@ use grabber::pictures::list_pictures;
 use messages::Team;
 use offline::learning::lessons::Lessons;
 use offline::learning::passing::Passing;
+use runtime::output::{OutputError, Rule};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -27,7 +27,7 @@ pub fn execute(command: ConfigCommand) -> Result<ExitCode, CommandError> {
         ConfigCommand::Set { file, key, value } => set(&file, &key, &value)?,
         ConfigCommand::Schema => schema(),
     };
-    say!("{text}")?;
+    runtime::say!("{text}")?;
     Ok(ExitCode::SUCCESS)
 }
 

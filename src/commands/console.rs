@@ -29,6 +29,6 @@ pub fn console(args: ConsoleArgs) -> Result<ExitCode, CommandError> {
         )
         .into());
     };
-    say!("{}", place.words(std::io::stdout().is_terminal()))?;
+    runtime::say!("{}", place.words(std::io::stdout().is_terminal()))?;
     Ok(ExitCode::SUCCESS)
 }

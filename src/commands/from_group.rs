@@ -60,7 +60,7 @@ impl SourceGroup {
         change(&mut wanted);
         let code = go_over(&self.instance, &now, &wanted, false)?;
         if !is_written {
-            say_line!("it holds until the group ends; -o FILE also writes it to a file")?;
+            runtime::say_line!("it holds until the group ends; -o FILE also writes it to a file")?;
         }
         Ok(code)
     }

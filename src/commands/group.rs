@@ -34,21 +34,21 @@ pub fn status(args: StatusArgs) -> Result<ExitCode, CommandError> {
         .into());
     };
     if args.json {
-        say_line!("{}", serde_json::to_string_pretty(&report)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&report)?)?;
         return Ok(ExitCode::SUCCESS);
     }
-    say!("{}", summary(&report))?;
-    say_line!("  processes    supervisor {}", report.supervisor_pid)?;
+    runtime::say!("{}", summary(&report))?;
+    runtime::say_line!("  processes    supervisor {}", report.supervisor_pid)?;
     for (stage, processes) in report.stages.iter().map(|(name, stage)| (name, &stage.processes)) {
         for process in processes {
-            say_line!("               {stage} {} ({})", process.pid, process.state)?;
+            runtime::say_line!("               {stage} {} ({})", process.pid, process.state)?;
         }
     }
     for version in strange_versions(&instance) {
-        say_line!("  warning      {version}")?;
+        runtime::say_line!("  warning      {version}")?;
     }
     for event in &report.events {
-        say_line!("  event        {} (pid {}): {}", event.stage, event.pid, event.what)?;
+        runtime::say_line!("  event        {} (pid {}): {}", event.stage, event.pid, event.what)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -78,7 +78,7 @@ pub fn stop(args: InstanceArgs) -> Result<ExitCode, CommandError> {
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    say_line!("the group {:?} has ended", instance.name())?;
+    runtime::say_line!("the group {:?} has ended", instance.name())?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,14 +1,15 @@
 //! `touchline learn`: learns colours from pictures.
 
+use super::CommandError;
 use super::from_group::SourceGroup;
-use super::output::Rule;
-use super::{CommandError, load_config};
 use crate::cli::LearnArgs;
 use config::{ColorConfig, Config, LightConfig, commented_toml};
 use grabber::pictures::list_pictures;
 use offline::learning::labels::{ImageLabels, Labels};
 use offline::learning::lessons::Lessons;
 use offline::learning::{from_labels, summary, without_labels};
+use runtime::output::Rule;
+use runtime::user_config::load_config;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -47,10 +48,10 @@ pub fn learn(args: LearnArgs) -> Result<ExitCode, CommandError> {
     runtime::tell!("{}", summary::text(&learned, &lessons, &labels)?);
     match &args.output {
         None if args.from_group.apply => {}
-        None => _ = say!("{}", fragment(&learned))?,
+        None => _ = runtime::say!("{}", fragment(&learned))?,
         Some(path) => {
             rule.write(path, commented_toml(&learned).as_bytes())?;
-            say_line!("{path}: written", path = path.display())?;
+            runtime::say_line!("{path}: written", path = path.display())?;
         }
     }
     let Some(group) = group else { return Ok(ExitCode::SUCCESS) };

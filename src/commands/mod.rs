@@ -1,13 +1,8 @@
 //! The subcommands.
 
-#[macro_use]
-mod output;
-
 mod ask_program;
-mod bench;
 mod calibrate;
 mod cameras;
-pub mod chaos;
 mod config;
 mod console;
 mod detect;
@@ -16,13 +11,13 @@ mod from_group;
 mod group;
 mod learn;
 mod operate;
+mod picture_file;
 mod recordings;
 mod reload;
 mod run;
 mod score;
 mod setup_worker;
 mod step;
-mod stress;
 mod topics;
 mod watch;
 
@@ -35,7 +30,6 @@ use messages::ProcessKind;
 use messages::stages::StageId;
 use runtime::process::{ProcessError, ProcessOptions};
 use std::error::Error;
-use std::path::Path;
 use std::process::ExitCode;
 use touchline::attendants::Row;
 use touchline::supervisor::process_name;
@@ -63,10 +57,10 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Rollback(args)) => reload::rollback(args),
         Some(Command::Interface) => operate::interface(),
         Some(Command::Doctor(args)) => doctor::doctor(args),
-        Some(Command::Chaos(args)) => chaos::chaos(args),
-        Some(Command::Bench(args)) => bench::bench(args),
-        Some(Command::Stress(args)) => stress::stress(args),
-        Some(Command::Bystander(args)) => chaos::attach(&args),
+        Some(Command::Chaos(args)) => trials::chaos::chaos(args),
+        Some(Command::Bench(args)) => trials::bench::bench(args),
+        Some(Command::Stress(args)) => trials::stress::stress(args),
+        Some(Command::Bystander(args)) => trials::chaos::attach(&args),
         Some(Command::Topics(args)) => topics::topics(args),
         Some(Command::Record(args)) => recordings::record(args),
         Some(Command::Info(args)) => recordings::info(args),
@@ -83,17 +77,6 @@ pub fn execute(cli: Cli) -> Result<ExitCode, CommandError> {
         Some(Command::Tracker(args)) => stage(ProcessKind::Tracker, args, tracker::process::run),
         Some(Command::Filter(args)) => stage(ProcessKind::Filter, args, filter::process::run),
     }
-}
-
-/// The configuration in a file, or the defaults. Settings that look unintended are reported, but not
-/// refused.
-fn load_config(file: Option<&Path>) -> Result<Config, CommandError> {
-    let Some(path) = file else { return Ok(Config::default()) };
-    let (config, warnings) = ::config::check_file(path)?;
-    if !warnings.list.is_empty() {
-        runtime::tell!("{warnings}\n");
-    }
-    Ok(config)
 }
 
 fn stage(

@@ -42,7 +42,7 @@ pub fn restart(args: RestartArgs) -> Result<ExitCode, CommandError> {
         for name in waiting.extract_if(.., |name| is_done(name)) {
             let [old, new] = [&before, &now].map(|pids| pids.get(&name));
             let [old, new] = [old, new].map(|pid| pid.map_or("none".into(), u32::to_string));
-            say_line!("{name}: {old} → {new}")?;
+            runtime::say_line!("{name}: {old} → {new}")?;
         }
         if Instant::now() > deadline {
             return Err(format!(
@@ -71,7 +71,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
     };
     let runs_it = |pid: u32| is_same_program(&program_of(pid), &program);
     if processes(&status(&instance)?).into_iter().all(|(pid, _)| runs_it(pid)) {
-        say_line!("the group {:?} runs {} already", instance.name(), program.display())?;
+        runtime::say_line!("the group {:?} runs {} already", instance.name(), program.display())?;
         return Ok(ExitCode::SUCCESS);
     }
     check(&program, &instance, supervisor)?;
@@ -85,12 +85,16 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
             let processes = processes(&report);
             for (pid, what) in processes.iter().filter(|(pid, _)| runs_it(*pid)) {
                 if !told.contains(pid) {
-                    say_line!("{what}: {pid}")?;
+                    runtime::say_line!("{what}: {pid}")?;
                     told.push(*pid);
                 }
             }
             if report.complete && processes.iter().all(|&(pid, _)| runs_it(pid)) {
-                say_line!("the group {:?} runs {} now", instance.name(), program.display())?;
+                runtime::say_line!(
+                    "the group {:?} runs {} now",
+                    instance.name(),
+                    program.display()
+                )?;
                 return Ok(ExitCode::SUCCESS);
             }
         }
@@ -108,7 +112,7 @@ pub fn upgrade(args: UpgradeArgs) -> Result<ExitCode, CommandError> {
 
 /// Prints the interface that another program asks for before an upgrade.
 pub fn interface() -> Result<ExitCode, CommandError> {
-    say_line!("{}", serde_json::to_string_pretty(&Interface::own())?)?;
+    runtime::say_line!("{}", serde_json::to_string_pretty(&Interface::own())?)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -29,7 +29,11 @@ pub fn reload(args: ReloadArgs) -> Result<ExitCode, CommandError> {
     }
     let (wanted, left) = only_for(&now.config, &wanted, &args.stages)?;
     for change in left {
-        say_line!("stays as it runs: {} (the file has {})", change.key, change.new_text())?;
+        runtime::say_line!(
+            "stays as it runs: {} (the file has {})",
+            change.key,
+            change.new_text()
+        )?;
     }
     go_over(&instance, &now, &wanted, args.dry_run)
 }
@@ -45,20 +49,22 @@ pub fn go_over(
 ) -> Result<ExitCode, CommandError> {
     let changes = changes(&now.config, wanted);
     if changes.is_empty() {
-        say_line!(
+        runtime::say_line!(
             "nothing differs from what the group runs with (revision {})",
             now.revision.number
         )?;
         return Ok(ExitCode::SUCCESS);
     }
     for change in &changes {
-        say_line!("{change}{}", note(change))?;
+        runtime::say_line!("{change}{}", note(change))?;
     }
     let names: Vec<&str> = concerned(&changes).iter().map(|kind| kind.name()).collect();
     let replaced = if names.is_empty() { "no stage".into() } else { names.join(", ") };
-    say_line!("to be replaced: {replaced}")?;
+    runtime::say_line!("to be replaced: {replaced}")?;
     if names.contains(&"grabber") {
-        say_line!("the grabber opens its camera again: frames until then are not captured")?;
+        runtime::say_line!(
+            "the grabber opens its camera again: frames until then are not captured"
+        )?;
     }
     if is_dry_run {
         return Ok(ExitCode::SUCCESS);
@@ -146,7 +152,7 @@ fn finish(configured: &Configured, revision: u32) -> Result<ExitCode, CommandErr
             Err(format!("revision {revision} was taken back: {}", it.what).into())
         }
         _ => {
-            say_line!("the group runs with revision {}", configured.revision)?;
+            runtime::say_line!("the group runs with revision {}", configured.revision)?;
             Ok(ExitCode::SUCCESS)
         }
     }

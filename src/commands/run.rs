@@ -1,8 +1,7 @@
 //! `touchline run`.
 
-use super::output::Rule;
+use super::CommandError;
 use super::watch;
-use super::{CommandError, load_config};
 use crate::cli::RunArgs;
 use client::clock::monotonic_ns;
 use client::instance::Instance;
@@ -10,6 +9,8 @@ use config::{Config, ConsoleConfig};
 use grabber::playback::Playlist;
 use grabber::source::Source;
 use runtime::descriptors;
+use runtime::output::Rule;
+use runtime::user_config::load_config;
 use std::fs::File;
 use std::os::unix::process::CommandExt;
 use std::path::Path;

@@ -21,11 +21,11 @@ pub fn work(args: SetupWorkerArgs) -> Result<ExitCode, CommandError> {
     std::io::stdin().take(MOST_BYTES).read_to_end(&mut request)?;
     match answer(kind, &request, &instance) {
         Ok(answer) => {
-            say_line!("{answer}")?;
+            runtime::say_line!("{answer}")?;
             Ok(ExitCode::SUCCESS)
         }
         Err(error) => {
-            say_line!("{}", refusal(&error))?;
+            runtime::say_line!("{}", refusal(&error))?;
             Ok(ExitCode::FAILURE)
         }
     }

@@ -34,7 +34,7 @@ pub fn step(args: StepArgs) -> Result<ExitCode, CommandError> {
                 heard = Instant::now();
                 left -= 1;
                 if let Some(world) = received.message() {
-                    say_line!("{}", line(world))?;
+                    runtime::say_line!("{}", line(world))?;
                 }
             }
             // Numbers missing in the recording, or steps requested by another program, too fast to be

@@ -16,7 +16,7 @@ use config::change::{Change, Effect, changes};
 use config::input;
 use config::snapshot::{Snapshot, concerned};
 use config::{Config, ConfigError, commented_toml};
-use control::Revised;
+use control::{KEPT_REVISIONS, Revised};
 use messages::{ProcessKind, Revision};
 use std::fs;
 use std::io::{self, Write};
@@ -24,8 +24,6 @@ use std::path::Path;
 
 /// File of the configuration that the supervisor was started with, beside the revisions.
 const ORIGIN: &str = "origin.toml";
-/// Revisions kept as files.
-pub const KEPT_REVISIONS: u32 = 16;
 /// A configuration with which processes fail so often within its trial is given up.
 const MOST_FAULTS: u32 = 2;
 /// Length of a trial, from the acceptance of a configuration.

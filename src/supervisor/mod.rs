@@ -45,7 +45,6 @@ mod troubles;
 
 pub use candidate::Candidate;
 pub use children::{Launch, is_same_program, process_name, program_of};
-pub use configuration::KEPT_REVISIONS;
 pub use evidence::directory as evidence_directory;
 pub use overrides::{Overrides, as_run};
 pub use record::Record;

@@ -3,6 +3,9 @@
 use crate::event::seconds_since_1970;
 use serde::{Deserialize, Serialize};
 
+/// Configurations that a group keeps as files, to go back to.
+pub const KEPT_REVISIONS: u32 = 16;
+
 /// A configuration that was accepted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Revised {

@@ -10,7 +10,7 @@ pub mod report;
 mod request;
 mod status;
 
-pub use configured::{Configured, Revised};
+pub use configured::{Configured, KEPT_REVISIONS, Revised};
 pub use event::Event;
 pub use report::Report;
 pub use request::{Answer, Done, MAX_REQUEST_BYTES, Request, ask};

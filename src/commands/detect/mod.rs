@@ -7,8 +7,8 @@
 mod answer;
 mod doubts;
 
-use super::output::{Reader, Rule};
-use super::{CommandError, load_config};
+use super::CommandError;
+use super::picture_file::write_picture;
 use crate::cli::DetectArgs;
 use answer::Answer;
 use classifier::{BayerImage, demosaic};
@@ -17,6 +17,8 @@ use doubts::Doubts;
 use grabber::pictures::{Picture, list_pictures, load_picture};
 use messages::{DetectionFrame, MAX_RUNS};
 use offline::chain::Chain;
+use runtime::output::{Reader, Rule};
+use runtime::user_config::load_config;
 use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -47,7 +49,7 @@ pub fn detect(args: DetectArgs) -> Result<ExitCode, CommandError> {
             }
         };
         let text = if args.json { serde_json::to_string(&answer)? + "\n" } else { answer.text() };
-        if say!("{text}")? == Reader::Gone {
+        if runtime::say!("{text}")? == Reader::Gone {
             break;
         }
     }
@@ -174,7 +176,7 @@ impl<'a> Painter<'a> {
         demosaic(&image, &mut self.rgb);
         let name = self.unused_name(picture);
         let path = self.folder.join(name);
-        Ok(self.rule.write_picture(&path, &self.overlay.draw(&self.rgb, seen))?)
+        Ok(write_picture(self.rule, &path, &self.overlay.draw(&self.rgb, seen))?)
     }
 
     /// The picture's own name with the extension of a PNG; followed by a number if another picture of

@@ -7,9 +7,10 @@ mod leftovers;
 mod machine;
 mod places;
 
-use super::{CommandError, load_config};
+use super::CommandError;
 use crate::cli::DoctorArgs;
 use client::instance::{Instance, runtime_base};
+use runtime::user_config::load_config;
 use serde::Serialize;
 use std::fmt;
 use std::process::ExitCode;
@@ -88,7 +89,7 @@ pub fn doctor(args: DoctorArgs) -> Result<ExitCode, CommandError> {
     } else {
         findings.iter().map(|finding| format!("{finding}\n")).collect()
     };
-    say!("{text}")?;
+    runtime::say!("{text}")?;
     let is_fit = findings.iter().all(|finding| finding.level < Level::Problem);
     Ok(if is_fit { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -4,11 +4,11 @@ use super::ssl_log::SslLog;
 use super::tell_damages;
 use crate::cli::ExportArgs;
 use crate::commands::CommandError;
-use crate::commands::output::{Output, Rule};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use messages::{DetectionFrame, PixelFormat, Team, TrackStatus, TruthFrame, WorldFrame};
 use recording::{Channel, Entry, Frame, Reader, decode_frame, decode_message};
+use runtime::output::{Output, Rule};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -64,7 +64,7 @@ pub fn export(args: ExportArgs) -> Result<ExitCode, CommandError> {
     }
     tell_damages(&args.file, reader.damages());
     if let Some(directory) = &args.png {
-        say_line!("{}: {pictures} pictures", directory.display())?;
+        runtime::say_line!("{}: {pictures} pictures", directory.display())?;
         if unknown > 0 {
             runtime::tell!("touchline: {unknown} frames are neither 8-bit Bayer nor RGB; left out");
         }
@@ -80,7 +80,7 @@ fn is_stdout(path: &Path) -> bool {
 /// Says how much was written, but not in the middle of it.
 fn tell_count(path: &Path, count: u64, what: &str) -> std::io::Result<()> {
     if !is_stdout(path) {
-        say_line!("{}: {count} {what}", path.display())?;
+        runtime::say_line!("{}: {count} {what}", path.display())?;
     }
     Ok(())
 }

@@ -94,11 +94,11 @@ pub fn info(args: InfoArgs) -> Result<ExitCode, CommandError> {
         }
     }
     if args.config {
-        say!("{}", configurations.text(args.revision)?)?;
+        runtime::say!("{}", configurations.text(args.revision)?)?;
     } else if args.json {
-        say_line!("{}", serde_json::to_string_pretty(&info)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&info)?)?;
     } else {
-        say!("{}", text(&info))?;
+        runtime::say!("{}", text(&info))?;
     }
     tell_damages(&args.file, &info.damage);
     Ok(ExitCode::SUCCESS)

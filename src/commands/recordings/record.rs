@@ -53,12 +53,12 @@ pub fn record(args: RecordArgs) -> Result<ExitCode, CommandError> {
         display.show(progress);
         if args.progress {
             // A reader that is gone does not end the recording.
-            let _ = say_line!("{}", progress_json(progress));
+            let _ = runtime::say_line!("{}", progress_json(progress));
         }
     });
     display.clear();
     let (end, progress) = outcome?;
-    say!("{}", summary(&progress))?;
+    runtime::say!("{}", summary(&progress))?;
     if end == End::DiskNearlyFull {
         return Err(format!(
             "stopped: less than {} are free on the disk (--keep-free); what was recorded is complete",

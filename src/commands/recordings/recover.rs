@@ -3,8 +3,8 @@
 use super::{size_text, tell_parts};
 use crate::cli::RecoverArgs;
 use crate::commands::CommandError;
-use crate::commands::output::Rule;
 use recording::recover::{Recovery, recover as recover_in_place, recover_to};
+use runtime::output::Rule;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -34,11 +34,11 @@ pub fn recover(args: RecoverArgs) -> Result<ExitCode, CommandError> {
             None => Ok(recover_in_place(path, tell)?),
         });
         match outcome {
-            Ok(Recovery::NotNeeded) => _ = say_line!("{shown} is complete")?,
+            Ok(Recovery::NotNeeded) => _ = runtime::say_line!("{shown} is complete")?,
             Ok(Recovery::Recovered { messages, damages }) => {
                 tell_parts(path, &damages);
                 let written = args.output.as_deref().unwrap_or(path).display();
-                say_line!("{written}: recovered {messages} messages")?;
+                runtime::say_line!("{written}: recovered {messages} messages")?;
             }
             Ok(Recovery::BeingWritten) => {
                 runtime::tell!("touchline: {shown} is being written by a recorder");

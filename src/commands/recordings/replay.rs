@@ -41,7 +41,7 @@ pub fn replay(args: ReplayArgs) -> Result<ExitCode, CommandError> {
         runtime::tell_part!("\r\x1b[K");
     }
     let findings = verifier.finish();
-    say!("{}", text(&findings, began.elapsed()))?;
+    runtime::say!("{}", text(&findings, began.elapsed()))?;
     tell_damages(&args.file, reader.damages());
     let equal: u64 = findings.outputs.values().map(|tally| tally.equal).sum();
     let different: u64 = findings.outputs.values().map(|tally| tally.different).sum();

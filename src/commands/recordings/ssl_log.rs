@@ -3,7 +3,6 @@
 use super::{size_text, time_text};
 use crate::cli::InfoArgs;
 use crate::commands::CommandError;
-use crate::commands::output::{Output, Rule};
 use config::{Config, input};
 use flate2::Compression;
 use flate2::read::MultiGzDecoder;
@@ -13,6 +12,7 @@ use protocols::Message;
 use protocols::ssl_log::{Kind, LogReader, LogWriter, MAGIC};
 use protocols::ssl_vision::WrapperPacket;
 use recording::{Channel, Entry, Setup, decode_message};
+use runtime::output::{Output, Rule};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, BufReader, BufWriter, Read, Write};
@@ -214,9 +214,9 @@ pub fn info(args: &InfoArgs) -> Result<ExitCode, CommandError> {
         info.seconds = end.saturating_sub(begin) as f64 / 1e9;
     }
     if args.json {
-        say_line!("{}", serde_json::to_string_pretty(&info)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&info)?)?;
     } else {
-        say!("{}", info.text())?;
+        runtime::say!("{}", info.text())?;
     }
     if let Some(problem) = problem {
         runtime::tell!("touchline: {}: {problem}; what follows is not read", args.file.display());

@@ -4,7 +4,7 @@ mod moments;
 mod report;
 mod synthetic;
 
-use super::{CommandError, load_config};
+use super::CommandError;
 use crate::cli::ScoreArgs;
 use config::Config;
 use geometry::CameraModel;
@@ -13,6 +13,7 @@ use offline::chain::Chain;
 use offline::learning::labels::{ImageLabels, Labels};
 use offline::scoring::{Judge, PictureScore, Tolerances};
 use report::Report;
+use runtime::user_config::load_config;
 use std::process::ExitCode;
 use touchline::top_scale::TopScale;
 
@@ -52,18 +53,18 @@ pub fn score(args: ScoreArgs) -> Result<ExitCode, CommandError> {
     let report = Report::new(pictures, tolerances, tops.measured());
     let text =
         if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
-    say!("{text}")?;
+    runtime::say!("{text}")?;
     Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Plays the synthetic scenes, and prints each as soon as it is done.
 fn score_scenes(config: &Config, args: &ScoreArgs) -> Result<ExitCode, CommandError> {
     if !args.json {
-        say!("{}", synthetic::HEADING)?;
+        runtime::say!("{}", synthetic::HEADING)?;
     }
     synthetic::play(config, &args.scenes, args.frames as usize, |score| {
         let text = if args.json { serde_json::to_string(&score)? + "\n" } else { score.text() };
-        Ok(say!("{text}")?)
+        Ok(runtime::say!("{text}")?)
     })?;
     Ok(ExitCode::SUCCESS)
 }

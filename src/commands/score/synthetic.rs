@@ -5,11 +5,11 @@
 
 use super::moments::{MOMENTS, Moment, PATIENCE};
 use crate::commands::CommandError;
-use crate::commands::output::Reader;
 use config::painted_light::follow_painted_light;
 use config::{Config, DistortionConfig, DistortionModel, GeometryConfig, PointPair, Preset};
 use grabber::synthetic::SyntheticMatch;
 use offline::chain::Chain;
+use runtime::output::Reader;
 use serde::Serialize;
 use touchline::monitor::accuracy::{ReportedRobot, Scorer};
 

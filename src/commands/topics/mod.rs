@@ -75,14 +75,14 @@ struct Iceoryx2 {
 pub fn topics(args: TopicsArgs) -> Result<ExitCode, CommandError> {
     let instance = Instance::new(&args.instance.instance)?;
     match args.format {
-        Some(TopicsFormat::Python) => say!("{}", python::module(&collect_types()))?,
-        Some(TopicsFormat::C) => say!("{}", c::header(&collect_types()))?,
-        Some(TopicsFormat::Config) => say!("{}", ipc_toml(&instance)?)?,
+        Some(TopicsFormat::Python) => runtime::say!("{}", python::module(&collect_types()))?,
+        Some(TopicsFormat::C) => runtime::say!("{}", c::header(&collect_types()))?,
+        Some(TopicsFormat::Config) => runtime::say!("{}", ipc_toml(&instance)?)?,
         None if args.json => {
             let document = document(&instance, args.seconds)?;
-            say_line!("{}", serde_json::to_string_pretty(&document)?)?
+            runtime::say_line!("{}", serde_json::to_string_pretty(&document)?)?
         }
-        None => say!("{}", text(&document(&instance, args.seconds)?))?,
+        None => runtime::say!("{}", text(&document(&instance, args.seconds)?))?,
     };
     Ok(ExitCode::SUCCESS)
 }

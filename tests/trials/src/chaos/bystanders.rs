@@ -3,8 +3,8 @@
 
 use super::population::has_ended;
 use super::vandal::publish_garbage;
-use crate::cli::BystanderArgs;
-use crate::commands::CommandError;
+use crate::TrialError;
+use crate::args::BystanderArgs;
 use client::bus::Bus;
 use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use messages::topics;
@@ -53,7 +53,7 @@ pub struct Bystanders {
 
 impl Bystanders {
     /// Lets them attach to a match.
-    pub fn start(instance: &Instance) -> Result<Self, CommandError> {
+    pub fn start(instance: &Instance) -> Result<Self, TrialError> {
         let now = Instant::now();
         Ok(Self {
             instance: instance.clone(),
@@ -67,7 +67,7 @@ impl Bystanders {
     }
 
     /// Freezes, wakes, kills and starts bystanders when it is time.
-    pub fn look(&mut self) -> Result<(), CommandError> {
+    pub fn look(&mut self) -> Result<(), TrialError> {
         let now = Instant::now();
         if now >= self.sleeper_turns_at {
             if has_ended(&self.sleeper.pidfd) {
@@ -108,7 +108,7 @@ struct Bystander {
 }
 
 impl Bystander {
-    fn start(instance: &Instance) -> Result<Self, CommandError> {
+    fn start(instance: &Instance) -> Result<Self, TrialError> {
         let places = instance.directory().parent().unwrap_or(instance.directory());
         descriptors::keep_from_programs_run_now();
         let child = Command::new("/proc/self/exe")
@@ -146,12 +146,12 @@ impl Drop for Bystander {
 
 /// `touchline bystander`: attaches to a group as a user's program would, reports it, and reads until it
 /// is killed or its parent is gone.
-pub fn attach(args: &BystanderArgs) -> Result<ExitCode, CommandError> {
+pub fn attach(args: &BystanderArgs) -> Result<ExitCode, TrialError> {
     if let Some(ms) = args.rubbish {
         return publish_garbage(args, Duration::from_millis(ms));
     }
     let parent = rustix::process::getppid();
-    let instance = Instance::new(&args.instance.instance)?;
+    let instance = Instance::new(&args.instance)?;
     let bus = Bus::join(&instance, "bystander")?;
     let world = bus.subscriber(&topics::WORLD)?;
     let mut out = std::io::stdout();

@@ -13,15 +13,16 @@ mod own;
 mod pictures;
 mod stages;
 
-use super::output::Reader;
-use super::{CommandError, load_config};
-use crate::cli::BenchArgs;
+use crate::TrialError;
+use crate::args::BenchArgs;
 use classifier::{Classifier, SimdLevel};
 use config::Config;
 use light::LightRow;
 use messages::{DetectionFrame, MAX_RUNS, Run, RunsHeader};
 use own::PictureRow;
 use pictures::{Content, Picture};
+use runtime::output::Reader;
+use runtime::user_config::load_config;
 use serde::Serialize;
 use stages::Stages;
 use std::hint::black_box;
@@ -99,12 +100,12 @@ struct LevelRow {
 }
 
 /// Runs the benchmark.
-pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
+pub fn bench(args: BenchArgs) -> Result<ExitCode, TrialError> {
     let budget = Duration::from_millis(if args.full { 2500 } else { 300 });
     let (cpu, processors) =
         (cpu_name(), std::thread::available_parallelism().map_or(1, usize::from));
     if !args.json {
-        say_line!(
+        runtime::say_line!(
             "{cpu}, {processors} processors; medians, one core; × is times a copy of the frame"
         )?;
     }
@@ -114,12 +115,14 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
         let (pictures, all_good) = own::measure(&config, &args.pictures, budget, shown_for)?;
         if args.json {
             let outcome = OwnOutcome { cpu, processors, pictures };
-            say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
+            runtime::say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
         }
         return Ok(if all_good { ExitCode::SUCCESS } else { ExitCode::FAILURE });
     }
     if !args.json {
-        say_line!("painted pictures, ideal colours; --config FILE PICTURE … measures your own")?;
+        runtime::say_line!(
+            "painted pictures, ideal colours; --config FILE PICTURE … measures your own"
+        )?;
     }
     let mut rows = Vec::new();
     for (number, &(width, height, classes, content)) in SUBJECTS.iter().enumerate() {
@@ -137,7 +140,7 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     let light = light::measure(4 * budget)?;
     if args.json {
         let outcome = Outcome { cpu, processors, rows, stages, light };
-        say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&outcome)?)?;
     } else {
         stages.show("a match frame", processors)?;
         light::show(&light)?;
@@ -145,7 +148,7 @@ pub fn bench(args: BenchArgs) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
+fn measure(picture: &Picture, budget: Duration) -> Result<Row, TrialError> {
     let Picture { width, height, classes, content, config, header, .. } = picture;
     let levels = SimdLevel::available();
     let mut classifiers = levels
@@ -251,7 +254,7 @@ fn measure(picture: &Picture, budget: Duration) -> Result<Row, CommandError> {
 }
 
 fn show(row: &Row) -> io::Result<Reader> {
-    let mut reader = say_line!(
+    let mut reader = runtime::say_line!(
         "{}×{}, {} classes, {}: copy {:.1} µs hot, {:.1} cold; {} runs, merging {:.1} µs ({:.1} ns a run)",
         row.width,
         row.height,
@@ -264,7 +267,7 @@ fn show(row: &Row) -> io::Result<Reader> {
         row.merging_ns_per_run,
     )?;
     for level in &row.levels {
-        reader = say_line!(
+        reader = runtime::say_line!(
             "    {:<8} {:>9.1} µs hot ({:>6.1}×)  {:>9.1} µs cold ({:>6.1}×)  with merging {:>6.1}× hot, {:>5.1}× cold",
             level.level,
             level.hot_us,

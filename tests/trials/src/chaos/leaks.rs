@@ -3,11 +3,11 @@
 use super::population::belongs_to;
 use client::instance::{Instance, Namespace};
 use client::memory::SHARED_MEMORY;
+use control::KEPT_REVISIONS;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use touchline::supervisor::KEPT_REVISIONS;
 
 /// Connections to dead processes that a living process may still hold, on average: every process drops them
 /// with its next heartbeat, so only those of the last death may be left.

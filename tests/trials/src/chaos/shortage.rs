@@ -3,7 +3,7 @@
 //! A full `/dev/shm` would affect every program of the machine. So a match that needs one gets its own:
 //! the whole of `chaos` runs in a mount namespace with another file system mounted there.
 
-use crate::commands::CommandError;
+use crate::TrialError;
 use client::memory::{GroupMemory, SHARED_MEMORY};
 use config::Config;
 use grabber::source::Source;
@@ -33,7 +33,7 @@ enum Undo {
 
 impl Shortage {
     /// Denies a process all descriptors that it has not opened yet. Only the soft limit changes.
-    pub fn of_descriptors(pid: u32, until: Instant) -> Result<Self, CommandError> {
+    pub fn of_descriptors(pid: u32, until: Instant) -> Result<Self, TrialError> {
         let pid = Pid::from_raw(pid as i32).ok_or("no process")?;
         // This process has started the other, which has the same hard limit.
         let maximum = getrlimit(Resource::Nofile).maximum;
@@ -43,7 +43,7 @@ impl Shortage {
     }
 
     /// Fills the shared memory.
-    pub fn of_shared_memory(until: Instant) -> Result<Self, CommandError> {
+    pub fn of_shared_memory(until: Instant) -> Result<Self, TrialError> {
         let path = Path::new(SHARED_MEMORY).join(format!("chaos-{}-fill", std::process::id()));
         let mut file = File::create(&path)?;
         for bytes in [1 << 20, 4096] {
@@ -74,7 +74,7 @@ impl Drop for Undo {
 
 /// Executes this program again in a mount namespace with its own shared memory; returns at once if that
 /// has been done already.
-pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), CommandError> {
+pub fn enter_own_place(config: &Config, source: &Source) -> Result<(), TrialError> {
     if std::env::var_os(OWN_PLACE_VARIABLE).is_some() {
         return Ok(());
     }

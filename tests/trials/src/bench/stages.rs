@@ -1,11 +1,12 @@
 //! Measures the stages on frames, and derives the frame rate.
 
-use super::{CommandError, FEWEST_ROUNDS, median, timed};
-use crate::commands::output::Reader;
+use super::{FEWEST_ROUNDS, median, timed};
+use crate::TrialError;
 use classifier::{Classifier, SimdLevel};
 use config::Config;
 use messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
 use offline::chain::Chain;
+use runtime::output::Reader;
 use serde::Serialize;
 use std::hint::black_box;
 use std::io;
@@ -48,7 +49,7 @@ impl Stages {
 
     /// Prints the row as text.
     pub fn show(&self, name: &str, processors: usize) -> io::Result<Reader> {
-        say_line!(
+        runtime::say_line!(
             "{name}, {}×{}, cold: copy {:.1}, classifier ({}) {:.1}, tracker {:.1}, filter {:.1}: \
              {:.1} µs in all (99 % below {:.1}); {} runs, {} robots found",
             self.width,
@@ -63,7 +64,7 @@ impl Stages {
             self.runs,
             self.robots_found,
         )?;
-        say_line!(
+        runtime::say_line!(
             "on {processors} processors that is some {:.0} frames a second; `touchline stress` measures it",
             self.sustained_fps(processors)
         )
@@ -76,7 +77,7 @@ pub fn measure(
     config: &Config,
     frames: &[Vec<u8>],
     budget: Duration,
-) -> Result<Stages, CommandError> {
+) -> Result<Stages, TrialError> {
     let (count, bytes) = (frames.len(), config.camera.frame_bytes());
     let mut chain = Chain::new(config)?;
     let mut copy = vec![0; bytes];
@@ -126,7 +127,7 @@ pub fn measure(
 }
 
 /// Whether the classifier's output equals that of the scalar code, which is the specification.
-fn verify(config: &Config, frame: &[u8], chain: &mut Chain) -> Result<(), CommandError> {
+fn verify(config: &Config, frame: &[u8], chain: &mut Chain) -> Result<(), TrialError> {
     let header = config.camera.frame_header();
     let mut runs_header = RunsHeader::default();
     let mut runs = vec![Run { row: 0, begin: 0, end: 0, class: 0, reserved: 0 }; MAX_RUNS];

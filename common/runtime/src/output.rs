@@ -5,10 +5,9 @@
 //! file first, and an incomplete file is removed. Pipes and devices are written to directly. The reports
 //! of `run` and `chaos` replace an earlier report without `--force`, and never anything else.
 
-use image::{ImageFormat, RgbImage};
 use std::fmt::Arguments;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Cursor, Read, Write};
+use std::io::{self, Read, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -34,14 +33,16 @@ pub enum OutputError {
     },
 }
 
-/// As `print!`, with an [`io::Result`] instead of a panic. See [`say()`].
+/// As `print!`, with an [`io::Result`](std::io::Result) instead of a panic. See [`output::say`](crate::output::say).
+#[macro_export]
 macro_rules! say {
-    ($($text:tt)*) => { $crate::commands::output::say(format_args!($($text)*)) };
+    ($($text:tt)*) => { $crate::output::say(format_args!($($text)*)) };
 }
 
-/// As `println!`, with an [`io::Result`] instead of a panic. See [`say()`].
+/// As `println!`, with an [`io::Result`](std::io::Result) instead of a panic. See [`output::say`](crate::output::say).
+#[macro_export]
 macro_rules! say_line {
-    ($($text:tt)*) => { say!("{}\n", format_args!($($text)*)) };
+    ($($text:tt)*) => { $crate::say!("{}\n", format_args!($($text)*)) };
 }
 
 /// Whether the standard output still has a reader.
@@ -120,16 +121,6 @@ impl Rule<'_> {
         let written = output.write_all(bytes);
         written.map_err(|source| OutputError::Write { path: path.into(), source })?;
         output.finish()
-    }
-
-    /// Writes a picture, as a PNG unless its name has the extension of another format.
-    pub fn write_picture(&self, path: &Path, picture: &RgbImage) -> Result<(), OutputError> {
-        let format = ImageFormat::from_path(path).unwrap_or(ImageFormat::Png);
-        let mut bytes = Vec::new();
-        picture.write_to(&mut Cursor::new(&mut bytes), format).map_err(|error| {
-            OutputError::Write { path: path.into(), source: io::Error::other(error) }
-        })?;
-        self.write(path, &bytes)
     }
 
     /// Starts a report, which may replace an earlier report.

@@ -2,7 +2,8 @@
 //! classified without correction and with one correction after the other switched on.
 
 use super::pictures::match_frames;
-use super::{CommandError, FEWEST_ROUNDS, median, timed};
+use super::{FEWEST_ROUNDS, median, timed};
+use crate::TrialError;
 use classifier::{Classifier, SimdChoice, SimdLevel};
 use config::{Config, LightConfig};
 use messages::{FrameHeader, MAX_RUNS, Run, RunsHeader};
@@ -35,7 +36,7 @@ const FLICKER: &str = "all, flicker";
 const BRIGHTER: f64 = 1.25;
 
 /// Measures all corrections, taking turns on each frame.
-pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
+pub fn measure(budget: Duration) -> Result<Vec<LightRow>, TrialError> {
     let mut config = Config::default();
     config.synthetic.gradient = 0.4;
     config.synthetic.vignette = 0.5;
@@ -106,11 +107,11 @@ pub fn measure(budget: Duration) -> Result<Vec<LightRow>, CommandError> {
 
 /// Prints the rows as text.
 pub fn show(rows: &[LightRow]) -> io::Result<()> {
-    say_line!(
+    runtime::say_line!(
         "a match frame under uneven lamps, cold: the classifier, one correction after the other"
     )?;
     for row in rows {
-        say_line!(
+        runtime::say_line!(
             "    {:<12} {:>9.1} µs ({:>4.2}×), 99 % below {:>6.1}; {} runs; gains changed in {:.0} % of frames",
             row.corrections,
             row.classifier_us,

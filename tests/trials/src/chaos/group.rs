@@ -2,7 +2,7 @@
 
 use super::leaks::{self, Leftovers};
 use super::population;
-use crate::commands::CommandError;
+use crate::TrialError;
 use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
 use config::commented_toml;
 use config::snapshot::Snapshot;
@@ -43,7 +43,7 @@ impl Group {
         source: &Source,
         fps: f64,
         seconds: f64,
-    ) -> Result<Self, CommandError> {
+    ) -> Result<Self, TrialError> {
         let name = format!("chaos-{}", std::process::id());
         let place = std::env::temp_dir().join(format!("tl-{name}"));
         DirBuilder::new()
@@ -75,7 +75,7 @@ impl Group {
     }
 
     /// Kills the supervisor, starts a new one and returns at once.
-    pub fn replace_supervisor(&mut self) -> Result<(), CommandError> {
+    pub fn replace_supervisor(&mut self) -> Result<(), TrialError> {
         self.supervisor.kill()?;
         self.supervisor.wait()?;
         self.supervisor = spawn(&self.place, &self.args)?;
@@ -83,7 +83,7 @@ impl Group {
     }
 
     /// Asks the supervisor to replace a stage's active process; `false` if there is no supervisor.
-    pub fn restart(&self, stage: ProcessKind) -> Result<bool, CommandError> {
+    pub fn restart(&self, stage: ProcessKind) -> Result<bool, TrialError> {
         let request = Request::Restart(vec![stage.name().into()]);
         match control::ask(&self.instance, &request, PATIENCE) {
             Ok(answer) => Ok(answer.map(|_| true)?),
@@ -93,7 +93,7 @@ impl Group {
 
     /// Asks the supervisor to go over to another configuration, in which two colours have changed their
     /// class numbers and commands act at another time; `false` if there is no supervisor.
-    pub fn reload(&self) -> Result<bool, CommandError> {
+    pub fn reload(&self) -> Result<bool, TrialError> {
         let Ok(mut snapshot) = Snapshot::load(&self.instance.config_path()) else {
             return Ok(false);
         };
@@ -117,7 +117,7 @@ impl Group {
     }
 
     /// An error with the end of its log, if the supervisor has ended by itself.
-    pub fn check(&mut self) -> Result<(), CommandError> {
+    pub fn check(&mut self) -> Result<(), TrialError> {
         match self.supervisor.try_wait()? {
             None => Ok(()),
             Some(status) => {
@@ -132,7 +132,7 @@ impl Group {
         &mut self,
         what: &str,
         mut is_so: impl FnMut(&Self) -> bool,
-    ) -> Result<(), CommandError> {
+    ) -> Result<(), TrialError> {
         let deadline = Instant::now() + PATIENCE;
         while !is_so(self) {
             self.check()?;
@@ -209,7 +209,7 @@ impl Drop for Group {
 
 /// Starts the very image that this program runs, even if its file has been replaced. Ctrl-C in the
 /// terminal goes to this program alone, which ends the group in order.
-fn spawn(place: &Path, args: &[String]) -> Result<Child, CommandError> {
+fn spawn(place: &Path, args: &[String]) -> Result<Child, TrialError> {
     let log = File::options().create(true).append(true).open(place.join("log"))?;
     descriptors::keep_from_programs_run_now();
     Ok(Command::new("/proc/self/exe")

@@ -1,6 +1,7 @@
 //! Pictures to measure with: dark background, squares of the classes' colours, or noise.
 
-use super::{COLD_BYTES, CommandError};
+use super::COLD_BYTES;
+use crate::TrialError;
 use config::{ColorConfig, Config, GeometryConfig, LightConfig};
 use grabber::synthetic::SyntheticMatch;
 use messages::{BayerOrder, FrameHeader, PixelFormat, Run};
@@ -25,7 +26,7 @@ impl fmt::Display for Content {
 }
 
 /// Frames of a match, enough that none is still in a cache when its turn comes again.
-pub fn match_frames(config: &Config) -> Result<Vec<Vec<u8>>, CommandError> {
+pub fn match_frames(config: &Config) -> Result<Vec<Vec<u8>>, TrialError> {
     let mut scene = SyntheticMatch::new(config)?;
     let bytes = config.camera.frame_bytes();
     let frames = (0..(COLD_BYTES / bytes).clamp(3, 128)).map(|_| {

@@ -1,11 +1,12 @@
 //! Measures a configuration's own colours on pictures of its camera, stage by stage.
 
+use super::COLD_BYTES;
 use super::pictures::match_frames;
 use super::stages::{self, Stages};
-use super::{COLD_BYTES, CommandError};
-use crate::commands::output::Reader;
+use crate::TrialError;
 use config::Config;
 use grabber::pictures::{list_pictures, load_bayer};
+use runtime::output::Reader;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -29,9 +30,9 @@ pub fn measure(
     pictures: &[PathBuf],
     budget: Duration,
     shown_for: Option<usize>,
-) -> Result<(Vec<PictureRow>, bool), CommandError> {
+) -> Result<(Vec<PictureRow>, bool), TrialError> {
     let mut rows = Vec::new();
-    let mut show = |picture: String, stages: Stages| -> Result<Reader, CommandError> {
+    let mut show = |picture: String, stages: Stages| -> Result<Reader, TrialError> {
         let reader = match shown_for {
             Some(processors) => stages.show(&picture, processors)?,
             None => Reader::There,
@@ -71,7 +72,7 @@ pub fn measure(
     Ok((rows, all_good))
 }
 
-fn of_picture(config: &Config, path: &Path, budget: Duration) -> Result<Stages, CommandError> {
+fn of_picture(config: &Config, path: &Path, budget: Duration) -> Result<Stages, TrialError> {
     let frame = load_bayer(path, &config.camera)?;
     let copies = (COLD_BYTES / frame.len().max(1)).clamp(3, MOST_COPIES);
     stages::measure(config, &vec![frame; copies], budget)

@@ -4,18 +4,21 @@
 //! one loses a frame. Rates in between narrow down, to within a few per cent, the highest that loses
 //! none.
 
-use super::{CommandError, load_config};
-use crate::cli::StressArgs;
-use client::instance::Instance;
-use config::{Config, GeometryConfig};
+use crate::TrialError;
+use crate::args::StressArgs;
+use config::{Config, GeometryConfig, commented_toml};
 use control::Report;
 use control::report::{Breakdown, Percentiles};
 use grabber::source::{LOOP_FRAMES, Source};
+use runtime::user_config::load_config;
 use serde::Serialize;
+use std::fs::{self, DirBuilder};
 use std::io;
+use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::Command;
 use std::process::ExitCode;
-use touchline::monitor::{Monitor, Output};
-use touchline::supervisor::{self, Launch, Outcome, Overrides, Until};
 
 /// Rates rise by this factor …
 const STEP: f64 = 1.5;
@@ -66,7 +69,7 @@ impl Run {
 }
 
 /// Runs the measurement.
-pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
+pub fn stress(args: StressArgs) -> Result<ExitCode, TrialError> {
     let mut config = load_config(args.config.as_deref())?;
     if let Some((width, height)) = args.size {
         (config.camera.width, config.camera.height) = (width, height);
@@ -86,9 +89,11 @@ pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
     let (width, height) = (config.camera.width, config.camera.height);
     if args.json {
         let outcomes = Outcomes { width, height, sustained_fps, runs };
-        say_line!("{}", serde_json::to_string_pretty(&outcomes)?)?;
+        runtime::say_line!("{}", serde_json::to_string_pretty(&outcomes)?)?;
     } else {
-        say_line!("{width}×{height}: {sustained_fps:.0} frames a second without losing one")?;
+        runtime::say_line!(
+            "{width}×{height}: {sustained_fps:.0} frames a second without losing one"
+        )?;
     }
     Ok(if sustained_fps > 0.0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -97,8 +102,8 @@ pub fn stress(args: StressArgs) -> Result<ExitCode, CommandError> {
 /// with losses.
 fn search(
     first: f64,
-    mut run: impl FnMut(f64) -> Result<Run, CommandError>,
-) -> Result<Vec<Run>, CommandError> {
+    mut run: impl FnMut(f64) -> Result<Run, TrialError>,
+) -> Result<Vec<Run>, TrialError> {
     let mut runs = Vec::new();
     let (mut good, mut bad): (Option<f64>, Option<f64>) = (None, None);
     loop {
@@ -120,28 +125,44 @@ fn search(
     }
 }
 
-fn run_at(config: &Config, args: &StressArgs, fps: f64) -> Result<Run, CommandError> {
+fn run_at(config: &Config, args: &StressArgs, fps: f64) -> Result<Run, TrialError> {
     let mut config = config.clone();
     config.camera.fps = fps;
     let affordable = (LOOP_BYTES / config.camera.frame_bytes().max(1)).max(1) as u32;
     let source = Source::Loop(LOOP_FRAMES.min(affordable));
     let frames = (fps * args.seconds).max(FEWEST_FRAMES) as u64;
-    let instance = Instance::new(&args.instance)?;
-    let launch = Launch {
-        instance: instance.clone(),
-        source: source.clone(),
-        frames: Some(frames),
-        ends_at_ns: None,
-        config_file: None,
-        overrides: Overrides::default(),
-    };
-    let outcome = supervisor::run(launch, &config, Until::Finished, |view, config| {
-        Monitor::start(&instance, source.to_string(), config, view, Output::Quiet)
-    })?;
-    let Outcome::Ended(report) = outcome else {
-        return Err("somebody asked the group for an upgrade in the middle of the test".into());
-    };
+    let place = Place::create()?;
+    let (config_file, report_file) = (place.0.join("config.toml"), place.0.join("report.json"));
+    fs::write(&config_file, commented_toml(&config))?;
+    let ended = Command::new("/proc/self/exe")
+        .arg0("touchline")
+        .args(["run", "--quiet", "--no-console", "--instance", &args.instance])
+        .args(["--source", &source.to_string(), "--frames", &frames.to_string(), "--config"])
+        .arg(&config_file)
+        .arg("--report")
+        .arg(&report_file)
+        .status()?;
+    let report = fs::read(&report_file).ok().filter(|_| ended.success());
+    let report = report.ok_or("the group did not end as it should; its messages are above")?;
+    let report: Report = serde_json::from_slice(&report)?;
     Ok(Run::of(&report, fps, frames))
+}
+
+/// A directory for the files of one run, removed in the end.
+struct Place(PathBuf);
+
+impl Place {
+    fn create() -> io::Result<Self> {
+        let place = std::env::temp_dir().join(format!("tl-stress-{}", std::process::id()));
+        DirBuilder::new().mode(0o700).create(&place)?;
+        Ok(Self(place))
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
 }
 
 impl Run {
@@ -175,7 +196,7 @@ fn show(run: &Run) -> io::Result<()> {
         (missing, 0) => format!("{missing} lost"),
         (missing, late) => format!("{missing} lost, {late} not captured in time"),
     };
-    say_line!(
+    runtime::say_line!(
         "{:>6.0} fps  {:>7} frames  {verdict:<32}  world after {p50:>6.0} µs (p99 {p99:.0}, max {max:.0})  \
          CPU: injector {:.0} %, stages {:.0} %, supervisor {:.0} %  {} MB",
         run.fps,

@@ -6,7 +6,7 @@
 //! thread. Since it would attack every match on the machine, it runs only in a shared memory that the
 //! match has to itself ([`super::shortage`]).
 
-use crate::commands::CommandError;
+use crate::TrialError;
 use client::instance::Instance;
 use client::memory::SHARED_MEMORY;
 use rustix::process::{Gid, Uid};
@@ -104,7 +104,7 @@ impl Outsider {
 }
 
 /// Whether this process has the right to act as another user.
-pub fn check() -> Result<(), CommandError> {
+pub fn check() -> Result<(), TrialError> {
     let attempt = std::thread::spawn(become_nobody).join();
     attempt.unwrap_or(Err(io::ErrorKind::Other.into())).map_err(|error| {
         format!("outsider is another user, which only root can be ({error}); leave it out with --signals")

@@ -27,9 +27,8 @@ mod verdict;
 pub use bystanders::attach;
 pub use plan::Disturbance;
 
-use super::CommandError;
-use super::output::Rule;
-use crate::cli::ChaosArgs;
+use crate::TrialError;
+use crate::args::ChaosArgs;
 use bystanders::Bystanders;
 use client::clock::{monotonic_ns, wall_ns};
 use config::Config;
@@ -42,6 +41,7 @@ use outsider::{Deeds, Outsider};
 use plan::{Plan, Step};
 use population::{Population, listens_to, panics_on_command};
 use report::{ChaosReport, Done, Ended, Frames, Settings, Times, ms};
+use runtime::output::Rule;
 use rustix::process::Signal;
 use shortage::Shortage;
 use std::collections::BTreeMap;
@@ -69,8 +69,8 @@ const LOST_AFTER_NS: u64 = 1_000_000_000;
 const WHOLE_LOG: usize = 1 << 20;
 
 /// Runs a match and disturbs it.
-pub fn chaos(args: ChaosArgs) -> Result<ExitCode, CommandError> {
-    let mut config = super::load_config(args.config.as_deref())?;
+pub fn chaos(args: ChaosArgs) -> Result<ExitCode, TrialError> {
+    let mut config = runtime::user_config::load_config(args.config.as_deref())?;
     if let Some(fps) = args.fps {
         config.camera.fps = fps;
     }
@@ -149,7 +149,7 @@ fn settings(args: &ChaosArgs, config: &Config) -> Settings {
 
 /// Prints a line; the match continues if the reader is gone (`| head`).
 fn say(line: &str) {
-    let _ = say_line!("{line}");
+    let _ = runtime::say_line!("{line}");
 }
 
 fn list<'a>(words: impl Iterator<Item = &'a str>) -> String {
@@ -184,7 +184,7 @@ struct Session {
 }
 
 impl Session {
-    fn new(group: Group, settings: Settings, stop: Arc<AtomicBool>) -> Result<Self, CommandError> {
+    fn new(group: Group, settings: Settings, stop: Arc<AtomicBool>) -> Result<Self, TrialError> {
         let observer = Observer::start(&group.instance, settings.fps)?;
         Ok(Self {
             population: Population::new(group.instance.name()),
@@ -213,7 +213,7 @@ impl Session {
     }
 
     /// Waits until all processes are present, then observes the undisturbed match for a while.
-    fn warm_up(&mut self) -> Result<(), CommandError> {
+    fn warm_up(&mut self) -> Result<(), TrialError> {
         let deadline = Instant::now() + PATIENCE;
         while !self.is_complete() && !self.is_stopped() {
             if Instant::now() > deadline {
@@ -257,7 +257,7 @@ impl Session {
         missing + gaps + sight.tally.overlooked()
     }
 
-    fn disturb(&mut self) -> Result<(), CommandError> {
+    fn disturb(&mut self) -> Result<(), TrialError> {
         let plan = Plan::new(
             self.settings.seed,
             Duration::from_millis(self.settings.every_ms),
@@ -301,7 +301,7 @@ impl Session {
 
     /// Carries out a planned disturbance; `false` if that is not possible yet. A stage that promises to
     /// lose nothing is disturbed only when it has a spare: anything else is a double fault.
-    fn carry_out(&mut self, step: &Step, due: Instant) -> Result<bool, CommandError> {
+    fn carry_out(&mut self, step: &Step, due: Instant) -> Result<bool, TrialError> {
         let waited_ms = ms(due.elapsed().as_nanos() as u64);
         let t_ns;
         let pid;
@@ -391,7 +391,7 @@ impl Session {
     }
 
     /// Waits until the group has recovered, or until it is clear that it will not.
-    fn settle(&mut self) -> Result<(), CommandError> {
+    fn settle(&mut self) -> Result<(), TrialError> {
         let began = Instant::now();
         let mut look_at = began + SETTLE;
         while self.supervisor_failure.is_none() && began.elapsed() < SETTLED {
@@ -408,7 +408,7 @@ impl Session {
         Ok(())
     }
 
-    fn finish(self) -> Result<ChaosReport, CommandError> {
+    fn finish(self) -> Result<ChaosReport, TrialError> {
         let group_says = match &self.supervisor_failure {
             None => self.group.status(),
             Some(_) => None,
@@ -469,7 +469,7 @@ impl Session {
         Ok(report)
     }
 
-    fn watch_for(&mut self, time: Duration) -> Result<(), CommandError> {
+    fn watch_for(&mut self, time: Duration) -> Result<(), TrialError> {
         let end = Instant::now() + time;
         while Instant::now() < end && !self.is_stopped() {
             self.look()?;
@@ -478,7 +478,7 @@ impl Session {
     }
 
     /// One round: heartbeats, deaths, pauses to be ended, and the clock.
-    fn look(&mut self) -> Result<(), CommandError> {
+    fn look(&mut self) -> Result<(), TrialError> {
         std::thread::sleep(TICK);
         match self.group.check() {
             Ok(()) => {}

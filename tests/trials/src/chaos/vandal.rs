@@ -1,8 +1,8 @@
 //! The vandal: a program with a common bug. It publishes on topics of other processes, at the rate of a
 //! camera, copies of the newest message with a wrong number, and noise.
 
-use crate::cli::BystanderArgs;
-use crate::commands::CommandError;
+use crate::TrialError;
+use crate::args::BystanderArgs;
 use bytemuck::{bytes_of_mut, cast_slice_mut};
 use client::bus::{Bus, BusError, Publisher, Subscriber};
 use client::instance::{Instance, RUNTIME_DIR_VARIABLE};
@@ -50,7 +50,7 @@ pub struct Vandal {
 
 impl Vandal {
     /// Starts it; it publishes for the given time and ends.
-    pub fn start(instance: &Instance, time: Duration) -> Result<Self, CommandError> {
+    pub fn start(instance: &Instance, time: Duration) -> Result<Self, TrialError> {
         let places = instance.directory().parent().unwrap_or(instance.directory());
         descriptors::keep_from_programs_run_now();
         let child = Command::new("/proc/self/exe")
@@ -81,8 +81,8 @@ impl Drop for Vandal {
 }
 
 /// `touchline bystander --rubbish MS`: publishes invalid messages for some time.
-pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode, CommandError> {
-    let instance = Instance::new(&args.instance.instance)?;
+pub fn publish_garbage(args: &BystanderArgs, time: Duration) -> Result<ExitCode, TrialError> {
+    let instance = Instance::new(&args.instance)?;
     let parent = rustix::process::getppid();
     let bus = Bus::join(&instance, NAME)?;
     let mut lanes: Vec<Box<dyn Lane>> = vec![
