@@ -22,7 +22,9 @@ const CONFIG: &str = "[camera]\nfps = 40\n[console]\nlisten = \"127.0.0.1:0\"\n"
 const PITCH: &str = r#"
 preset = "mirosot-triangles"
 [camera]
-fps = 20
+fps = 10
+[synthetic]
+max_speed_mm_s = 300
 [console]
 listen = "127.0.0.1:0"
 [field]
@@ -94,7 +96,7 @@ fn a_pitch_set_up_in_a_browser() {
     let colors: String = COLORS.iter().map(color).collect();
     let config = format!("{PITCH}{colors}");
     let mut group = Group::start_without("console-setup", &config, "TOUCHLINE_NO_CONSOLE");
-    test_page(&mut group, "setup.test.mjs", "", "");
+    test_page(&mut group, "setup.test.mjs", "");
     // The file that was saved, on pictures of this pitch: a match of its own would be painted as the file says.
     let film = group.scratch.path.join("film.mcap");
     let record =
@@ -135,8 +137,7 @@ fn the_reason_for_a_covered_patch_in_a_browser() {
     let config = scratch.write("console.toml", CONFIG);
     let source = format!("recording:{}", file.display());
     let args = ["--source", &source, "--config", config.to_str().unwrap()];
-    // The page begins with the recording that it was started for; here it is to show the match.
-    test_in_browser(Group::start_console(scratch, &args), "covered.test.mjs", "#live", &robot);
+    test_in_browser(Group::start_console(scratch, &args), "covered.test.mjs", &robot);
 }
 
 /// Frames with a patch of a robot covered in the second half; the robot's name.
@@ -211,21 +212,21 @@ fn cover(picture: &mut [u8], width: usize, [x_px, y_px]: [f64; 2], radius_px: f6
 /// Runs tests of the page against a group with this configuration.
 fn in_a_browser(name: &str, config: &str, tests: &str) {
     let group = Group::start_without(name, config, "TOUCHLINE_NO_CONSOLE");
-    test_in_browser(group, tests, "", "");
+    test_in_browser(group, tests, "");
 }
 
-/// Runs tests of the page, from this part of it on, against a group, and ends the group.
-fn test_in_browser(mut group: Group, tests: &str, part: &str, robot: &str) {
-    test_page(&mut group, tests, part, robot);
+/// Runs tests of the page against a group, and ends the group. `robot`: the one that a test is about.
+fn test_in_browser(mut group: Group, tests: &str, robot: &str) {
+    test_page(&mut group, tests, robot);
     end(group);
 }
 
-fn test_page(group: &mut Group, tests: &str, part: &str, robot: &str) {
+fn test_page(group: &mut Group, tests: &str, robot: &str) {
     group.wait_until_working();
     let told = group.stderr();
     let address = told.split_whitespace().find(|word| word.starts_with("http://"));
-    let address = format!("{}{part}", address.expect("an address"));
-    node(&["--test", tests], &[("TOUCHLINE_CONSOLE", &address), ("TOUCHLINE_ROBOT", robot)]);
+    let address = address.expect("an address");
+    node(&["--test", tests], &[("TOUCHLINE_CONSOLE", address), ("TOUCHLINE_ROBOT", robot)]);
 }
 
 fn end(mut group: Group) {

@@ -16,6 +16,12 @@ let browser;
 before(async () => { browser = await open(ADDRESS); });
 after(() => browser?.close());
 
+test('a page that was started for a recording begins with it', async () => {
+  const { page } = browser;
+  await until(async () => (await page.locator('.player .list tbody tr').count()) === 10, 'the recording, with its robots');
+  await page.locator('header nav a', { hasText: 'Live' }).click();
+});
+
 test('the page says why, soon after the patch is covered', async () => {
   const { page } = browser;
   await until(async () => (await page.locator('.live .list tbody tr').count()) === 10, 'ten rows');

@@ -19,7 +19,9 @@ const get = async (path) => (await fetch(new URL(path, ADDRESS))).json();
 before(async () => {
   const origin = new URL(ADDRESS).origin;
   const { revision, values } = await get('/api/config');
-  const text = `preset = "mirosot-5v5"\n[camera]\nfps = ${values.camera.fps}\n[console]\nlisten = "${values.console.listen}"\n`;
+  // With another camera or another match, the grabber would be replaced and paint the preset's pitch.
+  const text = `preset = "mirosot-5v5"\n[camera]\nfps = ${values.camera.fps}\n[console]\nlisten = "${values.console.listen}"\n`
+    + `[synthetic]\nmax_speed_mm_s = ${values.synthetic.max_speed_mm_s}\n`;
   const answer = await fetch(new URL('/api/reload', ADDRESS), {
     method: 'POST', headers: { origin, 'content-type': 'application/json' }, body: JSON.stringify({ base_revision: revision, text }),
   });

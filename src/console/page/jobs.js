@@ -9,13 +9,18 @@ import { store } from './store.js';
 /** @typedef {{px: Pair, mm: Pair}} Point */
 /** @typedef {Record<string, any>} KeySet keys of the configuration with values */
 
-/** The server runs one job at a time; the next one waits here. @type {Promise<any>} */
+/** The server runs one job at a time; those of this page wait here. @type {Promise<any>} */
 let last_job = Promise.resolve();
+let running = 0;
+
+/** Whether a job of this page runs or waits. */
+export const isWorking = () => running > 0;
 
 /** @param {string} kind @param {object} request @returns {Promise<any>} */
 function job(kind, request) {
+  running += 1;
   const answer = last_job.then(() => post(`/api/setup/${kind}`, request));
-  last_job = answer.catch(() => null);
+  last_job = answer.catch(() => null).finally(() => { running -= 1; });
   return answer;
 }
 

@@ -2,6 +2,7 @@
 
 import { changes } from './changes.js';
 import { h, mark, replace, say } from './dom.js';
+import { isWorking } from './jobs.js';
 import { drawScene } from './overlay.js';
 import { PictureView } from './picture-view.js';
 import { canDemosaic, Pictures } from './pictures.js';
@@ -33,6 +34,8 @@ import { store } from './store.js';
 const HELD_MS = 2500;
 /** The overlay is that of a frame at most so far from the picture. */
 const IN_STEP_S = 0.1;
+/** While a job runs, pictures come at this distance. */
+const WORKING_MS = 500;
 
 const NO_SWITCHES = {
   robots: false, names: false, headings: false, ball: false, rejected: false, regions: false, runs: false, trails: false, prediction: false,
@@ -114,6 +117,8 @@ export class SetupView {
   /** @private */
   wanted() {
     if (!this.visible || document.hidden || this.holds) return null;
+    // On one laptop the job needs the processors more.
+    if (isWorking() && performance.now() - this.taken_ms < WORKING_MS) return null;
     return /** @type {const} */ ({ scale: this.raw ? 1 : this.picture.neededScale(), format: this.raw ? 'raw' : 'jpeg' });
   }
 
@@ -124,6 +129,7 @@ export class SetupView {
       return;
     }
     if (this.holds) return;
+    this.taken_ms = performance.now();
     await this.picture.show(picture);
     this.shown_seq = picture.header.seq;
     this.step?.take?.(picture);
@@ -193,6 +199,7 @@ export class SetupView {
   }
 
   shown_seq = 0;
+  taken_ms = 0;
 
   /** @private @param {CanvasRenderingContext2D} context @param {import('./types').ViewTransform} view */
   draw(context, view) {
