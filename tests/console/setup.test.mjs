@@ -52,17 +52,19 @@ test('from a preset that does not fit to all robots and the ball', async () => {
       if ((await page.locator('.changes').innerText()).includes(key)) return 'proposed';
       // Learning may find that nothing can be better.
       const toasts = await page.locator('.toast').allInnerTexts();
-      if (key === 'colors' && toasts.some((text) => text.includes('as they were learned'))) return 'proposed';
+      if (key === 'colors' && toasts.some((text) => text.includes('as they were learned'))) return 'nothing better';
       const refusals = await page.locator('.toast.is-bad').allInnerTexts();
       return refusals.join();
     }, `${key} is proposed`, 300_000);
-    assert.equal(answer, 'proposed');
+    assert.match(answer, /^(proposed|nothing better)$/);
+    return answer === 'proposed';
   };
   const apply = async () => {
     const { revision } = await get('/api/config');
     await click(page.locator('[data-test=apply]'));
     await until(async () => (await get('/api/config')).revision > revision, 'a new revision');
   };
+  const began_ms = performance.now();
   await click(page.locator('header nav a', { hasText: 'Set-up' }));
   await step('field');
   for (const [key, value] of Object.entries(SIZES)) {
@@ -86,9 +88,9 @@ test('from a preset that does not fit to all robots and the ball', async () => {
 
   await step('colors');
   await click(page.getByRole('button', { name: 'Learn the colours' }));
-  await proposed('colors');
+  const is_better = await proposed('colors');
   await shot('done-colors');
-  await apply();
+  if (is_better) await apply();
   await until(async () => {
     const { found } = await get('/api/status');
     return found.robots === 10 && found.ball;
@@ -110,6 +112,7 @@ test('from a preset that does not fit to all robots and the ball', async () => {
   const { history } = (await get('/api/status')).configuration;
   assert.ok(!history.some(({ what }) => what.startsWith('back to')), JSON.stringify(history));
   assert.equal(config.values.field.length_mm, SIZES.length_mm);
-  assert.ok(actions <= MOST_ACTIONS, `${actions} actions`);
+  console.log(`${actions} actions, ${((performance.now() - began_ms) / 1000).toFixed(0)} s; colours ${is_better ? 'learned' : 'as in the preset'}`);
+  assert.ok(actions < MOST_ACTIONS, `${actions} actions`);
   assert.deepEqual(browser.faults, []);
 });
