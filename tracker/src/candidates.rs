@@ -10,6 +10,9 @@
 //! * the pixels of the colour at the place that a candidate for a team patch predicts
 //!   ([`footprint`](crate::pattern::footprint)), whatever region they belong to.
 //!
+//! Regions in identification colours are measured only near candidates for team patches, and where they are
+//! large enough to be told of: on real pitches most are specks.
+//!
 //! Candidates made of the same pixels contradict each other. The assignment decides which are real, when the
 //! value of each explanation is known; nothing is ruled out here.
 
@@ -25,21 +28,28 @@ use crate::pitch::Pitch;
 use crate::regions::class_index::ClassIndex;
 use crate::regions::measure::Measure;
 use crate::regions::measured_regions::{MeasuredRegion, MeasuredRegions};
+use crate::regions::vicinity::{Vicinity, least_mm_per_px};
 use beside::Place;
 use candidate::{MAX_PARTS, Part};
-use geometry::{CameraModel, FieldPoint};
-use messages::DetectionFrame;
-use parts::{MAX_MERGED_RATIO, SPLIT_RATIO};
+use geometry::{CameraModel, FieldPoint, ImagePoint};
+use messages::{DetectionFrame, Region};
+use parts::{MAX_MERGED_RATIO, MERGE_REACH, SPLIT_RATIO};
 use split::{MAX_PIECES, Splitter};
 use std::ops::Range;
 
 /// Most candidates of one kind; of more, those with the likeliest areas are kept. Thirty-two robots with two
 /// dots of a colour each have 64, and a few more for fragments.
 const MAX_CANDIDATES: usize = 192;
+/// Factor on the largest area of a pixel that was found at some places of the pitch.
+const PIXEL_AREA_SLACK: f64 = 1.1;
 
 /// Finds candidates, and keeps them until the next frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CandidateFinder {
+    /// For each height, the pixels of a region in an identification colour from which it is measured wherever
+    /// it lies; 0 where missing.
+    worth_telling_px: Vec<f64>,
+    vicinity: Vicinity,
     /// For each height of the pattern, the measured regions.
     by_height: Vec<MeasuredRegions>,
     candidates: Vec<Candidate>,
@@ -100,6 +110,23 @@ impl CandidateFinder {
         self.ranges.get(kind).map_or(&[], |range| &self.candidates[range.clone()])
     }
 
+    /// A finder for robots on a pitch.
+    pub fn new(pattern: &Pattern, camera: &CameraModel, pitch: &Pitch) -> Self {
+        let of_identification = pattern.kinds.iter().filter(|kind| kind.team.is_none());
+        let least_mm2 = of_identification.map(|kind| pattern.patch_of_kind(kind).area_mm2);
+        let least_mm2 = pattern.limits.min_area_ratio * least_mm2.fold(f64::INFINITY, f64::min);
+        let worth_telling_px = pattern.heights_mm.iter().map(|&height_mm| {
+            let areas = pitch.grid().map(|place| {
+                camera.pixel_area_mm2(camera.image_from_field(place, height_mm), height_mm)
+            });
+            // `max` would pass over NaN.
+            let largest_mm2 = areas.fold(0.0, |a, b| if b <= a { a } else { b });
+            let pixels = least_mm2 / (PIXEL_AREA_SLACK * largest_mm2);
+            if pixels.is_finite() { pixels } else { 0.0 }
+        });
+        Self { worth_telling_px: worth_telling_px.collect(), ..Self::default() }
+    }
+
     /// Finds the candidates among the regions of `frame`.
     pub fn find(
         &mut self,
@@ -110,7 +137,12 @@ impl CandidateFinder {
         index: &ClassIndex,
     ) {
         self.splitter.start_frame();
-        self.measure_regions(pattern, camera, pitch, frame, index);
+        self.by_height.resize(pattern.heights_mm.len(), MeasuredRegions::default());
+        self.by_height.iter_mut().for_each(MeasuredRegions::clear);
+        for height in 0..self.by_height.len() {
+            let of_teams = classes(pattern, height, |kind| kind.team.is_some());
+            self.measure_regions(pattern, camera, pitch, frame, index, height, of_teams, |_| true);
+        }
         self.candidates.clear();
         self.ranges.clear();
         self.places.clear();
@@ -118,6 +150,12 @@ impl CandidateFinder {
         (self.cuts, self.cut_work, self.is_cut) = (0, 0, false);
         for (kind, alike) in pattern.kinds.iter().zip(&pattern.alike) {
             let begin = self.candidates.len();
+            // The kinds of team patches come first, so all their candidates are known.
+            if kind.team.is_none() && !is_guessed {
+                self.measure_near_team_patches(pattern, camera, pitch, frame, index);
+                self.guess_places(pattern, camera);
+                is_guessed = true;
+            }
             match alike {
                 Some(alike) => self.copy_kind(*alike),
                 None => self.find_kind(pattern, kind, camera, frame),
@@ -125,12 +163,7 @@ impl CandidateFinder {
             self.sort_from(begin);
             self.is_cut |= self.candidates.len() > begin + MAX_CANDIDATES;
             self.candidates.truncate(begin + MAX_CANDIDATES);
-            // The kinds of team patches come first, so all their candidates are known.
             if kind.team.is_none() {
-                if !is_guessed {
-                    self.guess_places(pattern, camera);
-                    is_guessed = true;
-                }
                 self.look_beside_team_patches(pattern, kind, camera, frame);
                 self.sort_from(begin);
             }
@@ -154,6 +187,8 @@ impl CandidateFinder {
         self.candidates[begin..].copy_from_slice(&self.sorted);
     }
 
+    /// Measures the regions of these classes (a bit set) at a height that are `wanted`.
+    #[allow(clippy::too_many_arguments)] // The context of all steps, and the regions.
     fn measure_regions(
         &mut self,
         pattern: &Pattern,
@@ -161,16 +196,59 @@ impl CandidateFinder {
         pitch: &Pitch,
         frame: &DetectionFrame,
         index: &ClassIndex,
+        height: usize,
+        classes: u32,
+        wanted: impl Fn(&Region) -> bool,
     ) {
-        self.by_height.resize(pattern.heights_mm.len(), MeasuredRegions::default());
-        for (height, regions) in self.by_height.iter_mut().enumerate() {
-            let is_there = |kind: &&Kind| pattern.top_of_kind(kind).height == height;
-            let kinds = pattern.kinds.iter().filter(is_there);
-            let classes = kinds.fold(0u32, |classes, kind| classes | 1 << kind.class);
-            let height_mm = pattern.heights_mm[height];
-            // A patch lies within half a diagonal of the centre of its robot.
-            let slack_mm = pattern.size_mm * 0.75;
-            regions.measure(frame, index, classes, camera, height_mm, pitch, slack_mm);
+        let height_mm = pattern.heights_mm[height];
+        // A patch lies within half a diagonal of the centre of its robot.
+        let slack_mm = pattern.size_mm * 0.75;
+        let regions = &mut self.by_height[height];
+        regions.measure(frame, index, classes, camera, height_mm, pitch, slack_mm, wanted);
+    }
+
+    /// Measures the regions in identification colours that may matter.
+    fn measure_near_team_patches(
+        &mut self,
+        pattern: &Pattern,
+        camera: &CameraModel,
+        pitch: &Pitch,
+        frame: &DetectionFrame,
+        index: &ClassIndex,
+    ) {
+        for height in 0..self.by_height.len() {
+            let mut vicinity = std::mem::take(&mut self.vicinity);
+            vicinity.clear();
+            for (kind, range) in pattern.kinds.iter().zip(&self.ranges) {
+                let top = pattern.top_of_kind(kind);
+                if top.height != height {
+                    continue;
+                }
+                let reach_mm = reach_mm(pattern, top);
+                let mut add = |point: ImagePoint| {
+                    let mm_per_px = least_mm_per_px(camera, point, top.height_mm);
+                    vicinity.add(point, reach_mm / mm_per_px);
+                };
+                for candidate in &self.candidates[range.clone()] {
+                    add(candidate.measure.image);
+                    // Of a candidate that is not one whole region, the regions as well.
+                    let parts = candidate.parts();
+                    let parts = if let [Part { pieces: 1, .. }] = parts { &[] } else { parts };
+                    for part in parts {
+                        let region = &frame.regions()[part.region as usize];
+                        add(ImagePoint::new(region.x_px.into(), region.y_px.into()));
+                    }
+                }
+            }
+            let least_px = self.worth_telling_px.get(height).copied().unwrap_or(0.0);
+            let is_wanted = |region: &Region| {
+                f64::from(region.pixel_count) >= least_px || vicinity.meets(region)
+            };
+            let of_teams = classes(pattern, height, |kind| kind.team.is_some());
+            let of_all = classes(pattern, height, |_| true);
+            let classes = of_all & !of_teams;
+            self.measure_regions(pattern, camera, pitch, frame, index, height, classes, is_wanted);
+            self.vicinity = vicinity;
         }
     }
 
@@ -221,6 +299,23 @@ impl CandidateFinder {
         let misfit = pattern.limits.area_misfit(area_ratio);
         self.candidates.push(Candidate::new(parts, measure, misfit));
     }
+}
+
+/// The classes (a bit set) of the kinds at a height that are `wanted`.
+fn classes(pattern: &Pattern, height: usize, wanted: impl Fn(&Kind) -> bool) -> u32 {
+    let is_there = |kind: &&Kind| pattern.top_of_kind(kind).height == height && wanted(kind);
+    pattern.kinds.iter().filter(is_there).fold(0, |classes, kind| classes | 1 << kind.class)
+}
+
+/// Distance from the place of a team patch within which regions may belong to its robot, or lie on it.
+fn reach_mm(pattern: &Pattern, top: &Top) -> f64 {
+    // A candidate may be merged from regions that lie this far from each other.
+    let patches = top.patches.iter().enumerate().map(|(patch, expected)| {
+        top.distance_mm(patch, top.team_patch) + 2.0 * MERGE_REACH * expected.reach_mm
+    });
+    let [x_mm, y_mm] = top.patches[top.team_patch].centroid_mm;
+    let on_top = x_mm.hypot(y_mm) + top.core.reach_mm();
+    pattern.limits.patch_tolerance_mm + patches.fold(on_top, f64::max)
 }
 
 #[cfg(test)]

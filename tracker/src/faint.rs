@@ -18,12 +18,13 @@
 //! Otherwise only its team is reported: a wrong name is worse than none.
 //!
 //! The search takes a hundred times as long as pairing patches. So it is done only for regions of a team's
-//! colour that belong to no robot while robots of that team are missing, and [`MAX_TRIALS`] bounds it.
-//! Within the bound every seed is searched once before any is searched widely, and teams take turns. Seeds
-//! beyond the bound are reported ([`FaintRobots::has_skipped`]).
+//! colour that belong to no robot while robots of that team are missing, and the number of trials is bounded:
+//! in a match frames take turns with the seeds ([`turns`]). Seeds that a frame has no time for are reported
+//! ([`FaintRobots::has_skipped`]).
 
 pub(crate) mod mixture;
 mod search;
+pub(crate) mod turns;
 
 use crate::pairing::{Pairing, Scene};
 use crate::pattern::{Pattern, Top};
@@ -32,17 +33,16 @@ use crate::raw::{CHANNELS, RawFrame};
 use crate::regions::measure::distance_mm;
 use config::{ColorConfig, Config};
 use geometry::{FieldPoint, ImagePoint, Pose, wrap_angle};
-use messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, Team};
-use mixture::{Blur, Colors, Match, Mixture, Samples, Unmixed, has_hue};
+use messages::{DetectedRobot, DetectionFrame, MAX_PATCHES, MAX_REGIONS, MAX_ROBOTS, Team};
+use mixture::{Blur, Colors, Look, Match, Mixture, Samples, Unmixed, has_hue};
 use search::{Effort, PROMISING, Search, Trial};
+use turns::Extent;
 
 /// Area of a seed as a fraction of the team patch; blur may make it larger than the patch.
 const MIN_AREA_RATIO: f64 = 0.06;
 const MAX_AREA_RATIO: f64 = 3.0;
 /// Most seeds of a frame, for each team.
 const MAX_SEEDS: usize = 16;
-/// Most poses tried in a frame, at 2 to 5 µs each. A robot takes some 120.
-const MAX_TRIALS: u32 = 1600;
 /// Explained fraction that suffices without a wide search if all other conditions hold, in noisier pictures.
 const SUFFICIENT: f64 = 0.75;
 /// Least explained fraction of a robot that is named.
@@ -71,8 +71,10 @@ pub(crate) struct FaintRobots {
     samples: Box<Samples>,
     seeds: Vec<Seed>,
     found: Vec<Found>,
-    /// Regions of seeds that were not searched, or not as widely as they deserve, because of [`MAX_TRIALS`].
+    /// Regions of seeds that were not searched, or not as widely as they deserve, for lack of trials.
     skipped: Vec<u32>,
+    /// Robots that have been found, within reach of the seed that is being searched.
+    others: Vec<FieldPoint>,
     /// Best trial of each wearer of the group that is being searched.
     best: Vec<Trial>,
 }
@@ -92,7 +94,7 @@ struct Group {
 struct Wearer {
     /// Index into the pattern's identities.
     identity: usize,
-    colors: Colors,
+    look: Look,
 }
 
 /// A region that may be the remains of a team patch.
@@ -135,14 +137,15 @@ impl FaintRobots {
                 groups.push(Group { team, top, mixture, wearers: Vec::new() });
                 groups.len() - 1
             });
-            groups[known].wearers.push(Wearer { identity: index, colors });
+            groups[known].wearers.push(Wearer { identity: index, look: Look::new(colors) });
         }
         Self {
             groups,
             samples: Box::default(),
             seeds: Vec::new(),
             found: Vec::new(),
-            skipped: Vec::new(),
+            skipped: Vec::with_capacity(MAX_REGIONS),
+            others: Vec::with_capacity(MAX_ROBOTS),
             best: Vec::new(),
         }
     }
@@ -153,7 +156,7 @@ impl FaintRobots {
         self.skipped.clear();
     }
 
-    /// Whether a region was a seed that [`MAX_TRIALS`] kept from being searched.
+    /// Whether a region was a seed that there was no time to search.
     pub fn has_skipped(&self, region: u32) -> bool {
         self.skipped.contains(&region)
     }
@@ -170,6 +173,7 @@ impl FaintRobots {
         scene: &Scene,
         pairing: &Pairing,
         frame: &RawFrame,
+        extent: Extent,
         out: &mut DetectionFrame,
     ) {
         self.clear();
@@ -185,22 +189,21 @@ impl FaintRobots {
         // By rank, so that teams take turns.
         self.seeds.sort_unstable_by_key(|seed| (seed.rank, seed.group));
         let mut trials = 0;
-        let mut blur = Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() };
-        for effort in [Effort::Once, Effort::Widely] {
-            for index in 0..self.seeds.len() {
-                let Seed { group, region, position, is_promising, .. } = self.seeds[index];
-                if !is_promising
-                    || self.covers(scene.pattern, position)
-                    || self.is_complete(pairing, group)
-                {
-                    continue;
-                }
-                if trials >= MAX_TRIALS {
-                    self.skipped.push(region);
-                    continue;
-                }
-                trials += self.search_around(scene, pairing, frame, index, effort, &mut blur);
+        let mut blur = extent.first_blur(scene.pattern.size_mm);
+        for (index, effort) in extent.searches(self.seeds.len()) {
+            let Seed { group, region, position, is_promising, .. } = self.seeds[index];
+            if !is_promising
+                || self.covers(scene.pattern, position)
+                || self.is_complete(pairing, group)
+            {
+                continue;
             }
+            // A search that was cut short would compare robots that were not tried equally.
+            if trials + effort.most_trials() > extent.most_trials() {
+                self.skipped.push(region);
+                continue;
+            }
+            trials += self.search_around(scene, pairing, frame, index, effort, &mut blur);
         }
         if !self.skipped.is_empty() {
             out.flags |= DetectionFrame::SEARCH_CUT;
@@ -264,16 +267,18 @@ impl FaintRobots {
         self.seeds[index].is_promising = false;
         let Group { top, mixture, wearers, .. } = &self.groups[seed.group];
         let top = &pattern.tops[*top];
-        let found = &self.found;
+        let others = pairing.robots().map(|robot| robot.pose.position);
+        let others = others.chain(self.found.iter().map(|found| found.pose.position));
+        let reach_mm = mixture.sample_reach_mm(top) + 0.5 * pattern.size_mm;
+        self.others.clear();
+        self.others.extend(others.filter(|&it| distance_mm(it, seed.position) <= reach_mm));
+        let others = &self.others;
         let is_other = |place: FieldPoint| {
-            is_on_robot(pattern, pairing, place)
-                || found
-                    .iter()
-                    .any(|other| distance_mm(other.pose.position, place) < 0.5 * pattern.size_mm)
+            others.iter().any(|&other| distance_mm(other, place) < 0.5 * pattern.size_mm)
         };
         self.samples.take(mixture, top, scene.camera, frame, seed.position, is_other);
         let patches = ..top.patches.len();
-        if wearers.iter().all(|wearer| wearer.colors[patches].iter().all(has_hue)) {
+        if wearers.iter().all(|wearer| wearer.look.colors[patches].iter().all(has_hue)) {
             self.samples.drop_lines();
         }
         let mut search = Search {
@@ -306,9 +311,9 @@ impl FaintRobots {
         let next = others.map(|(_, other)| other.matched.cost).fold(f64::INFINITY, f64::min);
         let ratio = (next - trial.matched.cost) / (2.0 * variance);
         *blur = trial.blur;
-        let own = unmixed.distance(&wearer.colors).max(LEAST_DISTANCE);
+        let own = unmixed.distance(&wearer.look).max(LEAST_DISTANCE);
         let is_far = |other: &Wearer| {
-            other.identity == wearer.identity || unmixed.distance(&other.colors) >= FARTHER * own
+            other.identity == wearer.identity || unmixed.distance(&other.look) >= FARTHER * own
         };
         let is_doubtful = effort == Effort::Once && trial.matched.explained < SUFFICIENT;
         if ratio < DECISIVE
@@ -367,8 +372,8 @@ impl FaintRobots {
 fn is_believable(top: &Top, wearer: &Wearer, unmixed: &Unmixed, trial: &Trial) -> bool {
     let Match { explained, brightness, .. } = trial.matched;
     let fits = |patch: usize| {
-        let level = unmixed.level(&wearer.colors, brightness, patch);
-        let expected = wearer.colors[patch].map(|color| brightness * color);
+        let level = unmixed.level(&wearer.look, brightness, patch);
+        let expected = wearer.look.colors[patch].map(|color| brightness * color);
         let norm = |values: [f64; CHANNELS]| values.iter().map(|v| v * v).sum::<f64>().sqrt();
         let off = std::array::from_fn(|channel| level[channel] - expected[channel]);
         norm(off) <= LEVEL_TOLERANCE * norm(expected) + LEVEL_SLACK

@@ -100,6 +100,11 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Pairing {
+    /// Pairing for robots on a pitch.
+    pub fn new(pattern: &Pattern, camera: &CameraModel, pitch: &Pitch) -> Self {
+        Self { finder: CandidateFinder::new(pattern, camera, pitch), ..Self::default() }
+    }
+
     /// Finds the robots among the regions of `frame` and appends them to it, by team and number.
     pub fn find(&mut self, scene: &Scene, frame: &mut DetectionFrame) {
         self.index.fill(frame);

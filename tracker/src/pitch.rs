@@ -35,6 +35,17 @@ impl Pitch {
             && y <= self.half_goal_width_mm + margin;
         in_field || in_goal
     }
+
+    /// Places all over the pitch, up to the corners beside its goals.
+    pub fn grid(&self) -> impl Iterator<Item = FieldPoint> {
+        const STEPS: i32 = 8;
+        let x_mm = self.half_length_mm + self.goal_depth_mm + self.margin_mm;
+        let y_mm = self.half_width_mm.max(self.half_goal_width_mm) + self.margin_mm;
+        let part = |step: i32| f64::from(2 * step - STEPS) / f64::from(STEPS);
+        (0..=STEPS).flat_map(move |row| {
+            (0..=STEPS).map(move |column| FieldPoint::new(x_mm * part(column), y_mm * part(row)))
+        })
+    }
 }
 
 #[cfg(test)]

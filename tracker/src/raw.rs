@@ -64,13 +64,17 @@ impl<'a> RawFrame<'a> {
     /// column and lies in the picture; 0 for a channel without samples.
     pub fn mean(&self, row: usize, column: usize, size: usize) -> [f32; CHANNELS] {
         let (mut sums, mut counts) = ([0.0; CHANNELS], [0.0f32; CHANNELS]);
-        for row in row..row + size {
-            for column in column..column + size {
-                for index in 0..self.samples_per_pixel {
-                    let (channel, value) = self.sample(row, column, index);
-                    sums[channel] += value;
-                    counts[channel] += 1.0;
+        let quarter = (size * size / 4) as f32;
+        for (y, x) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            // Every second row and column: one channel of a mosaic.
+            for index in 0..self.samples_per_pixel {
+                let channel = self.channels[(row + y) & 1][(column + x) & 1] + index;
+                for row in (row + y..row + size).step_by(2) {
+                    for column in (column + x..column + size).step_by(2) {
+                        sums[channel] += self.sample(row, column, index).1;
+                    }
                 }
+                counts[channel] += quarter;
             }
         }
         std::array::from_fn(|channel| sums[channel] / counts[channel].max(1.0))
@@ -125,6 +129,36 @@ mod tests {
         assert_eq!(samples(PixelFormat::Uyvy, &[1, 10, 2, 20, 3, 30, 4, 40], 0, 1), [(0, 30.0)]);
         assert_eq!(samples(PixelFormat::Nv12, &[1, 2, 3, 4, 5, 6], 1, 1), [(0, 4.0)]);
         assert_eq!(samples(PixelFormat::I420, &[1, 2, 3, 4, 5, 6], 0, 1), [(0, 3.0)]);
+    }
+
+    #[test]
+    fn means_are_those_of_all_samples_of_a_channel() {
+        for format in [PixelFormat::Bayer8, PixelFormat::Bayer12, PixelFormat::Rgb24] {
+            let header = FrameHeader {
+                width: 12,
+                height: 10,
+                stride: format.row_bytes(12) as u32,
+                pixel_format: format as u32,
+                bayer_order: BayerOrder::Gbrg as u32,
+                ..FrameHeader::default()
+            };
+            let bytes: Vec<u8> =
+                (0..header.stride * 10).map(|index| (index * 37 % 251) as u8).collect();
+            let frame = RawFrame::new(&header, &bytes, 12, 10).unwrap();
+            for (row, column, size) in [(0, 0, 2), (3, 5, 2), (2, 7, 4), (4, 1, 6)] {
+                let (mut sums, mut counts) = ([0.0; CHANNELS], [0.0; CHANNELS]);
+                for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
+                    for index in 0..frame.samples_per_pixel {
+                        let (channel, value) = frame.sample(row + y, column + x, index);
+                        sums[channel] += value;
+                        counts[channel] += 1.0;
+                    }
+                }
+                let expected: [f32; CHANNELS] =
+                    std::array::from_fn(|channel| sums[channel] / counts[channel]);
+                assert_eq!(frame.mean(row, column, size), expected, "{format:?} {row} {column}");
+            }
+        }
     }
 
     #[test]

@@ -26,6 +26,7 @@ pub(crate) mod class_index;
 pub(crate) mod measure;
 pub(crate) mod measured_regions;
 pub(crate) mod places;
+pub(crate) mod vicinity;
 
 use bytemuck::{Zeroable, zeroed_box};
 use messages::{DetectionFrame, MAX_REGIONS, MAX_RUNS, Region, Run};

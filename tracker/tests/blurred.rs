@@ -6,7 +6,7 @@ mod support;
 
 use bytemuck::Zeroable;
 use config::Config;
-use messages::{DetectionFrame, Run, RunsHeader, Team};
+use messages::{DetectionFrame, RejectReason, Run, RunsHeader, Team};
 use support::*;
 use touchline_tracker::Tracker;
 
@@ -102,8 +102,8 @@ fn defocused(config: &Config, pixels: &[[f64; 3]], sigma_px: f64) -> Pixels {
     shifted(config, &across, &line(|offset| (0.0, offset)))
 }
 
-/// The tracker's detections in a picture with this much noise, 1σ.
-fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame> {
+/// Runs and raw picture of a picture with this much noise, 1σ.
+fn taken(config: &Config, pixels: &[[f64; 3]], noise: f64) -> (RunsHeader, Vec<Run>, Vec<u8>) {
     let width = config.camera.width as usize;
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut random = move || {
@@ -145,8 +145,14 @@ fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame>
         run_count: runs.len() as u32,
         ..RunsHeader::default()
     };
+    (header, runs, raw)
+}
+
+/// The tracker's detections in a picture by itself with this much noise, 1σ.
+fn seen(config: &Config, pixels: &[[f64; 3]], noise: f64) -> Box<DetectionFrame> {
+    let (header, runs, raw) = taken(config, pixels, noise);
     let mut out = Box::new(DetectionFrame::zeroed());
-    Tracker::new(config).unwrap().step(&header, &runs, Some(&raw), None, &mut out);
+    Tracker::new(config).unwrap().look_at(&header, &runs, Some(&raw), &mut out);
     out
 }
 
@@ -221,4 +227,43 @@ fn robots_with_a_patch_of_no_listed_robot_get_no_name() {
             }));
         }
     }
+}
+
+/// No frame of a match has time to search for all robots of a blurred picture, but every few frames each is
+/// found. What a frame finds follows from its number, and it says that it did not look everywhere.
+#[test]
+fn frames_of_a_match_take_turns_with_blurred_robots() {
+    const FRAMES: u64 = 24;
+    let (config, robots) = (Config::default(), robots());
+    let sharp = painted(&config, &robots);
+    let blurred = moved(&config, &defocused(&config, &sharp, 2.5), 9.0, 30.0);
+    let (mut header, runs, raw) = taken(&config, &blurred, 2.0);
+    let mut tracker = Tracker::new(&config).unwrap();
+    let mut step = |seq: u64| {
+        header.frame.seq = seq;
+        let mut out = Box::new(DetectionFrame::zeroed());
+        tracker.step(&header, &runs, Some(&raw), None, &mut out);
+        out
+    };
+    let mut times_found = std::collections::BTreeMap::new();
+    for seq in 1000..1000 + FRAMES {
+        let frame = step(seq);
+        found(&frame, &robots, 6.0, 12.0);
+        for robot in frame.robots() {
+            *times_found.entry((robot.team, robot.robot_id)).or_insert(0u64) += 1;
+        }
+        let missing = robots.len() - frame.robots().len();
+        let not_looked_at = RejectReason::NotLookedAt as u32;
+        let said = frame.rejected().iter().filter(|it| it.reason == not_looked_at).count();
+        assert!(said >= missing, "frame {seq}: {missing} missing, {said} said");
+        assert_eq!(frame.flags & DetectionFrame::SEARCH_CUT != 0, missing > 0, "frame {seq}");
+    }
+    assert_eq!(times_found.len(), robots.len(), "{times_found:?}");
+    assert!(times_found.values().any(|&times| times < FRAMES), "no frame was short of time");
+    assert!(times_found.values().all(|&times| times >= 2), "{times_found:?}");
+    // In any order and by any tracker, a frame gives the same.
+    let robots_of = |frame: Box<DetectionFrame>| frame.robots().to_vec();
+    let before: Vec<_> = (1000..1006).map(|seq| robots_of(step(seq))).collect();
+    let again: Vec<_> = (1000..1006).rev().map(|seq| robots_of(step(seq))).collect();
+    assert!(before.iter().eq(again.iter().rev()));
 }

@@ -2,7 +2,7 @@
 //!
 //! A frame goes through [`classify`](Chain::classify), [`track`](Chain::track) and [`filter`](Chain::filter), as it
 //! goes through three processes in a match; [`step`](Chain::step) is all three. A single picture, without
-//! predecessors, goes through [`look_at`](Chain::look_at).
+//! predecessors, goes through [`look_at`](Chain::look_at), which takes the time to search all of it.
 
 use bytemuck::Zeroable;
 use classifier::{Classifier, ClassifierError};
@@ -101,7 +101,8 @@ impl Chain {
     pub fn look_at(&mut self, pixels: &[u8]) -> Result<&DetectionFrame, FrameFault> {
         self.has_world = false;
         self.classify(&self.camera.frame_header(), pixels)?;
-        self.track(pixels);
+        let runs = self.runs_header.valid(&self.runs);
+        self.tracker.look_at(&self.runs_header, runs, Some(pixels), &mut self.detections);
         Ok(&self.detections)
     }
 

@@ -32,18 +32,24 @@
 
 mod rim_samples;
 mod shading;
+mod wide;
 
 use super::sphere::Sphere;
 use crate::edges::edge_pixels::PSF_SIGMA_PX;
 use crate::edges::local_map::{LocalMap, mm_per_px};
 use crate::linear::{inverse, times};
 use crate::raw::{CHANNELS, RawFrame};
+use fearless_simd::{Level, dispatch};
 use geometry::{CameraModel, FieldPoint, Pose};
-use rim_samples::RimSamples;
+use rim_samples::{RimSamples, TERMS};
 use shading::{Block, SHADES, solve};
+use wide::{LANES, Number, Wide};
 
 /// Sectors of the rim.
 const SECTORS: usize = 16;
+/// Groups of sectors that are calculated with together.
+const GROUPS: usize = SECTORS / LANES;
+const _: () = assert!(SECTORS.is_multiple_of(LANES));
 /// Passes over the pixels. Soft passes assume a wide point spread function, because a rim that is two pixels
 /// off shows only in a slope of that reach, and one background all around. Free passes use the camera's own
 /// function, and each sector has a background of its own.
@@ -125,8 +131,9 @@ pub(crate) struct BallFitter {
     sphere: Sphere,
     samples: RimSamples,
     rim: [Sector; SECTORS],
-    /// Normal equations of the current pass, by sector and channel. They do not depend on the weights.
-    blocks: Box<[[Block; CHANNELS]; SECTORS]>,
+    level: Level,
+    /// Normal equations of the current pass, by group of sectors and channel. They do not depend on the weights.
+    blocks: Box<[[Block<Wide>; CHANNELS]; GROUPS]>,
     /// Reused allocation for [`BallFitter::background`].
     residuals: Vec<f32>,
 }
@@ -164,7 +171,8 @@ impl BallFitter {
             sphere,
             samples: RimSamples::new(),
             rim: [Sector::default(); SECTORS],
-            blocks: Box::new([[Block::default(); CHANNELS]; SECTORS]),
+            level: Level::new(),
+            blocks: Box::new([[Block::default(); CHANNELS]; GROUPS]),
             residuals: Vec::with_capacity(256),
         }
     }
@@ -336,58 +344,93 @@ impl BallFitter {
     fn eliminate_backgrounds(&mut self, pass: &Pass) {
         for channel in 0..CHANNELS {
             let (level, variance) = self.background(channel, pass);
-            for (sector, blocks) in self.blocks.iter_mut().enumerate() {
-                let sums = self.samples.sums(sector, channel);
-                blocks[channel] = Block::new(sums, level, SAMPLE_NOISE.powi(2) / variance);
-            }
+            let prior_samples = SAMPLE_NOISE.powi(2) / variance;
+            let Self { blocks, samples, .. } = self;
+            dispatch!(self.level, _simd => {
+                for (group, blocks) in blocks.iter_mut().enumerate() {
+                    let sums: [_; LANES] = std::array::from_fn(|lane| {
+                        samples.sums(group * LANES + lane, channel)
+                    });
+                    let mut wide = [[Wide::default(); TERMS]; TERMS];
+                    for (row, wide) in wide.iter_mut().enumerate() {
+                        for (column, wide) in wide.iter_mut().enumerate() {
+                            *wide = Wide(sums.map(|sums| f64::from(sums[row][column])));
+                        }
+                    }
+                    let sum = |row: usize, column: usize| wide[row][column];
+                    blocks[channel] = Block::new(sum, level, prior_samples);
+                }
+            });
         }
     }
 
     /// Fits the shading to the weighted sectors, then the rim's offset in each sector. Returns the relative
     /// excess of the point spread function's size.
     fn measure_rim(&mut self, weights: &[f64; SECTORS], pass: &Pass) -> Option<f64> {
+        dispatch!(self.level, _simd => self.measure_sectors(weights, pass))
+    }
+
+    #[inline(always)]
+    fn measure_sectors(&mut self, weights: &[f64; SECTORS], pass: &Pass) -> Option<f64> {
+        let by_group = weights.as_chunks::<LANES>().0;
         let mut shades = [[0.0; SHADES]; CHANNELS];
         for (channel, shades) in shades.iter_mut().enumerate() {
-            let mut normal = [[0.0; SHADES + 1]; SHADES];
-            for (row, term) in normal.iter_mut().enumerate() {
-                term[row] = if row == 0 { 1e-6 } else { (SAMPLE_NOISE / SHADE_SPREAD).powi(2) };
+            let mut normal = [[Wide::default(); SHADES + 1]; SHADES];
+            for (blocks, weights) in self.blocks.iter().zip(by_group) {
+                let own = blocks[channel].shading.as_flattened();
+                for (normal, &own) in normal.as_flattened_mut().iter_mut().zip(own) {
+                    *normal = *normal + Wide(*weights) * own;
+                }
             }
-            for (blocks, weight) in self.blocks.iter().zip(weights) {
-                blocks[channel].add_to(&mut normal, *weight);
+            let mut normal = normal.map(|row| row.map(Wide::sum));
+            for (row, term) in normal.iter_mut().enumerate() {
+                term[row] += if row == 0 { 1e-6 } else { (SAMPLE_NOISE / SHADE_SPREAD).powi(2) };
             }
             *shades = solve(normal)?;
         }
         let mut softer = [0.0, PSF_NOISE.powi(-2)];
-        for (sector, by_channel) in self.blocks.iter().enumerate() {
-            let direction = self.samples.directions[sector];
-            let rim = &mut self.rim[sector];
-            rim.samples = self.samples.counts[sector];
-            let (mut pull, mut information, mut squares, mut greatest) = (0.0, 0.0, 0.0, 0.0f64);
-            let (mut softness, mut hardness) = (0.0, 0.0);
+        for (group, by_channel) in self.blocks.iter().enumerate() {
+            let first = group * LANES;
+            let direction = [0, 1].map(|axis| {
+                Wide(std::array::from_fn(|lane| self.samples.directions[first + lane][axis]))
+            });
+            let zero = Wide::default();
+            let (mut pull, mut information, mut squares, mut greatest) = (zero, zero, zero, zero);
+            let (mut softness, mut hardness) = (zero, zero);
             for (block, shades) in by_channel.iter().zip(&shades) {
-                let at_rim = shades[0] + direction[0] * shades[1] + direction[1] * shades[2];
+                let at_rim = Wide::of(shades[0])
+                    + direction[0] * Wide::of(shades[1])
+                    + direction[1] * Wide::of(shades[2]);
                 let contrast = at_rim - block.level(shades);
                 let [ee, er, rr, hh, hr] = block.rim(shades, contrast, pass.is_free);
-                softness += contrast * hr;
-                hardness += contrast * contrast * hh;
-                pull += contrast * er;
-                information += contrast * contrast * ee;
-                squares += rr;
-                greatest = greatest.max(contrast.abs());
+                softness = softness + contrast * hr;
+                hardness = hardness + contrast * contrast * hh;
+                pull = pull + contrast * er;
+                information = information + contrast * contrast * ee;
+                squares = squares + rr;
+                let strength = contrast.abs();
+                greatest = Wide(std::array::from_fn(|lane| greatest.0[lane].max(strength.0[lane])));
             }
-            if rim.samples < MIN_SAMPLES || information < 1e-9 {
-                *rim = Sector { per_px: rim.per_px, samples: rim.samples, ..Sector::default() };
-                continue;
+            for lane in 0..LANES {
+                let sector = first + lane;
+                let (pull, information, squares, greatest) =
+                    (pull.0[lane], information.0[lane], squares.0[lane], greatest.0[lane]);
+                let rim = &mut self.rim[sector];
+                rim.samples = self.samples.counts[sector];
+                if rim.samples < MIN_SAMPLES || information < 1e-9 {
+                    *rim = Sector { per_px: rim.per_px, samples: rim.samples, ..Sector::default() };
+                    continue;
+                }
+                rim.out = pull / information;
+                let least = SAMPLE_NOISE.powi(2) + (pass.model_noise * greatest).powi(2);
+                let left = (squares - pull * rim.out) / (rim.samples - 4.0).max(1.0);
+                rim.information = information / left.max(least);
+                rim.trust = least / left.max(least);
+                rim.contrast = greatest;
+                let weight = weights[sector] / left.max(least);
+                softer[0] += weight * softness.0[lane];
+                softer[1] += weight * hardness.0[lane];
             }
-            rim.out = pull / information;
-            let least = SAMPLE_NOISE.powi(2) + (pass.model_noise * greatest).powi(2);
-            let left = (squares - pull * rim.out) / (rim.samples - 4.0).max(1.0);
-            rim.information = information / left.max(least);
-            rim.trust = least / left.max(least);
-            rim.contrast = greatest;
-            let weight = weights[sector] / left.max(least);
-            softer[0] += weight * softness;
-            softer[1] += weight * hardness;
         }
         let most = self.rim.iter().zip(weights).filter(|(_, weight)| **weight > 0.1);
         let most = most.map(|(rim, _)| rim.contrast).fold(0.0, f64::max);

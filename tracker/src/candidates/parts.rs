@@ -14,7 +14,7 @@ const MIN_FRAGMENT_RATIO: f64 = 0.05;
 /// Largest area of merged fragments, as a multiple of the patch's area.
 pub(super) const MAX_MERGED_RATIO: f64 = 1.35;
 /// Largest distance of a fragment from the largest one, as a multiple of the patch's reach.
-const MERGE_REACH: f64 = 1.3;
+pub(super) const MERGE_REACH: f64 = 1.3;
 /// Largest deviation of merged fragments along their longer axis, as a multiple of the patch's.
 const MAX_MERGED_SPREAD: f64 = 1.4;
 /// Area per piece of a region that is split, as a multiple of the patch's area.

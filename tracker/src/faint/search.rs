@@ -19,7 +19,7 @@ const HALVINGS: u32 = 4;
 const TRIALS_EACH: u32 = 80;
 /// Directions of motion in the first scan of a wide search, and half of its length as a multiple of a
 /// robot's size.
-const DIRECTIONS: usize = 4;
+pub(super) const DIRECTIONS: usize = 4;
 const FIRST_WAY_SIZES: f64 = 0.2;
 /// Longest motion blur, as a multiple of a robot's size.
 const LONGEST_WAY_SIZES: f64 = 0.8;
@@ -36,6 +36,37 @@ pub(super) enum Effort {
     Once,
     /// With other blurs too, from several headings.
     Widely,
+}
+
+/// Changes of a pose that a descent tries in a round. Each length of the steps has at least one round, also
+/// after [`TRIALS_EACH`].
+const CHANGES: u32 = 12;
+const MOST_OF_A_DESCENT: u32 = TRIALS_EACH + CHANGES * (HALVINGS + 1);
+
+impl Effort {
+    /// Most poses that a search tries.
+    pub const fn most_trials(self) -> u32 {
+        let headings = HEADINGS as u32;
+        let once = headings + MOST_OF_A_DESCENT;
+        match self {
+            Self::Once => once,
+            Self::Widely => {
+                let blurs = 1 + DIRECTIONS as u32;
+                once + headings * blurs + BEGINNINGS as u32 * MOST_OF_A_DESCENT
+            }
+        }
+    }
+}
+
+/// Blurs that searches begin with: out of focus, and moving in each direction.
+pub(super) fn beginnings(size_mm: f64) -> [Blur; 1 + DIRECTIONS] {
+    let mut blurs = [Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() }; 1 + DIRECTIONS];
+    let way_mm = FIRST_WAY_SIZES * size_mm;
+    for (direction, blur) in blurs[1..].iter_mut().enumerate() {
+        let (sin, cos) = (direction as f64 / DIRECTIONS as f64 * std::f64::consts::PI).sin_cos();
+        *blur = Blur { sigma: 1, way_mm: [way_mm * cos, way_mm * sin] };
+    }
+    blurs
 }
 
 /// A pose and blur, and how well a robot explains the picture there.
@@ -79,15 +110,7 @@ impl Search<'_> {
         let is_over =
             effort == Effort::Once || self.best().is_some_and(|(_, trial)| is_explained(&trial));
         if !is_over {
-            // Out of focus, and moving in each direction.
-            let mut blurs =
-                [Blur { sigma: Mixture::SIGMA_COUNT / 2, ..Blur::default() }; 1 + DIRECTIONS];
-            let way_mm = FIRST_WAY_SIZES * self.size_mm;
-            for (direction, blur) in blurs[1..].iter_mut().enumerate() {
-                let (sin, cos) =
-                    (direction as f64 / DIRECTIONS as f64 * std::f64::consts::PI).sin_cos();
-                *blur = Blur { sigma: 1, way_mm: [way_mm * cos, way_mm * sin] };
-            }
+            let blurs = beginnings(self.size_mm);
             let scanned = self.scan(&blurs);
             self.descend_from_best(scanned, BEGINNINGS);
         }
@@ -151,7 +174,7 @@ impl Search<'_> {
             let turn = STEP_DEG.to_radians() * part;
             loop {
                 let before = cost;
-                for change in 0..12 {
+                for change in 0..CHANGES {
                     let sign = if change % 2 == 0 { 1.0 } else { -1.0 };
                     let (mut tried, mut other) = (pose, blur);
                     match change / 2 {
@@ -204,7 +227,7 @@ impl Search<'_> {
         };
         let mut least = f64::INFINITY;
         for (wearer, best) in self.wearers.iter().zip(self.best.iter_mut()) {
-            let matched = unmixed.compare(&wearer.colors);
+            let matched = unmixed.compare(&wearer.look);
             least = least.min(matched.cost);
             if matched.cost < best.matched.cost {
                 *best = Trial { pose, blur, matched };

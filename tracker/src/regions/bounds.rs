@@ -22,8 +22,8 @@ pub(crate) struct BoundsByClass {
     level: Level,
     /// First and last column, first and last row.
     sides: [Vec<u16>; 4],
-    /// End of each class, and begin of the next.
-    ends: [usize; CLASSES],
+    /// Begin and end of each class.
+    ranges: [[usize; 2]; CLASSES],
 }
 
 /// The sides of bounds without pixels.
@@ -31,13 +31,19 @@ const NOWHERE: [u16; 4] = [u16::MAX, 0, u16::MAX, 0];
 
 impl Default for BoundsByClass {
     fn default() -> Self {
-        Self { level: Level::new(), sides: Default::default(), ends: [0; CLASSES] }
+        Self { level: Level::new(), sides: Default::default(), ranges: [[0; 2]; CLASSES] }
     }
 }
 
 impl BoundsByClass {
     pub fn clear(&mut self) {
         self.sides.iter_mut().for_each(Vec::clear);
+        self.ranges = [[0; 2]; CLASSES];
+    }
+
+    /// Begins a class.
+    pub fn begin_class(&mut self, class: usize) {
+        self.ranges[class] = [self.sides[0].len(); 2];
     }
 
     /// Adds a region to the current class.
@@ -46,11 +52,11 @@ impl BoundsByClass {
         self.sides.iter_mut().zip(sides).for_each(|(list, side)| list.push(side));
     }
 
-    /// Ends a class; classes must come in order, none left out.
+    /// Ends a class.
     pub fn end_class(&mut self, class: usize) {
         let end = self.sides[0].len().next_multiple_of(TOGETHER);
         self.sides.iter_mut().zip(NOWHERE).for_each(|(list, side)| list.resize(end, side));
-        self.ends[class] = end;
+        self.ranges[class][1] = end;
     }
 
     /// Finds the regions of a class that have a pixel within `bounds`: their numbers in the class, in order.
@@ -62,8 +68,8 @@ impl BoundsByClass {
         }
         let clip = |side: i32| side.clamp(0, i32::from(u16::MAX)) as u16;
         let sides = [left, right, top, bottom].map(clip);
-        let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
-        let range = begin..self.ends[class];
+        let [begin, end] = self.ranges[class];
+        let range = begin..end;
         dispatch!(self.level, _simd => self.compare(range, sides, found));
     }
 
@@ -122,6 +128,7 @@ mod tests {
                 let mut by_class = BoundsByClass { level, ..BoundsByClass::default() };
                 for class in 0..CLASSES {
                     let regions = classes.get(class).map_or(&[][..], Vec::as_slice);
+                    by_class.begin_class(class);
                     regions.iter().for_each(|region| by_class.push(region));
                     by_class.end_class(class);
                 }

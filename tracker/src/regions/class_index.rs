@@ -40,6 +40,7 @@ impl ClassIndex {
         let regions = frame.regions();
         for class in 0..CLASSES {
             let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
+            self.bounds.begin_class(class);
             for &index in &self.regions[begin..self.ends[class]] {
                 self.bounds.push(&regions[index as usize]);
             }

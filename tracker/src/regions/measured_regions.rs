@@ -7,7 +7,7 @@ use super::measure::{Measure, Moments};
 use super::places::Places;
 use crate::pitch::Pitch;
 use geometry::{CameraModel, FieldPoint};
-use messages::DetectionFrame;
+use messages::{DetectionFrame, Region};
 use std::cmp::Reverse;
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ pub(crate) struct MeasuredRegion {
 }
 
 /// The measured regions at one height, class by class, in each class the largest first.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct MeasuredRegions {
     list: Vec<MeasuredRegion>,
     bounds: BoundsByClass,
@@ -33,13 +33,34 @@ pub(crate) struct MeasuredRegions {
     unsorted: Vec<MeasuredRegion>,
     /// Their order by area: the area's bits, the region, and its index in `unsorted`.
     order: Vec<(Reverse<u64>, u32, u32)>,
-    /// End of each class in `list`, and begin of the next.
-    ends: [usize; CLASSES],
+    /// The part of each class in `list`.
+    ranges: [Range<usize>; CLASSES],
+}
+
+impl Default for MeasuredRegions {
+    fn default() -> Self {
+        Self {
+            list: Vec::new(),
+            bounds: BoundsByClass::default(),
+            places: Places::default(),
+            unsorted: Vec::new(),
+            order: Vec::new(),
+            ranges: [const { 0..0 }; CLASSES],
+        }
+    }
 }
 
 impl MeasuredRegions {
-    /// Measures the regions of `frame` in one of the `classes` (a bit set) at a height. Regions at most
-    /// `slack_mm` outside the pitch count as inside.
+    /// Forgets all regions.
+    pub fn clear(&mut self) {
+        self.list.clear();
+        self.bounds.clear();
+        self.places.clear();
+        self.ranges = [const { 0..0 }; CLASSES];
+    }
+
+    /// Measures and adds the regions of `frame` in one of the `classes` (a bit set) that are `wanted`, at a
+    /// height. Regions at most `slack_mm` outside the pitch count as inside.
     #[allow(clippy::too_many_arguments)] // A frame, and the geometry that places its regions.
     pub fn measure(
         &mut self,
@@ -50,17 +71,17 @@ impl MeasuredRegions {
         height_mm: f64,
         pitch: &Pitch,
         slack_mm: f64,
+        wanted: impl Fn(&Region) -> bool,
     ) {
         let regions = frame.regions();
-        self.list.clear();
-        self.bounds.clear();
-        self.places.clear();
-        for class in 0..CLASSES {
+        for class in (0..CLASSES).filter(|class| classes >> class & 1 == 1) {
             self.unsorted.clear();
             self.order.clear();
-            let of_class = if classes >> class & 1 == 1 { index.of_class(class) } else { &[] };
-            for &index in of_class {
+            for &index in index.of_class(class) {
                 let region = &regions[index as usize];
+                if !wanted(region) {
+                    continue;
+                }
                 let moments = Moments::of_region(region, frame.runs_of(region));
                 let Some(measure) = Measure::new(&moments, camera, height_mm) else { continue };
                 let outside = !pitch.contains(measure.position, slack_mm);
@@ -71,13 +92,15 @@ impl MeasuredRegions {
                 self.unsorted.push(MeasuredRegion { region: index, class, measure, outside });
             }
             self.order.sort_unstable();
+            let begin = self.list.len();
+            self.bounds.begin_class(class);
             for &(_, _, place) in &self.order {
                 let measured = self.unsorted[place as usize];
                 self.bounds.push(&regions[measured.region as usize]);
                 self.places.push(measured.measure.position);
                 self.list.push(measured);
             }
-            self.ends[class] = self.list.len();
+            self.ranges[class] = begin..self.list.len();
             self.bounds.end_class(class);
         }
     }
@@ -111,8 +134,6 @@ impl MeasuredRegions {
 
     /// Indices in [`all`](Self::all) of the regions of a class.
     pub fn range(&self, class: u32) -> Range<usize> {
-        let class = class as usize;
-        let begin = class.checked_sub(1).map_or(0, |before| self.ends[before]);
-        begin..self.ends[class]
+        self.ranges[class as usize].clone()
     }
 }

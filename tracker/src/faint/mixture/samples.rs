@@ -1,6 +1,6 @@
 //! Samples of the raw picture around a robot, for the [mixture](super) model.
 
-use super::{LANES, MOST_PLACES, Mixture};
+use super::{LANES, MOST_PLACES, Mixture, PARTS};
 use crate::pattern::Top;
 use crate::raw::{CHANNELS, RawFrame};
 use geometry::{CameraModel, FieldPoint, ImagePoint};
@@ -23,8 +23,15 @@ pub(crate) struct Samples {
     pub(super) x_mm: [f32; MOST_SAMPLES],
     pub(super) y_mm: [f32; MOST_SAMPLES],
     pub(super) levels: [[f32; MOST_SAMPLES]; CHANNELS],
+    /// Sum of the squares of a sample's levels.
+    pub(super) squares: [f32; MOST_SAMPLES],
+    /// 1 for each sample, and 0 for the surplus lanes of the last register.
+    pub(super) is_there: [f32; MOST_SAMPLES],
     /// Cell of the table for each point along the motion, at the pose that is being tried.
     pub(super) cells: [[u32; MOST_SAMPLES]; MOST_PLACES],
+    /// At that pose: weights, and the share of each part.
+    pub(super) weights: [f32; MOST_SAMPLES],
+    pub(super) shares: [[f32; MOST_SAMPLES]; PARTS],
     /// Scratch memory for medians.
     sorted: [f32; MOST_SAMPLES],
 }
@@ -42,11 +49,23 @@ impl Samples {
         is_other: impl Fn(FieldPoint) -> bool,
     ) {
         self.count = 0;
+        self.collect(mixture, top, camera, frame, place, is_other);
+        self.finish();
+    }
+
+    fn collect(
+        &mut self,
+        mixture: &Mixture,
+        top: &Top,
+        camera: &CameraModel,
+        frame: &RawFrame,
+        place: FieldPoint,
+        is_other: impl Fn(FieldPoint) -> bool,
+    ) {
         let height_mm = top.height_mm;
         let center = camera.image_from_field(place, height_mm);
         let mm_per_px = camera.pixel_area_mm2(center, height_mm).sqrt();
-        let [x_mm, y_mm] = top.patches[top.team_patch].centroid_mm;
-        let reach_mm = mixture.reach_mm + x_mm.hypot(y_mm);
+        let reach_mm = mixture.sample_reach_mm(top);
         let reach_px = reach_mm / mm_per_px;
         let is_usable = center.x_px.is_finite() && center.y_px.is_finite() && reach_px < 1e4;
         if !is_usable || reach_px < 1.0 {
@@ -89,6 +108,21 @@ impl Samples {
         }
     }
 
+    /// Completes what follows from the levels. Surplus lanes get no stale values: those might be infinite.
+    pub(super) fn finish(&mut self) {
+        let whole = self.count.next_multiple_of(LANES);
+        for list in self.levels.iter_mut().chain([&mut self.is_there]) {
+            list[self.count..whole].fill(0.0);
+        }
+        self.is_there[..self.count].fill(1.0);
+        let [red, green, blue] = &self.levels;
+        for (square, ((r, g), b)) in
+            self.squares[..whole].iter_mut().zip(red.iter().zip(green).zip(blue))
+        {
+            *square = r * r + g * g + b * b;
+        }
+    }
+
     pub fn count(&self) -> usize {
         self.count
     }
@@ -121,6 +155,7 @@ impl Samples {
                 self.count += 1;
             }
         }
+        self.finish();
     }
 }
 
@@ -139,6 +174,10 @@ impl Default for Samples {
             x_mm: [0.0; MOST_SAMPLES],
             y_mm: [0.0; MOST_SAMPLES],
             levels: [[0.0; MOST_SAMPLES]; CHANNELS],
+            squares: [0.0; MOST_SAMPLES],
+            is_there: [0.0; MOST_SAMPLES],
+            weights: [0.0; MOST_SAMPLES],
+            shares: [[0.0; MOST_SAMPLES]; PARTS],
             cells: [[0; MOST_SAMPLES]; MOST_PLACES],
             sorted: [0.0; MOST_SAMPLES],
         }
