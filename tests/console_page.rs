@@ -44,16 +44,17 @@ points = [
 [geometry.distortion]
 k1 = -0.05
 "#;
-/// Its colours; the name, and the looks.
+/// Its colours; the name, and the looks. With those of the preset a fifth of the robots is found; the ball
+/// is as orange as anybody's.
 const COLORS: [(&str, [u8; 3]); 8] = [
-    ("orange", [200, 95, 40]),
-    ("yellow", [190, 180, 60]),
-    ("blue", [30, 60, 160]),
-    ("green", [30, 140, 60]),
-    ("cyan", [60, 170, 180]),
-    ("pink", [200, 100, 160]),
-    ("violet", [95, 40, 150]),
-    ("red", [160, 25, 40]),
+    ("orange", [205, 95, 40]),
+    ("yellow", [200, 200, 90]),
+    ("blue", [45, 90, 200]),
+    ("green", [90, 150, 40]),
+    ("cyan", [60, 170, 140]),
+    ("pink", [220, 90, 110]),
+    ("violet", [110, 45, 120]),
+    ("red", [120, 20, 30]),
 ];
 
 fn directory() -> PathBuf {
