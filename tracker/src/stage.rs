@@ -29,6 +29,8 @@ pub struct Tracker {
     prior: Prior,
     pairing: Pairing,
     faint: FaintRobots,
+    /// Most poses of faint robots that a frame of a match has time to try.
+    frame_trials: u32,
     /// Whether unidentified robots are reported.
     report_unknown: bool,
     unknown: UnknownRobots,
@@ -57,6 +59,7 @@ impl Tracker {
             pairing: Pairing::new(&pattern, &camera, &pitch),
             pitch,
             faint: FaintRobots::new(config, &pattern),
+            frame_trials: Extent::frame_trials(config.camera.fps),
             report_unknown: config.robots.report_unknown,
             unknown: UnknownRobots::default(),
             ball_finder: BallFinder::new(config, pattern.limits)?,
@@ -95,7 +98,7 @@ impl Tracker {
         prior: Option<&WorldFrame>,
         out: &mut DetectionFrame,
     ) {
-        let extent = Extent::Frame(header.frame.seq);
+        let extent = Extent::Frame { number: header.frame.seq, trials: self.frame_trials };
         self.search(header, runs, pixels, prior, extent, out);
     }
 

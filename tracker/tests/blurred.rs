@@ -229,12 +229,13 @@ fn robots_with_a_patch_of_no_listed_robot_get_no_name() {
     }
 }
 
-/// No frame of a match has time to search for all robots of a blurred picture, but every few frames each is
+/// At a high rate no frame has time to search for all robots of a blurred picture, but every few frames each is
 /// found. What a frame finds follows from its number, and it says that it did not look everywhere.
 #[test]
 fn frames_of_a_match_take_turns_with_blurred_robots() {
     const FRAMES: u64 = 24;
-    let (config, robots) = (Config::default(), robots());
+    let (mut config, robots) = (Config::default(), robots());
+    config.camera.fps = 400.0;
     let sharp = painted(&config, &robots);
     let blurred = moved(&config, &defocused(&config, &sharp, 2.5), 9.0, 30.0);
     let (mut header, runs, raw) = taken(&config, &blurred, 2.0);
@@ -266,4 +267,23 @@ fn frames_of_a_match_take_turns_with_blurred_robots() {
     let before: Vec<_> = (1000..1006).map(|seq| robots_of(step(seq))).collect();
     let again: Vec<_> = (1000..1006).rev().map(|seq| robots_of(step(seq))).collect();
     assert!(before.iter().eq(again.iter().rev()));
+}
+
+/// At the usual rate a frame of a match finds as much as the same picture by itself.
+#[test]
+fn at_the_usual_rate_every_frame_finds_all_blurred_robots() {
+    let (config, robots) = (Config::default(), robots());
+    let sharp = painted(&config, &robots);
+    let blurred = moved(&config, &defocused(&config, &sharp, 2.5), 9.0, 30.0);
+    let (mut header, runs, raw) = taken(&config, &blurred, 2.0);
+    let mut tracker = Tracker::new(&config).unwrap();
+    let mut out = Box::new(DetectionFrame::zeroed());
+    tracker.look_at(&header, &runs, Some(&raw), &mut out);
+    let alone = out.robots().to_vec();
+    assert_eq!(alone.len(), robots.len());
+    for seq in 0..10 {
+        header.frame.seq = seq;
+        tracker.step(&header, &runs, Some(&raw), None, &mut out);
+        assert_eq!(out.robots(), alone, "frame {seq}");
+    }
 }
