@@ -15,7 +15,7 @@ use client::instance::Instance;
 use config::{Config, commented_toml};
 use control::{Request, ask, read_status};
 use messages::ProcessKind;
-use observer::{Diary, Entry, Observer, Seen, gaps, told};
+use observer::{Diary, Entry, Observer, Seen, told};
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -129,13 +129,13 @@ fn play(storm: &Storm) {
     group.wait_for("frames under it", |status| {
         status["frames"]["world"].as_u64() > Some(world + 20)
     });
-    let (seen, diary) = (observer.stop(), diary.finish());
-    for (before, after) in gaps(&seen) {
+    let ((seen, gaps), diary) = (observer.stop(), diary.finish());
+    for (before, after) in &gaps {
         let from_ns = before.t_capture_ns.saturating_sub(1_000_000_000);
         println!("from {} to {}:", before.seq, after.seq);
         println!("{}", told(&diary, from_ns, after.t_sent_ns.max(before.t_sent_ns)));
     }
-    assert!(gaps(&seen).is_empty(), "{:?}", gaps(&seen));
+    assert!(gaps.is_empty(), "{gaps:?}");
     kill_process(Pid::from_child(&recorder.0), Signal::INT).unwrap();
     recorder.0.wait().unwrap();
 

@@ -85,6 +85,8 @@ fn stage(
     run: impl FnOnce(&ProcessOptions, &Config) -> Result<(), ProcessError>,
 ) -> Result<ExitCode, CommandError> {
     let snapshot = match &args.config {
+        // The supervisor has checked it.
+        Some(path) if args.supervised => Snapshot::load_accepted(path)?,
         Some(path) => Snapshot::load(path)?,
         None => Snapshot::of_user(Config::default()),
     };

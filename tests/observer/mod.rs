@@ -1,4 +1,4 @@
-//! An observer of its own on `world` and one on `events`, for tests of changes in the middle of a match.
+//! Observers of their own on `frames`, `world` and `events`, for tests of changes in the middle of a match.
 
 // Every test file uses its own part of this.
 #![allow(dead_code)]
@@ -8,10 +8,14 @@ use client::consumer::{Consumer, Event};
 use client::instance::Instance;
 use messages::stages::StageId;
 use messages::{read_text, topics};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Longest wait before it looks whether it is to stop.
+const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// What an observer of its own sees of a `world`.
 #[derive(Debug, Clone)]
@@ -25,9 +29,10 @@ pub struct Seen {
     pub robots: Vec<(u32, u32)>,
 }
 
-/// Reads `world` until it is told to stop.
+/// Reads `frames` and `world` until it is told to stop.
 pub struct Observer {
     stop: Arc<AtomicBool>,
+    captured: JoinHandle<BTreeSet<u64>>,
     thread: JoinHandle<Vec<Seen>>,
 }
 
@@ -35,12 +40,24 @@ impl Observer {
     /// Begins to read.
     pub fn start(instance: &Instance) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
+        // On a busy machine the camera itself misses frames, which no stage can be blamed for.
+        let (of_frames, to_stop) = (instance.clone(), Arc::clone(&stop));
+        let captured = std::thread::spawn(move || {
+            let mut frames = Consumer::new(of_frames, "observer", &topics::FRAMES);
+            let mut captured = BTreeSet::new();
+            while !to_stop.load(Ordering::Relaxed) {
+                if let Some(Event::Message(frame)) = frames.next(MAX_WAIT).unwrap() {
+                    captured.insert(frame.header().seq);
+                }
+            }
+            captured
+        });
         let (instance, to_stop) = (instance.clone(), Arc::clone(&stop));
         let thread = std::thread::spawn(move || {
             let mut world = Consumer::new(instance, "observer", &topics::WORLD);
             let mut seen = Vec::new();
             while !to_stop.load(Ordering::Relaxed) {
-                let event = world.next(Duration::from_millis(50)).unwrap();
+                let event = world.next(MAX_WAIT).unwrap();
                 let Some(Event::Message(message)) = event else {
                     // Frames missing or repeated are found in the numbers.
                     continue;
@@ -56,27 +73,29 @@ impl Observer {
             }
             seen
         });
-        Self { stop, thread }
+        Self { stop, captured, thread }
     }
 
-    /// Ends it, and checks that no frame was missing, twice or out of order.
+    /// Ends it, and checks that no captured frame was missing, and none twice or out of order.
     pub fn finish(self) -> Vec<Seen> {
-        let seen = self.stop();
-        assert!(gaps(&seen).is_empty(), "{:?}", gaps(&seen));
+        let (seen, gaps) = self.stop();
+        assert!(gaps.is_empty(), "{gaps:?}");
         seen
     }
 
-    /// Ends it.
-    pub fn stop(self) -> Vec<Seen> {
+    /// Ends it. Also returns successive results between which captured frames are missing, or which are not
+    /// in order.
+    pub fn stop(self) -> (Vec<Seen>, Vec<(Seen, Seen)>) {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap()
+        let (seen, captured) = (self.thread.join().unwrap(), self.captured.join().unwrap());
+        let is_gap = |pair: &&[Seen]| {
+            pair[1].seq <= pair[0].seq
+                || captured.range(pair[0].seq + 1..pair[1].seq).next().is_some()
+        };
+        let gaps = seen.windows(2).filter(is_gap);
+        let gaps = gaps.map(|pair| (pair[0].clone(), pair[1].clone())).collect();
+        (seen, gaps)
     }
-}
-
-/// Successive results between which frames are missing, or which are not in order.
-pub fn gaps(seen: &[Seen]) -> Vec<(Seen, Seen)> {
-    let is_gap = |pair: &&[Seen]| pair[1].seq != pair[0].seq + 1;
-    seen.windows(2).filter(is_gap).map(|pair| (pair[0].clone(), pair[1].clone())).collect()
 }
 
 /// Follows the events of a group, which tell what the supervisor did and when.
@@ -106,7 +125,7 @@ impl Diary {
             let mut events = Consumer::new(instance, "diary", &topics::EVENTS);
             let mut entries = Vec::new();
             while !to_stop.load(Ordering::Relaxed) {
-                let event = events.next(Duration::from_millis(50)).unwrap();
+                let event = events.next(MAX_WAIT).unwrap();
                 let Some(Event::Message(message)) = event else { continue };
                 let Some(event) = message.message() else { continue };
                 let stage = StageId::from_number(event.process);

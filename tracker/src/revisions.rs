@@ -55,7 +55,7 @@ impl Revisions {
     }
 
     fn load(&self, number: u32) -> Other {
-        let config = Snapshot::load(&self.instance.revision_path(number));
+        let config = Snapshot::load_accepted(&self.instance.revision_path(number));
         let tracker = config
             .map(|snapshot| snapshot.config)
             .ok()

@@ -79,7 +79,11 @@ impl Snapshot {
 
     /// Parses a file's text; any configuration file is a snapshot of revision 0.
     pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
-        let mut snapshot = Self::of_user(Config::parse(text, origin)?);
+        Ok(Self::of_text(text, Config::parse(text, origin)?))
+    }
+
+    fn of_text(text: &str, config: Config) -> Self {
+        let mut snapshot = Self::of_user(config);
         let first = text.lines().next().and_then(|line| line.strip_prefix(MARK));
         let mut entries = first.unwrap_or_default().split(", ");
         if let Some(Ok(revision)) = entries.next().map(str::parse) {
@@ -94,15 +98,29 @@ impl Snapshot {
                 None => {}
             }
         }
-        Ok(snapshot)
+        snapshot
     }
 
     /// Reads a file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text = input::read_text(path, input::CONFIG)
-            .map_err(|source| ConfigError::Read { path: path.into(), source })?;
-        Self::parse(&text, &path.display().to_string())
+        Self::parse(&read(path)?, &path.display().to_string())
     }
+
+    /// Reads a file that a supervisor has written and whose configuration it had checked. Not checking it
+    /// again makes the start of a process shorter. Other files are checked.
+    pub fn load_accepted(path: &Path) -> Result<Self, ConfigError> {
+        let text = read(path)?;
+        let accepted = Config::parse_unchecked(&text).map(|config| Self::of_text(&text, config));
+        match accepted.filter(|snapshot| snapshot.revision.number > 0) {
+            Some(snapshot) => Ok(snapshot),
+            None => Self::parse(&text, &path.display().to_string()),
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<String, ConfigError> {
+    input::read_text(path, input::CONFIG)
+        .map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
 /// The kinds of stage that have to be replaced for these changes, in the order of a frame's way.
@@ -119,6 +137,7 @@ pub fn concerned(changes: &[Change]) -> Vec<ProcessKind> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Preset;
 
     #[test]
     fn a_snapshot_is_read_back_and_only_concerned_stages_need_it() {
@@ -136,6 +155,28 @@ mod tests {
         assert_eq!(Snapshot::parse(&third.to_text(), "test").unwrap(), third);
         let stands_for = |number| third.stands_for(number, ProcessKind::Filter);
         assert_eq!([0, 1, 2, 3, 4].map(stands_for), [false, false, true, true, false]);
+    }
+
+    #[test]
+    fn an_accepted_file_is_read_as_it_was_checked_and_others_are_checked() {
+        let path = std::env::temp_dir().join(format!("tl-accepted-{}.toml", std::process::id()));
+        for preset in Preset::ALL {
+            let first = Snapshot::first(preset.config());
+            let mut config = preset.config();
+            config.geometry.camera_mm[0] += 10.0;
+            config.light.pitch_rgb = None;
+            config.robots.identities.pop();
+            for snapshot in [&first, &first.next(config, Some(1))] {
+                std::fs::write(&path, snapshot.to_text()).unwrap();
+                assert_eq!(&Snapshot::load_accepted(&path).unwrap(), snapshot);
+                assert_eq!(&Snapshot::load(&path).unwrap(), snapshot);
+            }
+        }
+        for text in ["[filter]\nactuation_delay_ms = -1\n", "# revision 2:1\n[filter]\nx = 1\n"] {
+            std::fs::write(&path, text).unwrap();
+            assert!(Snapshot::load_accepted(&path).is_err(), "{text}");
+        }
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]
