@@ -3,6 +3,8 @@
 /** @typedef {import('./types').Scene} Scene */
 
 const KEPT_S = 10;
+/** Time between two looks whether something has come. */
+const LOOK_MS = 5;
 /** Pictures above this are dropped, oldest first; what was found in them stays. */
 const MOST_PICTURE_BYTES = 96e6;
 
@@ -79,6 +81,18 @@ export class History {
     return {
       seq, picture: this.scenes.get(seq)?.picture, detections: near('detections')?.detections, world: near('world')?.world, runs: near('runs')?.runs,
     };
+  }
+
+  /**
+   * Waits until what was found on a frame has come, but not for ever.
+   * @param {number} seq
+   * @param {number} most_ms
+   */
+  async found(seq, most_ms) {
+    const until_ms = performance.now() + most_ms;
+    while (!this.scenes.get(seq)?.detections && performance.now() < until_ms) {
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+    }
   }
 
   /**

@@ -130,6 +130,9 @@ export class SetupView {
     }
     if (this.holds) return;
     this.taken_ms = performance.now();
+    // A picture comes before what is found on it, and outlines of the frame before would lie beside their robots.
+    await store.history.found(picture.header.seq, 1000 * IN_STEP_S);
+    if (this.holds || !this.visible) return;
     await this.picture.show(picture);
     this.shown_seq = picture.header.seq;
     this.step?.take?.(picture);
@@ -195,7 +198,7 @@ export class SetupView {
     const tried = changes.tried?.detections;
     if (this.holds && tried) return { seq: tried.seq, detections: tried };
     // Outlines beside their robots would look like a wrong set-up: better none for a moment.
-    return store.history.around(this.shown_seq, Math.max(2, Math.round(IN_STEP_S * (store.model?.picture.fps ?? 60))));
+    return store.history.around(this.shown_seq, Math.max(1, Math.round(IN_STEP_S * (store.model?.picture.fps ?? 60))));
   }
 
   shown_seq = 0;
