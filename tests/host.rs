@@ -467,6 +467,7 @@ fn the_wall_clock_is_only_for_people() {
         ("common/control/src/event.rs", "for people: times of events"),
         ("src/publisher/worker.rs", "for programs of the leagues: times in their packets"),
         ("src/recorder/mod.rs", "once for each recording"),
+        ("src/recorder/ports.rs", "the age of events, which have no other time"),
     ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let crates = ["grabber", "classifier", "tracker", "filter", "tests/trials", "."]
