@@ -51,7 +51,7 @@ test('a recording is made in Match, with a mark and a changed configuration', as
   });
   assert.ok(answer.ok, await answer.text());
   const { bytes } = (await get('/api/status')).recording;
-  await until(async () => (await get('/api/status')).recording.bytes > bytes + 4e6, 'it grows on');
+  await until(async () => (await get('/api/status')).recording.bytes > bytes + 16e6, 'it grows on');
   await page.getByRole('button', { name: 'End recording' }).click();
   await until(async () => (await get('/api/status')).recording === null, 'it is complete');
 });
@@ -70,12 +70,12 @@ test('it is opened, and every frame has its overlay', async () => {
 test('scrubbed by mouse, stepped by key, played', async () => {
   const line = await page.locator('tl-timeline').boundingBox();
   await page.mouse.click(line.x + line.width / 2, line.y + line.height / 2);
-  await until(async () => (await time()) > 0.5, 'the middle');
+  const whole = Number(await page.locator('tl-timeline').getAttribute('aria-valuemax'));
+  await until(async () => (await time()) > 0.4 * whole, 'the middle');
   await page.mouse.move(line.x + line.width / 4, line.y + line.height / 2);
   await page.mouse.down();
   for (let part = 25; part <= 75; part += 5) await page.mouse.move(line.x + (line.width * part) / 100, line.y + line.height / 2);
   await page.mouse.up();
-  const whole = Number(await page.locator('tl-timeline').getAttribute('aria-valuemax'));
   await until(async () => Math.abs((await time()) - 0.75 * whole) < 0.02 * whole, 'three quarters');
   const [at, before_step] = [await index(), await frame()];
   await page.keyboard.press('ArrowLeft');
