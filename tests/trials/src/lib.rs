@@ -8,6 +8,8 @@
 
 // A process outlives the reader of its output: see `runtime::tell`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
+// Module documentation is written for readers of the source, where links to private modules work.
+#![allow(rustdoc::private_intra_doc_links)]
 
 pub mod args;
 pub mod bench;

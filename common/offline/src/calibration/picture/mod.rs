@@ -1,5 +1,5 @@
-//! Calibration of the camera on a picture: from points that a person has marked ([`points`]), refined on the
-//! lines of the pitch if there is a picture ([`lines`]), or from the lines alone ([`find`]). [`words`] describes the result.
+//! Calibration of the camera on a picture: from points that a person has marked ([`points`]), refined on the lines of
+//! the pitch if there is a picture ([`lines`]), or from the lines alone ([`mod@find`]). [`words`] describes the result.
 
 mod brightness;
 mod edges;
